@@ -1,0 +1,47 @@
+"""Stereo odometry and local structure from image streams, with covariances one can trust."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# The public names, resolved on first use so that `stream-sfm --help` and a bare import cost nothing.
+_PUBLIC = {
+    "Camera": "types",
+    "Config": "config",
+    "Engine": "engine",
+    "FrameEstimate": "types",
+    "StereoFrame": "types",
+    "StereoRig": "types",
+    "Status": "types",
+    "Trajectory": "types",
+    "ConfigError": "errors",
+    "FrameError": "errors",
+    "InputError": "errors",
+    "LogError": "errors",
+    "OutputError": "errors",
+    "StreamSfmError": "errors",
+    "open_log": "recording",
+    "read_config": "config",
+    "replay": "run",
+}
+
+__all__ = [*sorted(_PUBLIC), "__version__"]
+
+if TYPE_CHECKING:
+    from .config import Config, read_config
+    from .engine import Engine
+    from .errors import ConfigError, FrameError, InputError, LogError, OutputError, StreamSfmError
+    from .recording import open_log
+    from .run import replay
+    from .types import Camera, FrameEstimate, Status, StereoFrame, StereoRig, Trajectory
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_PUBLIC[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

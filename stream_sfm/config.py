@@ -1,0 +1,150 @@
+"""Every tunable of the package: one frozen struct a room, the unit in the name, TOML in and out.
+
+Unknown keys and values out of range are ConfigErrors that name their path. The defaults are one configuration
+for all logs.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from .errors import ConfigError
+
+
+class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class FrontendConfig(_Section):
+    """Detection, left-right matching, tracking."""
+
+    max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 240
+    min_corner_distance_px: Annotated[
+        float, Meta(description="smallest distance between a new corner and any other point", ge=2)
+    ] = 12.0
+
+
+class WindowConfig(_Section):
+    """The cross-frame estimator."""
+
+    frames: Annotated[
+        int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)
+    ] = 8
+    max_iterations: Annotated[int, Meta(description="Gauss-Newton steps a frame", ge=1, le=50)] = 6
+
+
+class RobustConfig(_Section):
+    """What counts as an outlier, for every estimator."""
+
+    gate_probability: Annotated[
+        float, Meta(description="share of good views that the χ² gate keeps", gt=0.5, lt=1)
+    ] = 0.999
+    min_views: Annotated[
+        int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)
+    ] = 8
+    degraded_views: Annotated[
+        int, Meta(description="with fewer accepted views than this a frame is degraded", ge=4)
+    ] = 25
+
+
+class MotionConfig(_Section):
+    """What is assumed of the camera's motion where the images do not tell: used while lost only."""
+
+    std_acceleration_m_s2: Annotated[float, Meta(description="unmodelled acceleration while lost", gt=0)] = (
+        3.0
+    )
+    std_angular_acceleration_rad_s2: Annotated[
+        float, Meta(description="unmodelled angular acceleration while lost", gt=0)
+    ] = 3.0
+
+
+class Config(_Section):
+    """All settings; every one has a default."""
+
+    method: Annotated[
+        str, Meta(description="cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
+    ] = "cross-frame"
+    frontend: FrontendConfig = FrontendConfig()
+    window: WindowConfig = WindowConfig()
+    robust: RobustConfig = RobustConfig()
+    motion: MotionConfig = MotionConfig()
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            if isinstance(value, _Section):
+                _convert(msgspec.to_builtins(value), type(value), f" of section [{name}]")
+
+
+def _convert(data: Any, kind: type, where: str) -> Any:
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"configuration{where}: {error}; `stream-sfm config` prints every key") from None
+
+
+def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+    """The configuration of a TOML file (None: the defaults) with `section.key=value` overrides on top.
+
+    Raises ConfigError naming file and key.
+    """
+    data: dict[str, Any] = {}
+    where = ""
+    if path is not None:
+        where = f" in {path}"
+        try:
+            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"configuration {path} is not TOML: {error}") from None
+    for override in overrides:
+        key, sign, text = override.partition("=")
+        if not sign:
+            raise ConfigError(f"--set {override}: write KEY=VALUE, for example window.frames=12")
+        try:
+            value = tomllib.loads(f"x = {text}")["x"]
+        except tomllib.TOMLDecodeError:
+            value = text  # a bare word is a string
+        *sections, leaf = key.strip().split(".")
+        target = data
+        for section in sections:
+            target = target.setdefault(section, {})
+            if not isinstance(target, dict):
+                raise ConfigError(f"--set {override}: {section} is no section")
+        target[leaf] = value
+        where = where or " of --set"
+    return _convert(data, Config, where)
+
+
+def config_to_toml(config: Config) -> str:
+    """The whole configuration as commented TOML that `read_config` takes back unchanged."""
+    lines = ["# stream_sfm configuration; every key may be left out"]
+    sections = [n for n in config.__struct_fields__ if isinstance(getattr(config, n), _Section)]
+    lines += _section_lines(config, [n for n in config.__struct_fields__ if n not in sections])
+    for name in sections:
+        section = getattr(config, name)
+        lines += ["", f"[{name}]  # {type(section).__doc__.splitlines()[0]}"]
+        lines += _section_lines(section, list(section.__struct_fields__))
+    return "\n".join(lines) + "\n"
+
+
+def _section_lines(section: _Section, names: list[str]) -> list[str]:
+    hints = get_type_hints(type(section), include_extras=True)
+    lines = []
+    for name in names:
+        meta = next((m for m in getattr(hints[name], "__metadata__", ()) if isinstance(m, Meta)), None)
+        lines.append(f"# {meta.description}" if meta else "")
+        lines.append(f"{name} = {_toml_value(getattr(section, name))}")
+    return [line for line in lines if line]
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return msgspec.json.encode(value).decode()
+    return repr(value)

@@ -1,0 +1,151 @@
+"""Rigid motions as 4×4 arrays, with tangent ξ = (translation, rotation), T ⊞ ξ = T·Exp(ξ).
+
+Formulas: Barfoot, State Estimation for Robotics, 2nd ed., sections 8.1 and 8.2. All functions take stacked
+arrays (leading axes broadcast) and return float64.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-4  # below this angle the series are exact to double precision (next term ~ angle⁴/120)
+
+
+def skew(v: ArrayLike) -> Array:
+    """[v]× of (…, 3) vectors, (…, 3, 3): skew(a) @ b = a × b."""
+    v = np.asarray(v, dtype=float)
+    m = np.zeros((*v.shape[:-1], 3, 3))
+    m[..., 0, 1], m[..., 0, 2] = -v[..., 2], v[..., 1]
+    m[..., 1, 0], m[..., 1, 2] = v[..., 2], -v[..., 0]
+    m[..., 2, 0], m[..., 2, 1] = -v[..., 1], v[..., 0]
+    return m
+
+
+def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
+    """sin θ/θ, (1−cos θ)/θ², (θ−sin θ)/θ³, by series near zero."""
+    small = angle < _SMALL
+    a = np.where(small, 1.0, angle)
+    a2 = angle * angle
+    half = np.sin(a / 2) / a
+    return (
+        np.where(small, 1 - a2 / 6, np.sin(a) / a),
+        np.where(small, 0.5 - a2 / 24, 2 * half * half),  # 1 − cos θ = 2 sin²(θ/2) without cancellation
+        np.where(small, 1 / 6 - a2 / 120, (a - np.sin(a)) / (a * a * a)),
+    )
+
+
+def exp_so3(rotation: ArrayLike) -> Array:
+    """Rotation matrix (…, 3, 3) of a rotation vector (…, 3) in radians."""
+    w = np.asarray(rotation, dtype=float)
+    a, b, _ = _coefficients(np.linalg.norm(w, axis=-1))
+    k = skew(w)
+    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+
+
+def log_so3(rotation_matrix: ArrayLike) -> Array:
+    """Rotation vector (…, 3), radians, norm ≤ π, of rotation matrices (…, 3, 3). Valid at 0 and π."""
+    return _vector_from_quat(quat_xyzw_from_matrix(rotation_matrix))
+
+
+def _vector_from_quat(q: Array) -> Array:
+    q = np.where(q[..., 3:] < 0, -q, q)
+    n = np.linalg.norm(q[..., :3], axis=-1)
+    small = n < _SMALL
+    angle = 2 * np.arctan2(n, q[..., 3])
+    w = np.where(small, q[..., 3], 1.0)
+    scale = np.where(small, 2 / w * (1 - (n / w) ** 2 / 3), angle / np.where(small, 1.0, n))
+    return scale[..., None] * q[..., :3]
+
+
+def _left_jacobian(w: Array) -> Array:
+    """V(ω) with t = V ρ in Exp(ρ, ω) (Barfoot, eq. 8.33)."""
+    _, b, c = _coefficients(np.linalg.norm(w, axis=-1))
+    k = skew(w)
+    return np.eye(3) + b[..., None, None] * k + c[..., None, None] * (k @ k)
+
+
+def exp(xi: ArrayLike) -> Array:
+    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4)."""
+    xi = np.asarray(xi, dtype=float)
+    rho, w = xi[..., :3], xi[..., 3:]
+    return from_rotation_translation(exp_so3(w), (_left_jacobian(w) @ rho[..., None])[..., 0])
+
+
+def log(pose: ArrayLike) -> Array:
+    """Log of poses (…, 4, 4): tangents (…, 6) = (translation, rotation), inverse of `exp`."""
+    pose = np.asarray(pose, dtype=float)
+    w = log_so3(pose[..., :3, :3])
+    rho = np.linalg.solve(_left_jacobian(w), pose[..., :3, 3:])[..., 0]
+    return np.concatenate([rho, w], axis=-1)
+
+
+def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """Pose (…, 4, 4) from rotation matrices (…, 3, 3) and translations (…, 3)."""
+    rotation = np.asarray(rotation, dtype=float)
+    translation = np.asarray(translation, dtype=float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    pose = np.zeros((*shape, 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation, translation, 1.0
+    return pose
+
+
+def inverse(pose: ArrayLike) -> Array:
+    """Inverse of rigid motions (…, 4, 4)."""
+    pose = np.asarray(pose, dtype=float)
+    r_t = np.swapaxes(pose[..., :3, :3], -1, -2)
+    return from_rotation_translation(r_t, -(r_t @ pose[..., :3, 3:])[..., 0])
+
+
+def adjoint(pose: ArrayLike) -> Array:
+    """Ad(T) (…, 6, 6): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ) (Barfoot, eq. 8.40)."""
+    pose = np.asarray(pose, dtype=float)
+    r, t = pose[..., :3, :3], pose[..., :3, 3]
+    ad = np.zeros((*pose.shape[:-2], 6, 6))
+    ad[..., :3, :3] = ad[..., 3:, 3:] = r
+    ad[..., :3, 3:] = skew(t) @ r
+    return ad
+
+
+def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
+    """Points (…, n, 3) carried by a pose (…, 4, 4)."""
+    pose = np.asarray(target_from_source, dtype=float)
+    return np.asarray(points_in_source) @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
+
+
+def orthonormalised(pose: ArrayLike) -> Array:
+    """The same pose with its rotation projected back onto SO(3) (polar decomposition by SVD).
+
+    Needed after compositions: a constant-velocity prediction multiplies the loss of orthonormality by 2.4
+    a frame.
+    """
+    pose = np.array(pose, dtype=float)
+    u, _, vt = np.linalg.svd(pose[..., :3, :3])
+    pose[..., :3, :3] = u @ vt
+    return pose
+
+
+def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
+    """Unit quaternions (…, 4) in the order x, y, z, w, with w ≥ 0, of rotation matrices (…, 3, 3)."""
+    r = np.asarray(rotation_matrix, dtype=float)
+    trace = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
+    # The 4×4 symmetric matrix 4·q·qᵀ: its row with the largest diagonal is the best conditioned.
+    q2 = np.empty((*r.shape[:-2], 4, 4))
+    for i in range(3):
+        q2[..., i, i] = 1 + 2 * r[..., i, i] - trace
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q2[..., i, j] = q2[..., j, i] = r[..., i, j] + r[..., j, i]
+        q2[..., i, 3] = q2[..., 3, i] = r[..., k, j] - r[..., j, k]
+    q2[..., 3, 3] = 1 + trace
+    best = np.argmax(np.diagonal(q2, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(q2, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., 3:] < 0, -q, q)
+
+
+def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
+    """Rotation matrices (…, 3, 3) of quaternions (…, 4), x, y, z, w, of any non-zero norm."""
+    q = np.asarray(quat_xyzw, dtype=float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    k = skew(q[..., :3])
+    return np.eye(3) + 2 * q[..., 3, None, None] * k + 2 * (k @ k)

@@ -1,0 +1,68 @@
+"""The rectified camera pair: projection, its Jacobian, triangulation with covariance.
+
+A stereo view of a point is z = (u_left, v_left, u_right, v_right) in pixels of the rectified images. The two
+rectified cameras share focal length, row and axes; the right one stands `baseline_m` along +x.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .pose import Array
+
+
+@dataclass(frozen=True, slots=True)
+class StereoProjection:
+    """Projection of a rectified pair. Pixels; `baseline_m` > 0.
+
+    `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common view so.
+    """
+
+    f_px: float
+    cx_left_px: float
+    cx_right_px: float
+    cy_px: float
+    baseline_m: float
+    width: int
+    height: int
+
+    def project(self, points_in_cam: Array) -> Array:
+        """z (…, 4) of points (…, 3); the caller keeps points in front of the camera (Z > 0)."""
+        x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
+        s = self.f_px / depth
+        v = s * y + self.cy_px
+        return np.stack(
+            [s * x + self.cx_left_px, v, s * (x - self.baseline_m) + self.cx_right_px, v], axis=-1
+        )
+
+    def jacobian(self, points_in_cam: Array) -> Array:
+        """A = ∂z/∂X, (…, 4, 3), at points (…, 3)."""
+        x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
+        s = self.f_px / depth
+        a = np.zeros((*points_in_cam.shape[:-1], 4, 3))
+        a[..., 0, 0] = a[..., 1, 1] = a[..., 2, 0] = a[..., 3, 1] = s
+        a[..., 0, 2] = -s * x / depth
+        a[..., 1, 2] = a[..., 3, 2] = -s * y / depth
+        a[..., 2, 2] = -s * (x - self.baseline_m) / depth
+        return a
+
+    def depth_m(self, z_px: Array) -> Array:
+        """Depth (…) from the disparity of z (…, 4); infinite or negative where the disparity is not positive."""
+        disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
+        with np.errstate(divide="ignore"):
+            return self.f_px * self.baseline_m / disparity
+
+    def triangulate(self, z_px: Array) -> Array:
+        """Points (…, 3) of stereo views (…, 4): exact when the two rows agree, their mean otherwise."""
+        depth = self.depth_m(z_px)
+        x = (z_px[..., 0] - self.cx_left_px) * depth / self.f_px
+        y = (0.5 * (z_px[..., 1] + z_px[..., 3]) - self.cy_px) * depth / self.f_px
+        return np.stack([x, y, depth], axis=-1)
+
+
+def information_of_views(z_px: Array, cov_px: Array) -> Array:
+    """Information (…, 4, 4) of views with covariance (…, 4, 4); a side that is NaN in z counts for nothing."""
+    seen = np.isfinite(z_px)
+    both = seen[..., :, None] & seen[..., None, :]
+    cov = np.where(both, cov_px, np.eye(4))
+    return np.where(both, np.linalg.inv(cov), 0.0)
