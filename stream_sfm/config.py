@@ -15,10 +15,10 @@ from .errors import ConfigError
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
+    """Base of all sections."""
 
 
-class FrontendConfig(_Section):
+class FrontendConfig(_Section, frozen=True):
     """Detection, left-right matching, tracking."""
 
     max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 240
@@ -27,41 +27,35 @@ class FrontendConfig(_Section):
     ] = 12.0
 
 
-class WindowConfig(_Section):
+class WindowConfig(_Section, frozen=True):
     """The cross-frame estimator."""
 
-    frames: Annotated[
-        int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)
-    ] = 8
+    frames: Annotated[int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)] = 8
     max_iterations: Annotated[int, Meta(description="Gauss-Newton steps a frame", ge=1, le=50)] = 6
 
 
-class RobustConfig(_Section):
+class RobustConfig(_Section, frozen=True):
     """What counts as an outlier, for every estimator."""
 
     gate_probability: Annotated[
         float, Meta(description="share of good views that the χ² gate keeps", gt=0.5, lt=1)
     ] = 0.999
-    min_views: Annotated[
-        int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)
-    ] = 8
+    min_views: Annotated[int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)] = 8
     degraded_views: Annotated[
         int, Meta(description="with fewer accepted views than this a frame is degraded", ge=4)
     ] = 25
 
 
-class MotionConfig(_Section):
+class MotionConfig(_Section, frozen=True):
     """What is assumed of the camera's motion where the images do not tell: used while lost only."""
 
-    std_acceleration_m_s2: Annotated[float, Meta(description="unmodelled acceleration while lost", gt=0)] = (
-        3.0
-    )
+    std_acceleration_m_s2: Annotated[float, Meta(description="unmodelled acceleration while lost", gt=0)] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
         float, Meta(description="unmodelled angular acceleration while lost", gt=0)
     ] = 3.0
 
 
-class Config(_Section):
+class Config(_Section, frozen=True):
     """All settings; every one has a default."""
 
     method: Annotated[
@@ -127,7 +121,7 @@ def config_to_toml(config: Config) -> str:
     lines += _section_lines(config, [n for n in config.__struct_fields__ if n not in sections])
     for name in sections:
         section = getattr(config, name)
-        lines += ["", f"[{name}]  # {type(section).__doc__.splitlines()[0]}"]
+        lines += ["", f"[{name}]  # {(type(section).__doc__ or '').splitlines()[0]}"]
         lines += _section_lines(section, list(section.__struct_fields__))
     return "\n".join(lines) + "\n"
 

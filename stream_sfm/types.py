@@ -49,9 +49,7 @@ class Camera:
         object.__setattr__(self, "K", k)
         object.__setattr__(self, "D", d)
         if self.width < 16 or self.height < 16:
-            raise ConfigError(
-                f"camera size {self.width}×{self.height}: give width and height in pixels, ≥ 16"
-            )
+            raise ConfigError(f"camera size {self.width}×{self.height}: give width and height in pixels, ≥ 16")
         if k.shape != (3, 3) or not np.isfinite(k).all():
             raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")
         if k[0, 0] <= 0 or k[1, 1] <= 0 or not np.allclose(k[2], (0, 0, 1)):

@@ -31,9 +31,7 @@ class StereoProjection:
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
         s = self.f_px / depth
         v = s * y + self.cy_px
-        return np.stack(
-            [s * x + self.cx_left_px, v, s * (x - self.baseline_m) + self.cx_right_px, v], axis=-1
-        )
+        return np.stack([s * x + self.cx_left_px, v, s * (x - self.baseline_m) + self.cx_right_px, v], axis=-1)
 
     def jacobian(self, points_in_cam: Array) -> Array:
         """A = ∂z/∂X, (…, 4, 3), at points (…, 3)."""
