@@ -1,0 +1,30 @@
+"""Stereo logs in and estimates out: MCAP, image decoding, calibration messages.
+
+`open_log` is the way in; the page to read first is `stereo_log.py`. Names are resolved on first use, so that
+importing this package costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+_PUBLIC = {
+    "ImageMessage": "messages",
+    "ReadStats": "stereo_log",
+    "StereoLog": "stereo_log",
+    "StereoPair": "stereo_log",
+    "inspect_log": "inspection",
+    "open_log": "stereo_log",
+}
+
+__all__ = ["ImageMessage", "ReadStats", "StereoLog", "StereoPair", "inspect_log", "open_log"]
+
+if TYPE_CHECKING:
+    from .inspection import inspect_log
+    from .messages import ImageMessage
+    from .stereo_log import ReadStats, StereoLog, StereoPair, open_log
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_PUBLIC[name]}", __name__), name)

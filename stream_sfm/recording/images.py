@@ -1,0 +1,176 @@
+"""Images of every recorded encoding as grey images (h, w), uint8, or uint16 where the camera gave more bits."""
+
+import re
+import struct
+from typing import Any, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from .messages import ImageMessage
+
+Grey = NDArray[np.uint8] | NDArray[np.uint16]
+
+# encoding -> (bits a channel, channels, OpenCV conversion to grey, None where the channel is grey already)
+_PLAIN: dict[str, tuple[int, int, int | None]] = {
+    "mono8": (8, 1, None), "8uc1": (8, 1, None), "mono16": (16, 1, None), "16uc1": (16, 1, None),
+    "rgb8": (8, 3, cv2.COLOR_RGB2GRAY), "bgr8": (8, 3, cv2.COLOR_BGR2GRAY), "8uc3": (8, 3, cv2.COLOR_BGR2GRAY),
+    "rgba8": (8, 4, cv2.COLOR_RGBA2GRAY), "bgra8": (8, 4, cv2.COLOR_BGRA2GRAY), "8uc4": (8, 4, cv2.COLOR_BGRA2GRAY),
+    "rgb16": (16, 3, cv2.COLOR_RGB2GRAY), "bgr16": (16, 3, cv2.COLOR_BGR2GRAY),
+    "rgba16": (16, 4, cv2.COLOR_RGBA2GRAY), "bgra16": (16, 4, cv2.COLOR_BGRA2GRAY),
+}  # fmt: skip
+_BAYER = {
+    "rggb": cv2.COLOR_BayerRGGB2GRAY, "bggr": cv2.COLOR_BayerBGGR2GRAY,
+    "gbrg": cv2.COLOR_BayerGBRG2GRAY, "grbg": cv2.COLOR_BayerGRBG2GRAY,
+}  # fmt: skip
+for _pattern, _code in _BAYER.items():
+    _PLAIN[f"bayer_{_pattern}8"] = (8, 1, _code)
+    _PLAIN[f"bayer_{_pattern}16"] = (16, 1, _code)
+# where the luma stands among the two bytes of a pixel
+_LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
+_LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
+_MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
+
+ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE, "png", "jpeg", "webp")
+
+
+class UndecodableImage(Exception):
+    """The bytes of this image are damaged; the next may be whole."""
+
+
+def image_size(message: ImageMessage) -> tuple[int, int] | None:
+    """Width and height, pixels, without decoding; None where the header of a compressed image is damaged."""
+    if not message.compressed:
+        return message.width, message.height
+    data = message.data
+    try:
+        if data.startswith(b"\x89PNG"):
+            return struct.unpack_from(">II", data, 16)
+        if data.startswith(b"\xff\xd8"):
+            return _jpeg_size(data)
+        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+            return _webp_size(data)
+    except (struct.error, IndexError):
+        pass
+    return None
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    at = 2
+    while data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:  # padding
+            at += 1
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        at += 2 + struct.unpack_from(">H", data, at + 2)[0]
+    return None
+
+
+def _webp_size(data: bytes) -> tuple[int, int] | None:
+    if data[12:16] == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if data[12:16] == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if data[12:16] == b"VP8X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    return None
+
+
+def check_encoding(message: ImageMessage, path: object) -> None:
+    """Raises LogError where images of this kind are not read at all, whatever their bytes."""
+    where = f"{path}: topic {message.topic}"
+    if not message.compressed:
+        name = message.encoding.lower()
+        if name not in _PLAIN and name not in _LUMA_BYTE and name not in _LUMA_PLANE:
+            raise LogError(f"{where}: image encoding {message.encoding!r} is not known; known are {_known()}")
+    elif _sniff(message.data) is None and not re.search(r"png|jpe?g|webp", message.encoding.lower()):
+        raise LogError(
+            f"{where}: compressed images in format {message.encoding!r} are not read, only png, jpeg and webp; "
+            "record the images so, or raw"
+        )
+    if "compresseddepth" in message.encoding.lower().replace(" ", ""):
+        raise LogError(f"{where} holds depth images, not a camera: name the topic with --left or --right")
+
+
+def _known() -> str:
+    return "mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer_*, yuv422, yuyv, uyvy, nv12, nv21"
+
+
+def _sniff(data: bytes) -> str | None:
+    return next((name for magic, name in _MAGIC if data.startswith(magic)), None)
+
+
+def decode_grey(message: ImageMessage) -> Grey:
+    """(h, w) grey of one image: uint8, or uint16 unscaled where more bits were recorded.
+
+    Raises UndecodableImage for damaged bytes; `check_encoding` has passed before.
+    """
+    try:
+        return _decode_compressed(message) if message.compressed else _decode_raw(message)
+    except cv2.error as error:
+        raise UndecodableImage(f"{message.topic}: {error.err}") from None
+
+
+def _decode_compressed(message: ImageMessage) -> Grey:
+    if not message.data:
+        raise UndecodableImage(f"{message.topic}: an image of 0 bytes")
+    # A recorded orientation tag is not the camera's business: pixels as the calibration means them.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise UndecodableImage(
+            f"{message.topic}: {len(message.data)} bytes are no {message.encoding or 'compressed'} image"
+        )
+    return cast(Grey, image)
+
+
+def _decode_raw(message: ImageMessage) -> Grey:
+    name = message.encoding.lower()
+    width, height = message.width, message.height
+    bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
+    row = width * channels * bits // 8
+    step = message.step or row
+    if width <= 0 or height <= 0 or step < row or len(message.data) < step * (height - 1) + row:
+        raise UndecodableImage(
+            f"{message.topic}: {len(message.data)} bytes do not hold {width}×{height} {message.encoding} with "
+            f"{step} bytes a row"
+        )
+    data = np.frombuffer(message.data, np.uint8)
+    image = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
+    if name in _LUMA_BYTE:
+        return np.ascontiguousarray(image[:, _LUMA_BYTE[name] :: 2])
+    pixels: Any = np.ascontiguousarray(image)
+    if bits == 16:
+        pixels = pixels.view(">u2" if message.big_endian else "<u2").astype(np.uint16)
+    if conversion is not None:
+        pixels = cv2.cvtColor(pixels.reshape(height, width, channels) if channels > 1 else pixels, conversion)
+    return pixels
+
+
+class GreyScaler:
+    """16-bit images to 8 bits, one shift for the whole log, so that brightness does not jump between frames.
+
+    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The
+    shift follows the brightest value seen so far, in either camera.
+    """
+
+    def __init__(self) -> None:
+        self._bits = 10
+
+    def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
+        """The images as (h, w) uint8; in the order of the frames, because the shift is remembered."""
+        for image in images:
+            if image.dtype == np.uint16:
+                self._bits = max(self._bits, int(image.max(initial=0)).bit_length())
+        shift = self._bits - 8
+        return [
+            (i >> shift).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
+            for i in images
+        ]

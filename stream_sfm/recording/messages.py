@@ -1,0 +1,240 @@
+"""The messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) as the three records used here."""
+
+import base64
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Schema
+from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
+from mcap_ros2.decoder import DecoderFactory as Ros2Factory
+
+from ..errors import LogError
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from .records import LogMessage
+from .ros1 import ros1_decoder
+
+_PACKAGES = ("foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf")
+_KINDS = {
+    "RawImage": "image", "Image": "image", "CompressedImage": "image", "CompressedVideo": "video",
+    "CameraCalibration": "calibration", "CameraInfo": "calibration",
+    "PoseInFrame": "pose", "PoseStamped": "pose", "PoseWithCovarianceStamped": "pose", "Odometry": "pose",
+    "FrameTransform": "pose", "FrameTransforms": "pose", "TransformStamped": "pose", "TFMessage": "pose",
+    "tfMessage": "pose",
+}  # fmt: skip
+
+
+class UndecodableMessage(Exception):
+    """One message does not fit its schema; the next may."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageMessage:
+    """One image as recorded, not decoded.
+
+    `encoding` is the pixel layout of a raw image or the format of a compressed one; `data` its bytes as they
+    stand in the log. `width`, `height`, `step` (bytes a row) are 0 for compressed images.
+    """
+
+    topic: str
+    stamp_ns: int
+    frame_id: str
+    compressed: bool
+    encoding: str
+    data: bytes
+    width: int = 0
+    height: int = 0
+    step: int = 0
+    big_endian: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationMessage:
+    """A camera's calibration in the ROS sense: `K` (3, 3), `R` (3, 3), `P` (3, 4), `D`, as sent."""
+
+    topic: str
+    frame_id: str
+    width: int
+    height: int
+    distortion_model: str
+    D: tuple[float, ...]
+    K: Array
+    R: Array
+    P: Array
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMessage:
+    """`parent_from_child` (4, 4) at `stamp_ns`; the name of the child is empty where the message has none."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    parent_from_child: Array
+
+
+def kind_of(schema: Schema | None) -> str:
+    """image, video, calibration, pose, or empty for everything else."""
+    if schema is None:
+        return ""
+    parts = schema.name.replace("/", ".").split(".")
+    return _KINDS.get(parts[-1], "") if parts[0] in _PACKAGES else ""
+
+
+class MessageDecoder:
+    """Decodes the messages of one log; one instance a reading, because schema ids belong to the file."""
+
+    def __init__(self, path: Any) -> None:
+        self._path = path
+        self._protobuf = ProtobufFactory()
+        self._ros2 = Ros2Factory()
+        self._decoders: dict[int, Callable[[bytes], Any]] = {}
+
+    def _decode(self, message: LogMessage) -> Any:
+        decoder = self._decoders.get(message.channel.id)
+        if decoder is None:
+            decoder = self._decoders[message.channel.id] = self._find(message.channel, message.schema)
+        try:
+            return decoder(message.data)
+        except Exception as error:  # the decoders raise what their libraries raise: the bytes are damaged
+            raise UndecodableMessage(
+                f"{message.channel.topic}: a message of {len(message.data)} bytes does not fit its schema "
+                f"({type(error).__name__}: {error})"
+            ) from None
+
+    def _find(self, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
+        where = f"{self._path}: topic {channel.topic}"
+        if schema is None:
+            raise LogError(f"{where} has no schema, so its messages cannot be read")
+        try:
+            for factory in (self._protobuf, self._ros2):
+                decoder = factory.decoder_for(channel.message_encoding, schema)
+                if decoder is not None:
+                    return decoder
+            if channel.message_encoding == "json":
+                return json.loads
+            if channel.message_encoding == "ros1" and schema.encoding == "ros1msg":
+                return ros1_decoder(schema.name, schema.data.decode("utf-8", "replace"))
+        except Exception as error:
+            raise LogError(f"{where}: its schema {schema.name} cannot be read ({error})") from None
+        raise LogError(
+            f"{where}: messages in {channel.message_encoding!r} with a {schema.encoding!r} schema are not read; "
+            "read are protobuf, json, cdr with ros2msg, and ros1 with ros1msg"
+        )
+
+    def image(self, message: LogMessage) -> ImageMessage:
+        """Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
+        m = self._decode(message)
+        try:
+            topic, stamp_ns, frame_id = message.channel.topic, _stamp_ns(m), _frame_id(m)
+            data = _bytes(_get(m, "data"))
+            if _has(m, "format"):
+                return ImageMessage(topic, stamp_ns, frame_id, True, str(_get(m, "format")), data)
+            return ImageMessage(
+                topic,
+                stamp_ns,
+                frame_id,
+                False,
+                str(_get(m, "encoding")),
+                data,
+                width=int(_get(m, "width")),
+                height=int(_get(m, "height")),
+                step=int(_get(m, "step")),
+                big_endian=bool(_get(m, "is_bigendian", default=0)),
+            )
+        except (ValueError, TypeError) as error:
+            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+
+    def calibration(self, message: LogMessage) -> CalibrationMessage:
+        """Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
+        m = self._decode(message)
+        try:
+            return CalibrationMessage(
+                topic=message.channel.topic,
+                frame_id=_frame_id(m),
+                width=int(_get(m, "width")),
+                height=int(_get(m, "height")),
+                distortion_model=str(_get(m, "distortion_model", default="")).strip().lower(),
+                D=tuple(float(x) for x in _get(m, "D", "d", default=())),
+                K=_matrix(_get(m, "K", "k", default=()), 3, 3),
+                R=_matrix(_get(m, "R", "r", default=()), 3, 3),
+                P=_matrix(_get(m, "P", "p", default=()), 3, 4),
+            )
+        except (ValueError, TypeError) as error:
+            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+
+    def poses(self, message: LogMessage) -> list[PoseMessage]:
+        """The poses in a message, several for a list of transforms. Raises as `image`."""
+        m = self._decode(message)
+        try:
+            if _has(m, "transforms"):
+                return [_pose(t) for t in _get(m, "transforms")]
+            return [_pose(m)]
+        except (ValueError, TypeError) as error:
+            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+
+
+def _has(message: Any, name: str) -> bool:
+    return name in message if isinstance(message, dict) else hasattr(message, name)
+
+
+def _get(message: Any, *names: str, default: Any = None) -> Any:
+    for name in names:
+        if _has(message, name):
+            return message[name] if isinstance(message, dict) else getattr(message, name)
+    if default is None:
+        raise ValueError(f"the message lacks the field {names[0]}")
+    return default
+
+
+def _stamp_ns(message: Any) -> int:
+    stamp = _get(message, "timestamp") if _has(message, "timestamp") else _get(_get(message, "header"), "stamp")
+    sec = int(_get(stamp, "sec", "seconds", "secs"))
+    return sec * 1_000_000_000 + int(_get(stamp, "nanosec", "nsec", "nanos", "nsecs"))
+
+
+def _frame_id(message: Any) -> str:
+    if _has(message, "header"):
+        message = _get(message, "header")
+    return str(_get(message, "frame_id", "parent_frame_id", default="")).lstrip("/")
+
+
+def _bytes(data: Any) -> bytes:
+    if isinstance(data, bytes):
+        return data
+    if isinstance(data, str):
+        return base64.b64decode(data, validate=True)
+    return bytes(data)
+
+
+def _matrix(values: Any, rows: int, columns: int) -> Array:
+    """As sent; all zeros where nothing was sent."""
+    array = np.array([float(x) for x in values], dtype=float)
+    if array.size not in (0, rows * columns):
+        raise ValueError(f"a calibration matrix has {array.size} numbers instead of {rows * columns}")
+    return array.reshape(rows, columns) if array.size else np.zeros((rows, columns))
+
+
+def _pose(message: Any) -> PoseMessage:
+    if _has(message, "rotation") and _has(message, "translation"):  # foxglove.FrameTransform
+        body, position, rotation = message, "translation", "rotation"
+    elif _has(message, "transform"):
+        body, position, rotation = _get(message, "transform"), "translation", "rotation"
+    else:
+        body, position, rotation = _get(message, "pose"), "position", "orientation"
+        if _has(body, "pose"):  # with covariance
+            body = _get(body, "pose")
+    t, q = _get(body, position), _get(body, rotation)
+    quat_xyzw = np.array([float(_get(q, name)) for name in "xyzw"])
+    if not np.isfinite(quat_xyzw).all() or not 0.5 < np.linalg.norm(quat_xyzw) < 2:
+        raise ValueError(f"a pose with the quaternion {quat_xyzw.tolist()}")
+    pose = se3.from_rotation_translation(
+        se3.matrix_from_quat_xyzw(quat_xyzw), [float(_get(t, name)) for name in "xyz"]
+    )
+    if not np.isfinite(pose).all():
+        raise ValueError("a pose that is not finite")
+    child = str(_get(message, "child_frame_id", default="")).lstrip("/")
+    return PoseMessage(_stamp_ns(message), _frame_id(message), child, pose)

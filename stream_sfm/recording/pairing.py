@@ -1,0 +1,110 @@
+"""Left and right frames into pairs by their own stamps: exactly first, else the nearest within half a frame.
+
+Works on the run with bounded memory. Each side passes a small sorting buffer first, because recorders write
+messages modestly out of order; what is older than a frame already passed on is dropped, and so is a second frame
+of one stamp. Then the two ascending sequences are merged; no stamp is ever used twice.
+"""
+
+import heapq
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+_REORDER = 4  # messages of one side held back to be sorted
+_PENDING = 128  # frames of one side waiting for the other
+_PERIODS = 31  # the frame period is the median of so many
+_UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only
+
+
+@dataclass(slots=True)
+class PairingCounts:
+    """What became of the frames of each side, (left, right)."""
+
+    read: list[int] = field(default_factory=lambda: [0, 0])
+    paired: int = 0
+    paired_exactly: int = 0
+    unpaired: list[int] = field(default_factory=lambda: [0, 0])
+    backwards: list[int] = field(default_factory=lambda: [0, 0])
+    largest_offset_ns: int = 0
+
+
+class Pairer(Generic[T]):
+    """`push` frames of either side as they come; it yields the pairs that are certain by then."""
+
+    def __init__(self) -> None:
+        self.counts = PairingCounts()
+        self._heaps: tuple[list[tuple[int, int, T]], list[tuple[int, int, T]]] = ([], [])
+        self._last: list[int | None] = [None, None]
+        self._queues: tuple[deque[tuple[int, T]], deque[tuple[int, T]]] = (deque(), deque())
+        self._recent: tuple[deque[int], deque[int]] = (deque(maxlen=_PERIODS + 1), deque(maxlen=_PERIODS + 1))
+        self._serial = 0
+        self._finished = False
+
+    def push(self, side: int, stamp_ns: int, item: T) -> Iterator[tuple[T, T]]:
+        """A frame of `side` (0 left, 1 right); yields pairs in ascending order of the left stamp."""
+        self._serial += 1  # equal stamps keep the order of the file, and items need no order
+        self.counts.read[side] += 1
+        heapq.heappush(self._heaps[side], (stamp_ns, self._serial, item))
+        if len(self._heaps[side]) > _REORDER:
+            self._sorted(side)
+            yield from self._merge()
+
+    def finish(self) -> Iterator[tuple[T, T]]:
+        """The pairs still waiting; what is left over is unpaired."""
+        for side in (0, 1):
+            while self._heaps[side]:
+                self._sorted(side)
+        self._finished = True
+        yield from self._merge()
+        for side in (0, 1):
+            self.counts.unpaired[side] += len(self._queues[side])
+            self._queues[side].clear()
+
+    def _sorted(self, side: int) -> None:
+        stamp_ns, _, item = heapq.heappop(self._heaps[side])
+        last = self._last[side]
+        if last is not None and stamp_ns <= last:
+            self.counts.backwards[side] += 1
+            return
+        self._last[side] = stamp_ns
+        self._queues[side].append((stamp_ns, item))
+        self._recent[side].append(stamp_ns)
+
+    def _half_period_ns(self) -> int:
+        """Half the shorter of the two median periods."""
+        medians = []
+        for recent in self._recent:
+            periods = sorted(b - a for a, b in pairwise(recent))
+            if periods:
+                medians.append(periods[len(periods) // 2])
+        return min(medians, default=_UNKNOWN_PERIOD_NS) // 2
+
+    def _merge(self) -> Iterator[tuple[T, T]]:
+        lefts, rights = self._queues
+        while lefts and rights:
+            offset_ns = abs(lefts[0][0] - rights[0][0])
+            if offset_ns:
+                early = 0 if lefts[0][0] < rights[0][0] else 1
+                queue, other = self._queues[early], self._queues[1 - early]
+                if len(queue) < 2 and not self._finished and len(other) < _PENDING:
+                    return  # the next frame of the early side may fit better
+                nearer = len(queue) > 1 and abs(queue[1][0] - other[0][0]) < offset_ns
+                if nearer or offset_ns > self._half_period_ns():
+                    self._drop(early)
+                    continue
+            else:
+                self.counts.paired_exactly += 1
+            self.counts.paired += 1
+            self.counts.largest_offset_ns = max(self.counts.largest_offset_ns, offset_ns)
+            yield lefts.popleft()[1], rights.popleft()[1]
+        for side in (0, 1):
+            while len(self._queues[side]) > _PENDING:
+                self._drop(side)
+
+    def _drop(self, side: int) -> None:
+        self._queues[side].popleft()
+        self.counts.unpaired[side] += 1

@@ -1,0 +1,353 @@
+"""A stereo log: its rig and its frames, streamed in bounded memory."""
+
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration import read_calibration
+from ..errors import LogError
+from ..types import StereoFrame, StereoRig, Trajectory
+from .ground_truth import DEPTH_TOPIC, read_depths, read_truth, truth_topic
+from .images import Grey, GreyScaler, UndecodableImage, check_encoding, decode_grey, image_size
+from .messages import ImageMessage, MessageDecoder, UndecodableMessage
+from .pairing import Pairer, PairingCounts
+from .records import Damage, LogFile
+from .rig import check_sides, rig_from_messages
+from .survey import Survey, read_calibration_messages, survey_log
+from .topics import PairChoice, choose_calibration, choose_pair, is_rectified
+
+
+@dataclass(frozen=True, slots=True)
+class StereoPair:
+    """Two images of one moment as recorded; the pair's stamp is the left one's."""
+
+    left: ImageMessage
+    right: ImageMessage
+
+    @property
+    def stamp_ns(self) -> int:
+        """Nanoseconds, of the left image."""
+        return self.left.stamp_ns
+
+
+@dataclass(slots=True)
+class ReadStats:
+    """What one reading met; final when its iterator has ended. Frames of one side count single images."""
+
+    left_read: int = 0
+    right_read: int = 0
+    paired: int = 0
+    paired_exactly: int = 0
+    unpaired_left: int = 0
+    unpaired_right: int = 0
+    dropped_backwards: int = 0  # stamp not after the one before it on the same side
+    undecodable: int = 0  # messages, or pairs of which one image is damaged or of another size
+    largest_offset_ns: int = 0  # between the stamps of a pair
+    bytes_read: int = 0
+    bytes_total: int = 0
+    complete: bool = True  # false: something of the file could not be read
+    warnings: list[str] = field(default_factory=list)
+
+
+def open_log(
+    path: str | Path,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | None = None,
+) -> "StereoLog":
+    """Open an MCAP file for reading as a stereo log.
+
+    `left`, `right`: topics, found by schema and name if not given. `calibration`: a calibration file or a rig,
+    instead of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    """
+    file = LogFile(path)
+    survey = survey_log(file, Damage())
+    choice = choose_cameras(file, survey, left, right)
+    if calibration is None:
+        rig = rig_of(file, survey, choice)
+    else:
+        rig = calibration if isinstance(calibration, StereoRig) else read_calibration(calibration)
+        check_sides(file.path, rig)
+    return StereoLog(file, survey, choice, rig)
+
+
+def choose_cameras(file: LogFile, survey: Survey, left: str | None, right: str | None) -> PairChoice:
+    """The two camera topics. Raises LogError."""
+    videos = survey.of_kind("video")
+    images = survey.of_kind("image")
+    if any(t in videos for t in (left, right)) or (not images and videos):
+        raise LogError(
+            f"{file.path}: topic {next(iter(videos))} is compressed video (H.264 or the like), which is not read: "
+            "its frames depend on each other; record or convert to CompressedImage (jpeg, png) or raw images"
+        )
+    if not survey.topics:
+        raise LogError(f"{file.path} holds no message that can be read ({file.size} bytes)")
+    return choose_pair(file.path, images, left, right)
+
+
+def rig_of(file: LogFile, survey: Survey, choice: PairChoice) -> StereoRig:
+    """The rig from the calibration messages that belong to the two cameras. Raises LogError."""
+    calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
+    topics = []
+    for side, image_topic in enumerate((choice.left, choice.right)):
+        topic = choose_calibration(image_topic, side, calibrations)
+        if topic is None:
+            listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
+            raise LogError(
+                f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
+            )
+        topics.append(topic)
+    decoder = MessageDecoder(file.path)
+    messages = read_calibration_messages(file, survey, (topics[0], topics[1]), decoder)
+    return rig_from_messages(file.path, *messages, rectified=is_rectified(choice.left))
+
+
+class StereoLog:
+    """A log whose cameras and calibration are known. Each reading opens the file anew and renews `stats`.
+
+    `path`; `rig`; `left_topic`, `right_topic` and `choice_reason`; `expected_frames`: images on the left topic by
+    the index, None where there is none; `duration_s`: span of the recording's own clock, None where not known.
+    """
+
+    def __init__(self, file: LogFile, survey: Survey, choice: PairChoice, rig: StereoRig) -> None:
+        self._file = file
+        self.survey = survey
+        self.path = file.path
+        self.rig = rig
+        self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
+        self.stats = ReadStats(bytes_total=file.size)
+        self.expected_frames = survey.topics[choice.left].count if survey.whole else None
+        self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
+        self._warnings: list[str] = []  # of the ground truth, which is read apart
+        self._camera_frame = ""
+
+    def pairs(self) -> Generator[StereoPair, None, None]:
+        """All pairs in ascending order of stamps, not decoded; the bytes are those of the log.
+
+        A log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError
+        where the images are of a kind that is not read, or where nothing could be paired.
+        """
+        stats = self.stats = ReadStats(bytes_total=self._file.size)
+        damage = Damage()
+        decoder = MessageDecoder(self.path)
+        pairer: Pairer[ImageMessage] = Pairer()
+        sides = {self.left_topic: 0, self.right_topic: 1}
+        unchecked = {0, 1}
+        problem = ""
+        try:
+            for message in self._file.messages(damage, frozenset(sides)):
+                side = sides[message.channel.topic]
+                try:
+                    image = decoder.image(message)
+                except UndecodableMessage as error:
+                    stats.undecodable += 1
+                    problem = problem or str(error)
+                    continue
+                if side in unchecked:
+                    check_encoding(image, self.path)
+                    unchecked.remove(side)
+                for left, right in pairer.push(side, image.stamp_ns, image):
+                    self._count(stats, damage, pairer.counts)
+                    yield StereoPair(left, right)
+            for left, right in pairer.finish():
+                self._count(stats, damage, pairer.counts)
+                yield StereoPair(left, right)
+        finally:
+            self._count(stats, damage, pairer.counts)
+            stats.complete = damage.complete
+            stats.warnings += _warnings(stats, damage, problem, self)
+        if stats.paired == 0:
+            raise LogError(self._nothing_paired(stats, problem))
+
+    @staticmethod
+    def _count(stats: ReadStats, damage: Damage, counts: PairingCounts) -> None:
+        stats.left_read, stats.right_read = counts.read
+        stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
+        stats.unpaired_left, stats.unpaired_right = counts.unpaired
+        stats.dropped_backwards = sum(counts.backwards)
+        stats.largest_offset_ns = counts.largest_offset_ns
+        stats.bytes_read = damage.bytes_read
+
+    def _nothing_paired(self, stats: ReadStats, problem: str) -> str:
+        of = f"{self.left_topic} ({stats.left_read} images) and {self.right_topic} ({stats.right_read})"
+        if not stats.left_read or not stats.right_read:
+            cure = problem or "; ".join(stats.warnings) or "both cameras must have images"
+        elif stats.dropped_backwards:
+            cure = f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
+        else:
+            cure = (
+                "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
+                "after the other (then sort the file with `mcap sort`)?"
+            )
+        return f"{self.path}: no stereo pair in {of}: {cure}"
+
+    def frames(
+        self,
+        start_s: float | None = None,
+        end_s: float | None = None,
+        max_frames: int | None = None,
+        stride: int = 1,
+    ) -> Iterator[StereoFrame]:
+        """The frames between `start_s` and `end_s` (seconds from the first pair, both included), every
+        `stride`-th pair, at most `max_frames`. Raises as `pairs`, and LogError where no frame can be delivered.
+        """
+        for _, frame in self.decoded(start_s, end_s, max_frames, stride):
+            yield frame
+
+    def decoded(
+        self,
+        start_s: float | None = None,
+        end_s: float | None = None,
+        max_frames: int | None = None,
+        stride: int = 1,
+    ) -> Iterator[tuple[StereoPair, StereoFrame]]:
+        """As `frames`, each with the recorded bytes it came from.
+
+        Left and right are decoded at the same time, one frame ahead of the consumer.
+        """
+        if stride < 1:
+            raise ValueError(f"stride must be at least 1, got {stride}")
+        if max_frames is not None and max_frames < 1:
+            raise ValueError(f"max_frames must be at least 1, got {max_frames}")
+        reading = _Decoding(self)
+        pairs = self._selected(start_s, end_s, stride)
+        delivered = 0
+        try:
+            with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
+                for item in reading.run(pairs, pool):
+                    delivered += 1
+                    yield item
+                    if delivered == max_frames:
+                        break
+        finally:
+            pairs.close()
+            if reading.problem:
+                self.stats.warnings.append(
+                    f"{self.stats.undecodable} frames were skipped as undecodable, the first: {reading.problem}"
+                )
+        if not delivered:
+            if reading.problem:
+                raise LogError(f"{self.path}: no image could be decoded: {reading.problem}")
+            raise LogError(
+                f"{self.path}: none of {self.stats.paired} frames lies between start {start_s} s and end {end_s} s"
+            )
+
+    def _selected(
+        self, start_s: float | None, end_s: float | None, stride: int
+    ) -> Generator[StereoPair, None, None]:
+        start_ns = 0 if start_s is None else round(start_s * 1e9)
+        end_ns = None if end_s is None else round(end_s * 1e9)
+        first: int | None = None
+        count = 0
+        pairs = self.pairs()
+        try:
+            for pair in pairs:
+                first = pair.stamp_ns if first is None else first
+                since_ns = pair.stamp_ns - first
+                if end_ns is not None and since_ns > end_ns:
+                    return
+                if since_ns >= start_ns:
+                    if count % stride == 0:
+                        yield pair
+                    count += 1
+        finally:
+            pairs.close()
+
+    def ground_truth(self) -> Trajectory | None:
+        """`world_from_cam` of the physical left camera, None where the log has none that can be used."""
+        topic = truth_topic(self.survey)
+        if topic is None:
+            return None
+        if not self._camera_frame:
+            for message in self._file.messages(Damage(), frozenset([self.left_topic])):
+                try:
+                    self._camera_frame = MessageDecoder(self.path).image(message).frame_id
+                except UndecodableMessage:
+                    continue
+                break
+        return read_truth(self._file, topic, self._camera_frame, self.stats.warnings)
+
+    def depths(self) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        """(stamp_ns, depth (h, w) float32 in metres, NaN where unknown) from `/ground_truth/depth`, if any."""
+        if DEPTH_TOPIC in self.survey.of_kind("image"):
+            yield from read_depths(self._file, self.stats.warnings)
+
+
+class _Decoding:
+    """Pairs to frames, one ahead; the first images decide whether the sizes fit the calibration at all."""
+
+    def __init__(self, log: StereoLog) -> None:
+        self._log = log
+        self._scaler = GreyScaler()
+        self._delivered = False
+        self.problem = ""
+
+    def run(
+        self, pairs: Iterator[StereoPair], pool: ThreadPoolExecutor
+    ) -> Iterator[tuple[StereoPair, StereoFrame]]:
+        ahead: tuple[StereoPair, list[Future[Grey]]] | None = None
+        for pair in pairs:
+            if not self._fits(pair):
+                continue
+            submitted = (pair, [pool.submit(decode_grey, m) for m in (pair.left, pair.right)])
+            if ahead is not None and (frame := self._frame(*ahead)) is not None:
+                yield ahead[0], frame
+            ahead = submitted
+        if ahead is not None and (frame := self._frame(*ahead)) is not None:
+            yield ahead[0], frame
+
+    def _fits(self, pair: StereoPair) -> bool:
+        """Before decoding, so that a damaged header cannot ask for gigabytes."""
+        for message, camera in ((pair.left, self._log.rig.left), (pair.right, self._log.rig.right)):
+            size = image_size(message)
+            if size is None:
+                self._skip(f"{message.topic}: the header of an image is damaged")
+                return False
+            if size != (camera.width, camera.height):
+                text = (
+                    f"topic {message.topic}: images are {size[0]}×{size[1]}, the calibration is for "
+                    f"{camera.width}×{camera.height}"
+                )
+                if not self._delivered:
+                    raise LogError(
+                        f"{self._log.path}: {text}: give the calibration of these images with --calibration FILE"
+                    )
+                self._skip(text)
+                return False
+        self._delivered = True
+        return True
+
+    def _frame(self, pair: StereoPair, futures: list[Future[Grey]]) -> StereoFrame | None:
+        try:
+            images = [f.result() for f in futures]
+        except UndecodableImage as error:
+            self._skip(str(error))
+            return None
+        left, right = self._scaler.to_uint8(*images)
+        return StereoFrame(pair.stamp_ns, left, right)
+
+    def _skip(self, problem: str) -> None:
+        self._log.stats.undecodable += 1
+        self.problem = self.problem or problem
+
+
+def _warnings(stats: ReadStats, damage: Damage, problem: str, log: StereoLog) -> list[str]:
+    notes = list(damage.notes)
+    if not damage.complete:
+        notes.append(
+            f"{log.path} could be read in part only: {stats.paired} stereo frames from "
+            f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
+        )
+    if stats.dropped_backwards:
+        notes.append(f"{stats.dropped_backwards} images were dropped: their stamps repeat or go backwards")
+    if stats.unpaired_left + stats.unpaired_right > 2:  # one or two at the ends are usual
+        notes.append(
+            f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a frame"
+        )
+    if problem:
+        notes.append(f"messages that could not be read, the first: {problem}")
+    return notes

@@ -1,0 +1,156 @@
+"""Which topics are the left and the right camera, and which calibration belongs to each.
+
+By schema first, then by name. Two names make a pair when they differ in the side only: left/right, l/r,
+cam0/cam1, infra1/infra2 and the like. Of several pairs that are one camera pair in several forms we take, in
+this order: rectified before raw images (the vendor's rectification fits the images even where R and D are
+missing), grey before colour, uncompressed before compressed. Anything else is the user's choice.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import LogError
+
+_NOT_A_CAMERA = re.compile(
+    r"depth|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
+)
+# what may stand before 0/1 or 1/2 in the names of a pair of cameras
+_NUMBERED = r"(cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye)([_-]?0*)"
+_SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
+    (re.compile(left), re.compile(right))
+    for left, right in (
+        (r"(?<![A-Za-z])[Ll]eft(?![a-z])|(?<=[a-z])Left(?![a-z])|LEFT",
+         r"(?<![A-Za-z])[Rr]ight(?![a-z])|(?<=[a-z])Right(?![a-z])|RIGHT"),
+        (r"(?<![A-Za-z])[lL](?![A-Za-z])", r"(?<![A-Za-z])[rR](?![A-Za-z])"),
+        (rf"{_NUMBERED}0(?!\d)", rf"{_NUMBERED}1(?!\d)"),
+        (rf"{_NUMBERED}1(?!\d)", rf"{_NUMBERED}2(?!\d)"),
+    )
+)  # fmt: skip
+_FORM = re.compile(r"(?<![a-z])(compressed|rect|rectified|raw|colou?r|mono|gr[ae]y|rgb|image)(?![a-z])")
+_RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
+_COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
+
+
+@dataclass(frozen=True, slots=True)
+class PairChoice:
+    """The topics taken for the two cameras, and why."""
+
+    left: str
+    right: str
+    reason: str
+
+
+def is_rectified(topic: str) -> bool:
+    """True where the name says, as ROS does, that the images are rectified (`image_rect`, `rect_color` …)."""
+    return _RECTIFIED.search(topic) is not None
+
+
+def is_camera(topic: str) -> bool:
+    """False for depth, disparity, masks and pictures drawn for people, which also come as image messages."""
+    return _NOT_A_CAMERA.search(topic) is None
+
+
+def side_keys(topic: str, side: int) -> dict[int, str]:
+    """Rule number -> the topic with its side (0 left, 1 right) replaced by `*`, for each rule that fits."""
+    keys = {}
+    for rule, patterns in enumerate(_SIDES):
+        key, found = patterns[side].subn(lambda m: f"{m.group(1) if m.re.groups else ''}*", topic)
+        if found:
+            keys[rule] = key
+    return keys
+
+
+def possible_pairs(topics: Iterable[str]) -> list[tuple[str, str]]:
+    """All (left, right) among `topics` whose names differ in the side only, the clearest rule first."""
+    topics = sorted(topics)
+    pairs: list[tuple[str, str]] = []
+    for rule in range(len(_SIDES)):
+        rights = {key: t for t in topics if (key := side_keys(t, 1).get(rule)) is not None}
+        for topic in topics:
+            right = rights.get(side_keys(topic, 0).get(rule, ""))
+            # cam1 of a pair (cam0, cam1) is not the left one of (cam1, cam2)
+            if right is not None and right != topic and not any({topic, right} & set(p) for p in pairs):
+                pairs.append((topic, right))
+    return pairs
+
+
+def choose_pair(
+    path: Path, image_topics: Mapping[str, int | None], left: str | None = None, right: str | None = None
+) -> PairChoice:
+    """The pair to use among `image_topics` (topic -> number of messages, None unknown).
+
+    Raises LogError, listing the candidates, where there is none or where the choice is the user's.
+    """
+    listed = ", ".join(sorted(image_topics)) or "none"
+    for flag, topic in (("--left", left), ("--right", right)):
+        if topic is not None and topic not in image_topics:
+            raise LogError(f"{path}: {flag} {topic} is no image topic of this log; image topics are: {listed}")
+    if left is not None and left == right:
+        raise LogError(f"{path}: --left and --right are both {left}: a stereo pair needs two topics")
+    if left is not None and right is not None:
+        return PairChoice(left, right, "named by the user")
+    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+    if not cameras:
+        empty = [t for t in image_topics if is_camera(t)]
+        more = f" (without any message: {', '.join(sorted(empty))})" if empty else ""
+        raise LogError(f"{path} holds no camera images{more}; image topics are: {listed}")
+    pairs = possible_pairs(cameras)
+    given = left if left is not None else right
+    if given is not None:
+        pairs = [p for p in pairs if given in p]
+        if left is None or right is None:
+            others = [t for t in cameras if t != given]
+            if not pairs and len(others) == 1:
+                pair = (given, others[0]) if left is not None else (others[0], given)
+                return PairChoice(*pair, "one topic named by the user, the other is the only one left")
+            if pairs and given != pairs[0][0 if left is not None else 1]:
+                pairs = [(pairs[0][1], pairs[0][0])]
+    if len(cameras) == 1 and not pairs:
+        raise LogError(
+            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; image topics are: {listed}"
+        )
+    if not pairs:
+        raise LogError(
+            f"{path}: the names do not tell which is the left and which the right camera; say it with "
+            f"--left TOPIC --right TOPIC; image topics are: {', '.join(sorted(cameras))}"
+        )
+    if len(pairs) == 1:
+        return PairChoice(*pairs[0], "their names differ in the side alone")
+    # One camera pair in several forms?
+    if len({_device(l) for l, _ in pairs}) == 1:
+        best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
+        return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
+    options = "; ".join(f"--left {l} --right {r}" for l, r in pairs)
+    raise LogError(f"{path} holds several stereo pairs; choose one: {options}")
+
+
+def _form_rank(topic: str) -> tuple[bool, bool, bool]:
+    return not is_rectified(topic), _COLOUR.search(topic) is not None, topic.endswith("/compressed")
+
+
+def _device(left_topic: str) -> tuple[str, ...]:
+    """What remains of a left topic without the words that name the form of the images."""
+    words = re.split(r"[/_]+", _FORM.sub("", left_topic))
+    return tuple(w for w in words if w)
+
+
+def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:
+    """The calibration topic of an image topic: of the same side, and closest by name. None: there is none."""
+    sided = set(side_keys(image_topic, side))
+    image_words = _words(image_topic)
+    ranked = []
+    for topic in calibration_topics:
+        if sided and not sided & set(side_keys(topic, side)):
+            continue  # of the other camera, or of a third one
+        words = _words(topic)
+        shared = len(set(image_words) & set(words))
+        common = next((i for i, (a, b) in enumerate(zip(image_words, words, strict=False)) if a != b), len(words))
+        if sided or shared:
+            ranked.append((-shared, -common, len(words), topic))
+    return min(ranked)[-1] if ranked else None
+
+
+def _words(topic: str) -> list[str]:
+    return [w for w in re.split(r"[/_]+", topic) if w]
