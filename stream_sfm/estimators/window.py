@@ -1,0 +1,359 @@
+"""The cross-frame window: all motions of the last b frames estimated together, with a joint camera-centred prior.
+
+State: the reference camera p is the newest frame that has left the window; frames p+1 … n are in it with poses
+X_s = cam_s_from_ref; points are q in camera p (`inverse_depth`); the world is one more pose, carried by the prior.
+One minimum gives both readings: CC structure and its covariance directly, WC pose and structure through the
+world's own uncertainty. Source: Weng, Cui, Ahuja, sections 2 and 3; DESIGN section 2 for the form of the prior.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from ..config import Config
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..geometry.resection import Resection
+from ..geometry.stereo import StereoProjection, information_of_views
+from ..types import Observations, Solution, Status
+from .inverse_depth import CHART, Linearised, homogeneous_from_q, linearise, q_from_homogeneous
+from .linear import Cholesky
+from .motion_prior import MotionPrior, robust_start
+from .outcome import few_views, open_map, solution_without_points, status_of
+from .prior import Prior
+from .reading import Reading, read_structure
+
+_STRIKES = 2  # a track rejected so often is never used again; one rejection at its second view is enough
+
+
+@dataclass(slots=True)
+class _Frame:
+    """One frame of the window; `info` (n, 4, 4) is zero for rejected views."""
+
+    index: int
+    ids: NDArray[np.int64]
+    z: Array
+    info: Array
+    cam_from_ref: Array
+
+
+class CrossFrame:
+    """The default estimator (see `Estimator`)."""
+
+    name = "cross-frame"
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self.projection = projection
+        self.config = config
+        self.gate = float(chdtri(4, 1 - config.robust.gate_probability))
+        self.motion = MotionPrior(config.motion)
+        self.prior: Prior | None = None
+        self.frames: list[_Frame] = []
+        self.ids = np.empty(0, np.int64)  # every point of the state, ascending
+        self.q = np.empty((0, 3))
+        self.world_from_ref = np.eye(4)
+        self.reading: Reading | None = None
+        self.strikes: dict[int, int] = {}
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`."""
+        views = _Frame(
+            observations.frame_index,
+            observations.track_ids,
+            np.nan_to_num(observations.z_px),
+            information_of_views(observations.z_px, observations.cov_px),
+            np.eye(4),
+        )
+        self._forget_strikes(observations.track_ids)
+        if self.prior is None:
+            return self._start(observations, views)
+        if len(self.frames) == self.config.window.frames:
+            self._absorb_oldest()
+        motion, reason = self._robust_motion(observations)
+        if motion is None:
+            return self._lose(observations, reason)
+        previous = self.frames[-1].cam_from_ref if self.frames else np.eye(4)
+        views.cam_from_ref = se3.orthonormalised(motion.cam_from_ref @ previous)
+        self._enter(views, observations)
+        iterations = self._optimise()
+        if self._gate():
+            iterations += self._optimise()
+        return self._report(observations, motion, iterations)
+
+    # -- the map begins and ends ------------------------------------------------------------------------------
+
+    def _start(self, observations: Observations, views: _Frame) -> Solution:
+        """A new map in this camera: the world itself at the very first, else at the predicted pose."""
+        solution = open_map(self.projection, self.config.robust, self.motion, observations)
+        if not len(solution.track_ids):
+            return solution
+        births = np.isin(observations.track_ids, solution.track_ids)
+        self.frames, self.strikes = [], {}
+        self.ids, self.world_from_ref = solution.track_ids, solution.world_from_cam
+        self.q = self._q_of_views(observations.z_px[births])
+        lin = linearise(self.projection, np.eye(4)[None], self.q, views.z[None, births], views.info[None, births])
+        prior = Prior.of_world(solution.world_from_cam, solution.cov_pose)
+        self.prior = prior.with_views(self.ids, self.q, self.world_from_ref, lin.v, lin.g_point)
+        self._optimise()
+        self._read()
+        return solution
+
+    def _lose(self, observations: Observations, reason: str) -> Solution:
+        """No motion found: the pose is predicted and the map ends here."""
+        pose, cov_pose = self.motion.predict(observations.stamp_ns)
+        assert self.reading is not None
+        ended = self.reading.ended(np.ones(len(self.reading.ids), bool))
+        self.prior, self.reading = None, None
+        return solution_without_points(observations, Status.LOST, reason, pose, cov_pose, ended)
+
+    def _robust_motion(self, observations: Observations) -> tuple[Resection | None, str]:
+        """cam_n_from_cam_{n−1} from the local structure of the previous frame, or the reason why there is none."""
+        robust, reading = self.config.robust, self.reading
+        assert reading is not None
+        _, at, of = np.intersect1d(observations.track_ids, reading.ids, return_indices=True)
+        usable = ~self._banned(observations.track_ids[at])
+        at, of = at[usable], of[usable]
+        self.rejected = np.empty(0, np.int64)
+        if len(at) < robust.min_views:
+            return None, few_views(0, len(at), robust)
+        points = homogeneous_from_q(reading.q_in_cam[of])
+        cov = np.zeros((len(of), 4, 4))
+        cov[:, CHART[:, None], CHART] = reading.cov_q_in_cam[of]
+        predicted = se3.inverse(self.motion.predict(observations.stamp_ns)[0]) @ reading.world_from_cam
+        starts = [predicted, np.eye(4)]
+        if observations.cam_from_previous is not None:
+            starts.insert(0, observations.cam_from_previous)
+        found = robust_start(
+            self.projection,
+            points,
+            cov,
+            observations.z_px[at],
+            observations.cov_px[at],
+            starts,
+            robust.gate_probability,
+            robust.min_views,
+        )
+        if found is None:
+            return None, f"no motion agrees with {robust.min_views} of the {len(at)} tracked points"
+        self.rejected = observations.track_ids[at[~found.accepted]]
+        return found, ""
+
+    # -- the window moves -------------------------------------------------------------------------------------
+
+    def _absorb_oldest(self) -> None:
+        """The oldest frame becomes the reference; what all frames before it say becomes the new prior."""
+        assert self.prior is not None
+        frame = self.frames.pop(0)
+        x = frame.cam_from_ref
+        seen = frame.info.any(axis=(1, 2))
+        later = np.unique(
+            np.concatenate([f.ids[f.info.any(axis=(1, 2))] for f in self.frames] + [np.empty(0, int)])
+        )
+        if not self.frames:
+            later = frame.ids[seen]
+        prior = self.prior.with_views(
+            *self._of_prior(), np.zeros((len(self.prior.ids), 3, 3)), np.zeros((len(self.prior.ids), 3))
+        )
+        prior = prior.without(~np.isin(prior.ids, np.union1d(later, frame.ids[seen]))).in_camera(x)
+        ids = np.union1d(prior.ids, frame.ids[seen])
+        every = q_from_homogeneous(homogeneous_from_q(self.q) @ x.T)  # the state, in the new reference camera
+        q = every[np.searchsorted(self.ids, ids)]
+        z, info = _rows(ids, frame)
+        lin = linearise(self.projection, np.eye(4)[None], q, z[None], info[None])
+        self.world_from_ref = prior.world_from_ref
+        self.prior = prior.with_views(ids, q, self.world_from_ref, lin.v, lin.g_point).without(~np.isin(ids, later))
+        kept = np.isin(self.ids, np.union1d(later, self.prior.ids))
+        self.ids, self.q = self.ids[kept], every[kept]
+        back = se3.inverse(x)
+        for f in self.frames:
+            f.cam_from_ref = se3.orthonormalised(f.cam_from_ref @ back)
+
+    def _of_prior(self) -> tuple[NDArray[np.int64], Array, Array]:
+        assert self.prior is not None
+        return self.prior.ids, self.q[np.searchsorted(self.ids, self.prior.ids)], self.world_from_ref
+
+    def _enter(self, views: _Frame, observations: Observations) -> None:
+        """The newest frame joins the window; points not yet in the state are triangulated from it."""
+        for i in self.rejected:
+            self._strike(int(i))
+        banned = self._banned(views.ids)
+        known = np.isin(views.ids, self.ids)
+        stereo = np.isfinite(observations.z_px).all(axis=1)
+        new = ~known & stereo & ~banned
+        views.info[np.isin(views.ids, self.rejected) | banned | (~known & ~new)] = 0
+        back = se3.inverse(views.cam_from_ref)
+        q_new = q_from_homogeneous(homogeneous_from_q(self._q_of_views(observations.z_px[new])) @ back.T)
+        ids = np.concatenate([self.ids, views.ids[new]])
+        order = np.argsort(ids)
+        self.ids, self.q = ids[order], np.concatenate([self.q, q_new])[order]
+        self.frames.append(views)
+
+    def _strike(self, track_id: int) -> None:
+        views = sum(int((f.ids == track_id).any()) for f in self.frames)
+        in_prior = self.prior is not None and track_id in self.prior.ids
+        young = views <= 1 and not in_prior
+        self.strikes[track_id] = _STRIKES if young else self.strikes.get(track_id, 0) + 1
+        if self.strikes[track_id] >= _STRIKES and young:  # its only view may be the wrong one
+            for f in self.frames:
+                f.info[f.ids == track_id] = 0
+            self._drop_unseen()
+
+    def _banned(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return np.array([self.strikes.get(int(i), 0) >= _STRIKES for i in ids], bool)
+
+    def _forget_strikes(self, alive: NDArray[np.int64]) -> None:
+        present = set(alive.tolist())
+        self.strikes = {i: n for i, n in self.strikes.items() if i in present}
+
+    def _drop_unseen(self) -> None:
+        assert self.prior is not None
+        used = np.concatenate([self.prior.ids, *(f.ids[f.info.any(axis=(1, 2))] for f in self.frames)])
+        keep = np.isin(self.ids, used)
+        self.ids, self.q = self.ids[keep], self.q[keep]
+
+    def _q_of_views(self, z: Array) -> Array:
+        """q of stereo views (n, 4) in the camera that saw them."""
+        p = self.projection
+        disparity = (z[:, 0] - p.cx_left_px) - (z[:, 2] - p.cx_right_px)
+        v = 0.5 * (z[:, 1] + z[:, 3])
+        return np.stack(
+            [(z[:, 0] - p.cx_left_px) / p.f_px, (v - p.cy_px) / p.f_px, disparity / (p.f_px * p.baseline_m)], axis=1
+        )
+
+    # -- the minimum ------------------------------------------------------------------------------------------
+
+    def _views(self) -> tuple[Array, Array, Array]:
+        """Poses (F, 4, 4), z (F, P, 4) and info (F, P, 4, 4) of the window over all points of the state."""
+        if not self.frames:
+            n = len(self.ids)
+            return np.empty((0, 4, 4)), np.empty((0, n, 4)), np.empty((0, n, 4, 4))
+        rows = [_rows(self.ids, f) for f in self.frames]
+        cams = np.stack([f.cam_from_ref for f in self.frames])
+        return cams, np.stack([r[0] for r in rows]), np.stack([r[1] for r in rows])
+
+    def _optimise(self) -> int:
+        """Gauss-Newton to the joint minimum; leaves the factor of the last normal equations for the covariances."""
+        assert self.prior is not None
+        cams, z, info = self._views()
+        for iteration in range(1, self.config.window.max_iterations + 1):
+            lin = linearise(self.projection, cams, self.q, z, info)
+            self.system = system = _System(self.prior, self.ids, lin)
+            gradient = self.prior.gradient(self._of_prior()[1], self.world_from_ref)
+            dx, dq, dw, decrease = system.step(lin, gradient)
+            cams = se3.exp(dx) @ cams
+            self.q = self.q + dq
+            self.world_from_ref = self.world_from_ref @ se3.exp(dw)
+            if decrease < 1e-4:
+                break
+        for f, cam in zip(self.frames, cams, strict=True):
+            f.cam_from_ref = se3.orthonormalised(cam)
+        self.world_from_ref = se3.orthonormalised(self.world_from_ref)
+        return iteration
+
+    def _gate(self) -> bool:
+        """Drop views of the window that the joint minimum contradicts; True when there were any."""
+        cams, z, info = self._views()
+        chi2 = linearise(self.projection, cams, self.q, z, info).chi2
+        bad = chi2 > self.gate
+        for f, row in zip(self.frames, bad, strict=True):
+            for track_id in self.ids[row]:
+                f.info[f.ids == track_id] = 0
+                self.strikes[int(track_id)] = self.strikes.get(int(track_id), 0) + 1
+        self._drop_unseen()
+        return bool(bad.any())
+
+    # -- the readings -----------------------------------------------------------------------------------------
+
+    def _read(self) -> Reading:
+        cam_from_ref = self.frames[-1].cam_from_ref if self.frames else np.eye(4)
+        newest = len(self.frames) - 1
+        self.reading = read_structure(self.system, self.ids, self.q, self.world_from_ref, cam_from_ref, newest)
+        return self.reading
+
+    def _report(self, observations: Observations, motion: Resection, iterations: int) -> Solution:
+        before = self.reading
+        reading = self._read()
+        self.motion.record(observations.stamp_ns, reading.world_from_cam, reading.cov_pose)
+        status, reason = status_of(int(motion.accepted.sum()), self.config.robust)
+        assert before is not None
+        ended = before.ended(~np.isin(before.ids, self.ids))
+        newest = self.frames[-1]
+        used = newest.info.any(axis=(1, 2))
+        show = np.isin(reading.ids, newest.ids[used]) & reading.finite
+        return Solution(
+            status=status,
+            reason="; ".join(text for text in (reason, observations.note) if text),
+            world_from_cam=reading.world_from_cam,
+            cov_pose=reading.cov_pose,
+            track_ids=reading.ids[show],
+            points_in_cam=reading.points_in_cam[show],
+            cov_points=reading.cov_points[show],
+            points_in_world=reading.points_in_world[show],
+            cov_points_in_world=reading.cov_points_in_world[show],
+            window_frame_indices=np.array([f.index for f in self.frames], np.int64),
+            window_world_from_cam=np.stack(
+                [self.world_from_ref @ se3.inverse(f.cam_from_ref) for f in self.frames]
+            ),
+            rejected_ids=newest.ids[~used],
+            ended_ids=ended[0],
+            ended_points_in_world=ended[1],
+            ended_cov_points_in_world=ended[2],
+            iterations=iterations,
+            nis=motion.chi2,
+            nis_dof=motion.dof,
+        )
+
+
+class _System:
+    """The factored normal equations: [poses 6F | prior points 3N | world 6] dense, other points eliminated."""
+
+    def __init__(self, prior: Prior, ids: NDArray[np.int64], lin: Linearised) -> None:
+        frames, points = lin.c.shape[:2]
+        self.in_prior = np.isin(ids, prior.ids)
+        self.frames, self.n_prior = frames, len(prior.ids)
+        a, b = 6 * frames, 6 * frames + 3 * self.n_prior
+        cross = lin.c.transpose(0, 2, 1, 3)  # (F, 6, P, 3)
+        h = np.zeros((b + 6, b + 6))
+        for s in range(frames):
+            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
+        h[a:, a:] = prior.information
+        blocks = h[a:b, a:b].reshape(self.n_prior, 3, self.n_prior, 3)
+        diagonal = np.arange(self.n_prior)
+        blocks[diagonal, :, diagonal, :] += lin.v[self.in_prior]
+        h[:a, a:b] = cross[:, :, self.in_prior].reshape(a, 3 * self.n_prior)
+        h[a:b, :a] = h[:a, a:b].T
+        self.new_inverse = np.linalg.inv(lin.v[~self.in_prior])
+        self.cross_new = np.swapaxes(cross[:, :, ~self.in_prior].reshape(a, points - self.n_prior, 3), 0, 1)  # (Pn, 6F, 3)
+        self.gain = self.cross_new @ self.new_inverse  # (Pn, 6F, 3)
+        flat = (a, 3 * (points - self.n_prior))
+        h[:a, :a] -= self.gain.transpose(1, 0, 2).reshape(flat) @ self.cross_new.transpose(1, 0, 2).reshape(flat).T
+        self.chol = Cholesky(h)
+
+    def step(self, lin: Linearised, prior_gradient: Array) -> tuple[Array, Array, Array, float]:
+        """Steps of poses (F, 6), points (P, 3), world (6,), and the decrease gᵀδ that they promise."""
+        a, n = 6 * self.frames, self.n_prior
+        g_new = lin.g_point[~self.in_prior]
+        right = np.concatenate([lin.g_pose.ravel(), prior_gradient])
+        right[a : a + 3 * n] += lin.g_point[self.in_prior].ravel()
+        full = right.copy()
+        right[:a] -= (self.gain @ g_new[..., None]).sum(0)[:, 0]
+        delta = self.chol.solve(right)
+        dx = delta[:a]
+        dq = np.empty_like(lin.g_point)
+        dq[self.in_prior] = delta[a : a + 3 * n].reshape(n, 3)
+        dq[~self.in_prior] = (self.new_inverse @ (g_new - np.einsum("pxk,x->pk", self.cross_new, dx))[..., None])[
+            ..., 0
+        ]
+        decrease = float(full @ delta + (g_new * dq[~self.in_prior]).sum())
+        return dx.reshape(-1, 6), dq, delta[a + 3 * n :], decrease
+
+
+def _rows(ids: NDArray[np.int64], frame: _Frame) -> tuple[Array, Array]:
+    """z (P, 4) and info (P, 4, 4) of one frame spread over the points `ids`; zero where unseen."""
+    z, info = np.zeros((len(ids), 4)), np.zeros((len(ids), 4, 4))
+    known = np.isin(frame.ids, ids)
+    at = np.searchsorted(ids, frame.ids[known])
+    z[at], info[at] = frame.z[known], frame.info[known]
+    return z, info
