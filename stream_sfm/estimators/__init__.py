@@ -1,0 +1,33 @@
+"""Everything that turns observations into motion and structure; each keeps the contract `types.Estimator`.
+
+`METHODS` is the list: name -> (module, class). They are imported when asked for, so that a method's heavy
+dependency (filterpy for the EKF) costs nothing to the others.
+"""
+
+from importlib import import_module
+
+from ..config import Config
+from ..errors import ConfigError
+from ..geometry.stereo import StereoProjection
+from ..types import Estimator
+
+METHODS: dict[str, tuple[str, str]] = {
+    "cross-frame": ("window", "CrossFrame"),
+    "cross-frame-wc": ("per_point", "CrossFrameWC"),
+    "cross-frame-cc": ("per_point", "CrossFrameCC"),
+    "cross-frame-cc-literal": ("per_point", "CrossFrameCCLiteral"),
+    "ekf": ("ekf", "Ekf"),
+    "ekf-cv": ("ekf", "EkfConstantVelocity"),
+    "frame-to-frame": ("frame_to_frame", "FrameToFrame"),
+    "depth-filter": ("per_point", "DepthFilter"),
+}
+
+
+def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
+    """A fresh estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
+    if name not in METHODS:
+        raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
+    module, attribute = METHODS[name]
+    kind = getattr(import_module(f"{__name__}.{module}"), attribute)
+    estimator: Estimator = kind(projection, config)
+    return estimator

@@ -1,0 +1,38 @@
+"""True camera paths: (n, 4, 4) poses world_from_cam, the first one being the world."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A path with `step_m` between frames along +x, `turn_rad` a frame about the vertical axis, and hand shake:
+    each pose but the first is off the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis."""
+
+    step_m: float
+    turn_rad: float = 0.0
+    shake_m: float = 0.0
+    shake_rad: float = 0.0
+
+    def poses(self, frames: int, rng: np.random.Generator) -> Array:
+        """The path (frames, 4, 4) of one trial."""
+        step = se3.exp(np.array([self.step_m, 0, 0, 0, -self.turn_rad, 0]))
+        path = np.empty((frames, 4, 4))
+        path[0] = np.eye(4)
+        for k in range(1, frames):
+            path[k] = se3.orthonormalised(path[k - 1] @ step)
+        shake = rng.normal(size=(frames, 6)) * np.repeat([self.shake_m, self.shake_rad], 3)
+        shake[0] = 0
+        return path @ se3.exp(shake)
+
+
+# The paper says "about 200 mm between frames"; the shake is ours, and keeps round-off noise from repeating itself.
+MOTIONS = {
+    "lateral": Motion(step_m=0.200, shake_m=0.005, shake_rad=0.005),
+    "slow": Motion(step_m=0.010, shake_m=0.0005, shake_rad=0.005),
+    "arc": Motion(step_m=0.200, turn_rad=0.03, shake_m=0.005, shake_rad=0.005),
+}

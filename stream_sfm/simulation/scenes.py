@@ -1,0 +1,210 @@
+"""Random scenes seen by the paper's converging pair, section 4.1: what is true, and what is observed.
+
+512×480 px, points uniform in depth from 2 to 3 m. The paper gives no focal length, baseline or convergence;
+ours: f = 600 px, 250 mm, axes crossing at 2500 mm. Points are projected into the two physical cameras, where
+noise is added; coordinates and covariance are then mapped into the rectified pair in which estimators work.
+All poses and points are in the axes of the rectified left camera.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..geometry.stereo import StereoProjection
+from ..types import Observations
+from .motions import MOTIONS, Motion
+
+WIDTH, HEIGHT, F_PX, BASELINE_M, CROSSING_M = 512, 480, 600.0, 0.250, 2.5
+NEAR_M, FAR_M = 2.0, 3.0
+ROUND_OFF_PX = 12**-0.5  # standard deviation of rounding to whole pixels
+FRAME_NS = 100_000_000
+_BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera
+_CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+_TOE_IN_RAD = float(np.arctan(BASELINE_M / 2 / CROSSING_M))
+
+
+def rectified_projection() -> StereoProjection:
+    """The rectified pair; its principal points are moved so that the crossing point keeps its place."""
+    shift = F_PX * np.tan(_TOE_IN_RAD)
+    return StereoProjection(
+        f_px=F_PX,
+        cx_left_px=_CENTRE[0] - shift,
+        cx_right_px=_CENTRE[0] + shift,
+        cy_px=_CENTRE[1],
+        baseline_m=BASELINE_M,
+        width=WIDTH,
+        height=HEIGHT,
+    )
+
+
+_PROJECTION = rectified_projection()
+_RECTIFIED_FROM_PHYSICAL = (
+    se3.exp_so3([0.0, _TOE_IN_RAD, 0.0]),  # the left camera looks towards +x, the right one towards −x
+    se3.exp_so3([0.0, -_TOE_IN_RAD, 0.0]),
+)
+
+
+def physical_views(points_in_cam: Array) -> Array:
+    """Pixels (…, 2 sides, 2) of points (…, 3), rectified left axes, in the two physical cameras."""
+    sides = []
+    for offset, rectified in zip((0.0, BASELINE_M), _RECTIFIED_FROM_PHYSICAL, strict=True):
+        p = (points_in_cam - [offset, 0.0, 0.0]) @ rectified  # = (Rᵀ X)ᵀ
+        sides.append(F_PX * p[..., :2] / p[..., 2:] + _CENTRE)
+    return np.stack(sides, axis=-2)
+
+
+def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
+    """z (…, 4) and its covariance (…, 4, 4) in the rectified pair, of physical pixels (…, 2, 2) with noise std_px."""
+    z = np.empty((*pixels.shape[:-2], 4))
+    cov = np.zeros((*pixels.shape[:-2], 4, 4))
+    centres = ((_PROJECTION.cx_left_px, _CENTRE[1]), (_PROJECTION.cx_right_px, _CENTRE[1]))
+    for k, (centre, rectified) in enumerate(zip(centres, _RECTIFIED_FROM_PHYSICAL, strict=True)):
+        m = (pixels[..., k, :] - _CENTRE) / F_PX
+        ray = np.concatenate([m, np.ones((*m.shape[:-1], 1))], axis=-1) @ rectified.T
+        side = slice(2 * k, 2 * k + 2)
+        z[..., side] = F_PX * ray[..., :2] / ray[..., 2:] + centre
+        j = (rectified[:2, :2] - ray[..., :2, None] / ray[..., 2:, None] * rectified[2, :2]) / ray[..., 2:, None]
+        cov[..., side, side] = std_px**2 * j @ np.swapaxes(j, -1, -2)
+    return z, cov
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """One trial: truth and observations.
+
+    `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) by track id; `frame`, `track` (k,) of all views, ascending.
+    """
+
+    projection: StereoProjection
+    world_from_cam: Array
+    points_in_world: Array
+    frame: NDArray[np.intp]
+    track: NDArray[np.intp]
+    std_px: float
+    observations: tuple[Observations, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A recipe. With `track_length` (L) and `visible` (M) every point is seen in exactly L successive frames and
+    M points at a time, born evenly; without, in whichever frames both images hold it, at `density` points a frame.
+
+    A point of a controlled scene is drawn from what the cameras of `support_frames` (default L) around the middle
+    of its track all see, so that runs of different L can share one image support. `std_px`: `round_off` noise of
+    that deviation (pixels of size std·√12), or Gaussian.
+    """
+
+    frames: int = 31
+    motion: Motion = MOTIONS["lateral"]
+    track_length: int | None = None
+    visible: int = 48
+    density: float = 60.0
+    support_frames: int | None = None
+    std_px: float = ROUND_OFF_PX
+    round_off: bool = True
+
+    def sequence(self, seed: np.random.SeedSequence) -> Sequence:
+        """Draw one trial; the same seed gives the same numbers."""
+        rng = np.random.default_rng(seed)
+        path = self.motion.poses(self.frames, rng)
+        if self.track_length is None:
+            points, seen = self._natural(path, rng)
+        else:
+            points, seen = self._controlled(path, rng)
+        frame, track, points = _tracks(seen, points)
+        in_cam = np.einsum("kij,kj->ki", se3.inverse(path)[frame, :3, :3], points[track] - path[frame, :3, 3])
+        exact = physical_views(in_cam)
+        if self.round_off:
+            pixel = self.std_px / ROUND_OFF_PX
+            measured = np.round(exact / pixel) * pixel
+        else:
+            measured = exact + rng.normal(scale=self.std_px, size=exact.shape)
+        z, cov = rectified_views(measured, self.std_px)
+        observations = []
+        for n in range(self.frames):
+            rows = slice(*np.searchsorted(frame, [n, n + 1]))
+            before = slice(*np.searchsorted(frame, [n - 1, n]))
+            observations.append(
+                Observations(
+                    frame_index=n,
+                    stamp_ns=n * FRAME_NS,
+                    track_ids=track[rows].astype(np.int64),
+                    z_px=z[rows],
+                    cov_px=cov[rows],
+                    n_new=int((~np.isin(track[rows], track[before])).sum()),
+                )
+            )
+        return Sequence(_PROJECTION, path, points, frame, track, self.std_px, tuple(observations))
+
+    def _controlled(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+        """M·(n + L − 1)/L points whose tracks start evenly from frame 1 − L on; (p, 3) and seen (n, p)."""
+        length = min(self.track_length or self.frames, self.frames)
+        if length == self.frames:
+            birth = np.zeros(self.visible, int)
+        else:
+            count = -(-self.visible * (self.frames + length - 1) // length)
+            birth = np.arange(count) * length // self.visible + 1 - length
+        support = self.support_frames or length
+        middle = birth + (length - 1) / 2
+        twist = _twist(path)  # before and after the path it goes on so: only image support depends on it
+        centre = se3.exp(twist * middle[:, None])
+        offsets = np.linspace(-(support - 1) / 2, (support - 1) / 2, 3 if support > 1 else 1)
+        points = np.empty((len(birth), 3))
+        open_ = np.arange(len(birth))
+        while len(open_):
+            draw = _draw_in_view(rng, len(open_))
+            inside = np.ones(len(open_), bool)
+            for offset in offsets:
+                inside &= _in_view(se3.transform(se3.exp(-twist * offset), draw))
+            world = np.einsum("pij,pj->pi", centre[open_, :3, :3], draw) + centre[open_, :3, 3]
+            points[open_[inside]] = world[inside]
+            open_ = open_[~inside]
+        n = np.arange(self.frames)[:, None]
+        return points, (n >= birth) & (n < birth + length)
+
+    def _natural(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+        """Points along the path and beyond its ends, enough for `density` in view of a frame; (p, 3), seen (n, p)."""
+        tried = int(2 * self.density * (self.frames + 2 * _BEYOND_ENDS))
+        anchor = se3.exp(_twist(path) * rng.uniform(-_BEYOND_ENDS, self.frames - 1 + _BEYOND_ENDS, (tried, 1)))
+        world = np.einsum("pij,pj->pi", anchor[:, :3, :3], _draw_in_view(rng, tried)) + anchor[:, :3, 3]
+        seen = np.stack([_in_view(se3.transform(se3.inverse(p), world)) for p in path])
+        share = seen.sum() / self.frames / tried  # of the points, in view of an average frame
+        count = min(tried, round(self.density / max(share, 1e-9)))
+        return world[:count], seen[:, :count]
+
+
+def _twist(path: Array) -> Array:
+    """The motion (6,) of one frame on the smooth path through the first and last pose."""
+    xi = se3.log(path[-1]) / max(1, len(path) - 1)
+    return np.asarray(xi)
+
+
+def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:
+    """Whether both physical images hold the points (…, 3)."""
+    pixels = physical_views(points_in_cam)
+    inside = (pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])
+    return np.asarray((points_in_cam[..., 2] > 0.1) & inside.all(axis=(-1, -2)))
+
+
+def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
+    """Points (n, 3) uniform in depth and over the left image, rectified left axes; the right image is not asked."""
+    depth = rng.uniform(NEAR_M, FAR_M, n)
+    pixel = rng.uniform([-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], (n, 2))
+    ray = np.column_stack([(pixel - _CENTRE) / F_PX, np.ones(n)]) @ _RECTIFIED_FROM_PHYSICAL[0].T
+    return ray * (depth / ray[:, 2])[:, None]
+
+
+def _tracks(seen: NDArray[np.bool_], points: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Views as (frame, track) rows, ascending; a point that comes back into view is a new track with a new id."""
+    born = seen & ~np.vstack([np.zeros((1, seen.shape[1]), bool), seen[:-1]])
+    birth_frame, birth_point = np.nonzero(born)  # ascending by frame: ids ascend with time
+    number = np.zeros(seen.shape, np.intp)
+    number[birth_frame, birth_point] = np.arange(len(birth_frame)) + 1
+    number = np.maximum.accumulate(number, axis=0) - 1
+    frame, point = np.nonzero(seen)
+    track = number[frame, point]
+    order = np.lexsort((track, frame))
+    return frame[order], track[order], points[birth_point]
