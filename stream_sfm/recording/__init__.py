@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 _PUBLIC = {
     "ImageMessage": "messages",
-    "ReadStats": "stereo_log",
+    "ReadStats": "pair_reader",
     "StereoLog": "stereo_log",
-    "StereoPair": "stereo_log",
+    "StereoPair": "pair_reader",
     "inspect_log": "inspection",
     "open_log": "stereo_log",
 }
@@ -21,7 +21,8 @@ __all__ = ["ImageMessage", "ReadStats", "StereoLog", "StereoPair", "inspect_log"
 if TYPE_CHECKING:
     from .inspection import inspect_log
     from .messages import ImageMessage
-    from .stereo_log import ReadStats, StereoLog, StereoPair, open_log
+    from .pair_reader import ReadStats, StereoPair
+    from .stereo_log import StereoLog, open_log
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,45 +11,13 @@ from ..calibration import read_calibration
 from ..errors import LogError
 from ..types import StereoFrame, StereoRig, Trajectory
 from .ground_truth import DEPTH_TOPIC, read_depths, read_truth, truth_topic
-from .images import Grey, GreyScaler, UndecodableImage, check_encoding, decode_grey, image_size
-from .messages import ImageMessage, MessageDecoder, UndecodableMessage
-from .pairing import Pairer, PairingCounts
+from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
+from .messages import MessageDecoder, UndecodableMessage
+from .pair_reader import PairReader, ReadStats, StereoPair
 from .records import Damage, LogFile
 from .rig import check_sides, rig_from_messages
 from .survey import Survey, read_calibration_messages, survey_log
 from .topics import PairChoice, choose_calibration, choose_pair, is_rectified
-
-
-@dataclass(frozen=True, slots=True)
-class StereoPair:
-    """Two images of one moment as recorded; the pair's stamp is the left one's."""
-
-    left: ImageMessage
-    right: ImageMessage
-
-    @property
-    def stamp_ns(self) -> int:
-        """Nanoseconds, of the left image."""
-        return self.left.stamp_ns
-
-
-@dataclass(slots=True)
-class ReadStats:
-    """What one reading met; final when its iterator has ended. Frames of one side count single images."""
-
-    left_read: int = 0
-    right_read: int = 0
-    paired: int = 0
-    paired_exactly: int = 0
-    unpaired_left: int = 0
-    unpaired_right: int = 0
-    dropped_backwards: int = 0  # stamp not after the one before it on the same side
-    undecodable: int = 0  # messages, or pairs of which one image is damaged or of another size
-    largest_offset_ns: int = 0  # between the stamps of a pair
-    bytes_read: int = 0
-    bytes_total: int = 0
-    complete: bool = True  # false: something of the file could not be read
-    warnings: list[str] = field(default_factory=list)
 
 
 def open_log(
@@ -119,71 +86,19 @@ class StereoLog:
         self.path = file.path
         self.rig = rig
         self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
-        self.stats = ReadStats(bytes_total=file.size)
+        self._reader = PairReader(file, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
-        self._warnings: list[str] = []  # of the ground truth, which is read apart
         self._camera_frame = ""
 
+    @property
+    def stats(self) -> ReadStats:
+        """What the latest reading met; final when its iterator has ended."""
+        return self._reader.stats
+
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """All pairs in ascending order of stamps, not decoded; the bytes are those of the log.
-
-        A log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError
-        where the images are of a kind that is not read, or where nothing could be paired.
-        """
-        stats = self.stats = ReadStats(bytes_total=self._file.size)
-        damage = Damage()
-        decoder = MessageDecoder(self.path)
-        pairer: Pairer[ImageMessage] = Pairer()
-        sides = {self.left_topic: 0, self.right_topic: 1}
-        unchecked = {0, 1}
-        problem = ""
-        try:
-            for message in self._file.messages(damage, frozenset(sides)):
-                side = sides[message.channel.topic]
-                try:
-                    image = decoder.image(message)
-                except UndecodableMessage as error:
-                    stats.undecodable += 1
-                    problem = problem or str(error)
-                    continue
-                if side in unchecked:
-                    check_encoding(image, self.path)
-                    unchecked.remove(side)
-                for left, right in pairer.push(side, image.stamp_ns, image):
-                    self._count(stats, damage, pairer.counts)
-                    yield StereoPair(left, right)
-            for left, right in pairer.finish():
-                self._count(stats, damage, pairer.counts)
-                yield StereoPair(left, right)
-        finally:
-            self._count(stats, damage, pairer.counts)
-            stats.complete = damage.complete
-            stats.warnings += _warnings(stats, damage, problem, self)
-        if stats.paired == 0:
-            raise LogError(self._nothing_paired(stats, problem))
-
-    @staticmethod
-    def _count(stats: ReadStats, damage: Damage, counts: PairingCounts) -> None:
-        stats.left_read, stats.right_read = counts.read
-        stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
-        stats.unpaired_left, stats.unpaired_right = counts.unpaired
-        stats.dropped_backwards = sum(counts.backwards)
-        stats.largest_offset_ns = counts.largest_offset_ns
-        stats.bytes_read = damage.bytes_read
-
-    def _nothing_paired(self, stats: ReadStats, problem: str) -> str:
-        of = f"{self.left_topic} ({stats.left_read} images) and {self.right_topic} ({stats.right_read})"
-        if not stats.left_read or not stats.right_read:
-            cure = problem or "; ".join(stats.warnings) or "both cameras must have images"
-        elif stats.dropped_backwards:
-            cure = f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
-        else:
-            cure = (
-                "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
-                "after the other (then sort the file with `mcap sort`)?"
-            )
-        return f"{self.path}: no stereo pair in {of}: {cure}"
+        """All pairs in ascending order of stamps, not decoded; see `PairReader.pairs`."""
+        return self._reader.pairs()
 
     def frames(
         self,
@@ -333,21 +248,3 @@ class _Decoding:
     def _skip(self, problem: str) -> None:
         self._log.stats.undecodable += 1
         self.problem = self.problem or problem
-
-
-def _warnings(stats: ReadStats, damage: Damage, problem: str, log: StereoLog) -> list[str]:
-    notes = list(damage.notes)
-    if not damage.complete:
-        notes.append(
-            f"{log.path} could be read in part only: {stats.paired} stereo frames from "
-            f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
-        )
-    if stats.dropped_backwards:
-        notes.append(f"{stats.dropped_backwards} images were dropped: their stamps repeat or go backwards")
-    if stats.unpaired_left + stats.unpaired_right > 2:  # one or two at the ends are usual
-        notes.append(
-            f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a frame"
-        )
-    if problem:
-        notes.append(f"messages that could not be read, the first: {problem}")
-    return notes
