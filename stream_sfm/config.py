@@ -22,9 +22,26 @@ class FrontendConfig(_Section, frozen=True):
     """Detection, left-right matching, tracking."""
 
     max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 240
-    min_corner_distance_px: Annotated[
-        float, Meta(description="smallest distance between a new corner and any other point", ge=2)
-    ] = 12.0
+    renew_share: Annotated[
+        float, Meta(description="new points are sought when this share is missing", ge=0, le=1)
+    ] = 0.05
+    min_corner_distance_px: Annotated[float, Meta(description="a new corner's distance to other points", ge=2)] = (
+        12.0
+    )
+    min_corner_response: Annotated[
+        float, Meta(description="least eigenvalue of a corner (OpenCV's scale)", gt=0)
+    ] = 2e-4
+    smoothing_px: Annotated[float, Meta(description="Gaussian smoothing before anything else", ge=0, le=5)] = 1.0
+    window_radius_px: Annotated[int, Meta(description="half width of the tracked patch", ge=3, le=30)] = 10
+    pyramid_levels: Annotated[int, Meta(description="halvings of the image that flow starts from", ge=0, le=8)] = 3
+    max_realignment_px: Annotated[float, Meta(description="largest step from flow to template", gt=0)] = 1.5
+    max_row_difference_px: Annotated[float, Meta(description="largest difference of rows, left to right", gt=0)] = (
+        1.5
+    )
+    max_grey_error: Annotated[float, Meta(description="largest mean grey difference to the template", gt=0)] = 16.0
+    max_disparity_share: Annotated[float, Meta(description="largest disparity, share of the width", gt=0, le=1)] = (
+        0.25
+    )
 
 
 class WindowConfig(_Section, frozen=True):

@@ -147,6 +147,8 @@ class CrossFrame:
         assert self.prior is not None
         frame = self.frames.pop(0)
         x = frame.cam_from_ref
+        # a point enters the prior with a stereo view: one side alone would leave its depth open
+        frame.info[(frame.info[:, 2, 2] == 0) & ~np.isin(frame.ids, self.prior.ids)] = 0
         seen = frame.info.any(axis=(1, 2))
         later = np.unique(
             np.concatenate([f.ids[f.info.any(axis=(1, 2))] for f in self.frames] + [np.empty(0, int)])
@@ -169,6 +171,7 @@ class CrossFrame:
         back = se3.inverse(x)
         for f in self.frames:
             f.cam_from_ref = se3.orthonormalised(f.cam_from_ref @ back)
+        self._drop_unseen()
 
     def _of_prior(self) -> tuple[NDArray[np.int64], Array, Array]:
         assert self.prior is not None
@@ -208,10 +211,13 @@ class CrossFrame:
         self.strikes = {i: n for i, n in self.strikes.items() if i in present}
 
     def _drop_unseen(self) -> None:
+        """Points leave the state that neither the prior nor an accepted stereo view of the window determines."""
         assert self.prior is not None
-        used = np.concatenate([self.prior.ids, *(f.ids[f.info.any(axis=(1, 2))] for f in self.frames)])
+        used = np.concatenate([self.prior.ids, *(f.ids[f.info[:, 2, 2] > 0] for f in self.frames)])
         keep = np.isin(self.ids, used)
         self.ids, self.q = self.ids[keep], self.q[keep]
+        for f in self.frames:
+            f.info[~np.isin(f.ids, self.ids)] = 0
 
     def _q_of_views(self, z: Array) -> Array:
         """q of stereo views (n, 4) in the camera that saw them."""

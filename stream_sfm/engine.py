@@ -1,0 +1,118 @@
+"""The page to read first: one stereo frame in, one estimate out. No I/O, no printing.
+
+rectify -> front-end (observations) -> estimator (solution) -> the same in axes of the physical left camera.
+"""
+
+import time
+
+import numpy as np
+
+from .config import Config
+from .errors import FrameError
+from .estimators import make_estimator
+from .frontend.rectify import Rectifier
+from .frontend.tracker import FrontEnd
+from .geometry.pose import Array
+from .types import FrameEstimate, Observations, Solution, StereoFrame, StereoRig
+
+
+class Engine:
+    """Stereo odometry, live: `step` takes bounded time and memory however long the run.
+
+    Raises ConfigError for a rig or configuration that cannot work.
+    """
+
+    def __init__(self, rig: StereoRig, config: Config | None = None) -> None:
+        self.rig = rig
+        self.config = config or Config()
+        self.rectifier = Rectifier(rig)
+        self.frontend = FrontEnd(self.rectifier.projection, self.config, self.rectifier.valid)
+        self.estimator = make_estimator(self.config.method, self.rectifier.projection, self.config)
+        self._next_index = 0
+        self._last_stamp_ns: int | None = None
+
+    def step(self, frame: StereoFrame) -> FrameEstimate:
+        """The estimate of the next frame.
+
+        Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then
+        unchanged and takes the next frame.
+        """
+        self._check(frame)
+        t0 = time.perf_counter()
+        left, right = self.rectifier.rectify(frame.left, frame.right)
+        t1 = time.perf_counter()
+        observations = self.frontend.step(self._next_index, frame.stamp_ns, left, right)
+        t2 = time.perf_counter()
+        solution = self.estimator.step(observations)
+        t3 = time.perf_counter()
+        self._next_index += 1
+        self._last_stamp_ns = frame.stamp_ns
+        timings = {"rectify": t1 - t0, "frontend": t2 - t1, "estimator": t3 - t2}
+        return in_camera_axes(solution, observations, self.rectifier.rect_from_cam, timings)
+
+    def _check(self, frame: StereoFrame) -> None:
+        where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
+        if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
+            raise FrameError(f"{where}: stamp_ns must be an integer number of nanoseconds")
+        if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
+            raise FrameError(
+                f"{where}: stamps must grow, the last frame had {self._last_stamp_ns} ns; drop this frame"
+            )
+        for side, image, camera in (("left", frame.left, self.rig.left), ("right", frame.right, self.rig.right)):
+            if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+                kind = getattr(image, "dtype", type(image).__name__)
+                raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (mono, h × w)")
+            if image.shape != (camera.height, camera.width):
+                raise FrameError(
+                    f"{where}: the {side} image has shape {image.shape}, the calibration says "
+                    f"({camera.height}, {camera.width}); give mono images of the calibrated size"
+                )
+
+
+def in_camera_axes(
+    solution: Solution, observations: Observations, rect_from_cam: Array, timings_s: dict[str, float]
+) -> FrameEstimate:
+    """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
+
+    The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹.
+    """
+    r = rect_from_cam.T  # cam_from_rect
+    c = np.eye(4)
+    c[:3, :3] = rect_from_cam
+    c_inv = c.T
+    r6 = np.zeros((6, 6))
+    r6[:3, :3] = r6[3:, 3:] = r
+
+    def points(p: Array) -> Array:
+        return p @ r.T
+
+    def covariances(s: Array) -> Array:
+        return r @ s @ r.T
+
+    return FrameEstimate(
+        frame_index=observations.frame_index,
+        stamp_ns=int(observations.stamp_ns),
+        status=solution.status,
+        reason=solution.reason,
+        world_from_cam=c_inv @ solution.world_from_cam @ c,
+        cov_pose=r6 @ solution.cov_pose @ r6.T,
+        track_ids=solution.track_ids,
+        points_in_cam=points(solution.points_in_cam),
+        cov_points=covariances(solution.cov_points),
+        points_in_world=points(solution.points_in_world),
+        cov_points_in_world=covariances(solution.cov_points_in_world),
+        window_frame_indices=solution.window_frame_indices,
+        window_world_from_cam=c_inv @ solution.window_world_from_cam @ c,
+        ended_ids=solution.ended_ids,
+        ended_points_in_world=points(solution.ended_points_in_world),
+        ended_cov_points_in_world=covariances(solution.ended_cov_points_in_world),
+        counts={
+            "tracked": len(observations.track_ids) - observations.n_new,
+            "new": observations.n_new,
+            "used": len(solution.track_ids),
+            "rejected": len(solution.rejected_ids),
+        },
+        nis=solution.nis,
+        nis_dof=solution.nis_dof,
+        timings_ms={name: 1e3 * t for name, t in timings_s.items()},
+    )

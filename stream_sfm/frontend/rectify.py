@@ -1,0 +1,93 @@
+"""Any calibrated pair to a rectified one: common focal length and rows, the baseline along +x.
+
+The rectified axes are our own choice from `right_from_left` (x along the baseline, z between the two optical axes),
+whatever rectification a log proposes; poses are handed out in the physical left camera's axes again.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..geometry.pose import Array
+from ..geometry.stereo import StereoProjection
+from ..types import Camera, StereoRig
+
+# A wider view than the lens centre's own scale is bought with resolution; not below this share of it.
+_MIN_FOCAL_SHARE = 0.6
+
+
+class Rectifier:
+    """`projection` of the rectified pair; `rect_from_cam` (3, 3): its axes from the physical left camera's.
+
+    Raises ConfigError where left and right are exchanged.
+    """
+
+    def __init__(self, rig: StereoRig) -> None:
+        rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
+        right_in_left = -rotation.T @ translation
+        x = right_in_left / np.linalg.norm(right_in_left)
+        if x[0] < -0.5:
+            raise ConfigError(
+                f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
+                "exchange left and right (--left, --right), or the sign of the baseline in the calibration"
+            )
+        z = rotation[2] + (0, 0, 1)
+        z = z - (z @ x) * x
+        z /= np.linalg.norm(z)
+        self.rect_from_cam: Array = np.stack([x, np.cross(z, x), z])
+        rotations = (self.rect_from_cam, self.rect_from_cam @ rotation.T)
+        cameras = (rig.left, rig.right)
+        width, height = rig.left.width, rig.left.height
+        extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
+        f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
+        spans = np.mean([e[1] - e[0] for e in extents], axis=0)
+        f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
+        f = f_lens if f_fit > 0.999 * f_lens else max(f_fit, _MIN_FOCAL_SHARE * f_lens)
+        middle = [(e[0] + e[1]) / 2 for e in extents]
+        cx = [(width - 1) / 2 - f * m[0] for m in middle]
+        cy = (height - 1) / 2 - f * (middle[0][1] + middle[1][1]) / 2
+        self.projection = StereoProjection(f, cx[0], cx[1], cy, rig.baseline_m, width, height)
+        self._maps = [_maps(c, r, f, cx[i], cy) for i, (c, r) in enumerate(zip(cameras, rotations, strict=True))]
+        self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
+        if self._maps[0] is not None:
+            seen = cv2.remap(np.full((height, width), 255, np.uint8), *self._maps[0], cv2.INTER_LINEAR)
+            self.valid = seen == 255
+
+    def rectify(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """Left and right images (h, w) uint8, rectified; the same arrays where nothing has to move."""
+        return [
+            image if maps is None else cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR)
+            for image, maps in zip((left, right), self._maps, strict=True)
+        ]
+
+
+def _extent(camera: Camera, rotation: Array) -> Array:
+    """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
+    w, h = camera.width - 1.0, camera.height - 1.0
+    pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
+    d = np.array(camera.D) if any(camera.D) else None
+    if camera.distortion_model == "equidistant" and d is not None:
+        rays = cv2.fisheye.undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    else:
+        rays = cv2.undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
+    # a lens of 180° and more reaches behind the rectified plane; the focal share bounds what is kept of it
+    rays = rays[:, :2] / np.maximum(rays[:, 2:], 0.2)
+    return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
+
+
+def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tuple | None:
+    k = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
+    size = (camera.width, camera.height)
+    d = np.array(camera.D) if any(camera.D) else None
+    make = (
+        cv2.fisheye.initUndistortRectifyMap
+        if camera.distortion_model == "equidistant" and d is not None
+        else (cv2.initUndistortRectifyMap)
+    )
+    u, v = make(camera.K, d, rotation, k, size, cv2.CV_32FC1)
+    grid_v, grid_u = np.mgrid[: size[1], : size[0]]
+    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v).max()) < 1e-2:
+        return None
+    return cv2.convertMaps(u, v, cv2.CV_16SC2)

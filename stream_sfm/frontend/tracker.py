@@ -1,0 +1,246 @@
+"""The front-end's page: rectified images in, observations out.
+
+Each frame: follow the points with Lucas-Kanade from the last image, find the motion, align every point in both
+images against the template of its first frame, reject what does not fit one rigid motion, fill up with new corners.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..geometry.resection import resect
+from ..geometry.stereo import StereoProjection
+from ..types import Observations
+from .detect import detect
+from .epipolar import search_rows
+from .noise import ViewNoise
+from .templates import TemplateAtlas
+from .tracks import Tracks
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    left: Image
+    right: Image
+
+
+class FrontEnd:
+    """Follows points through rectified pairs. `valid` (h, w): pixels of the left image that hold picture."""
+
+    def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
+        self.projection = projection
+        self.config = config.frontend
+        self.gate_probability = config.robust.gate_probability
+        r = self.config.window_radius_px
+        edge = np.zeros_like(valid)
+        edge[r:-r, r:-r] = True
+        self.valid = cv2.erode(valid.astype(np.uint8), np.ones((2 * r + 1, 2 * r + 1))).astype(bool) & edge
+        self.atlas = TemplateAtlas(2 * self.config.max_tracks, r)
+        self.noise = ViewNoise(self.config.smoothing_px, r)
+        self.tracks = Tracks.none()
+        self.next_id = 0
+        self.previous: _Pair | None = None
+        self.velocity = np.zeros(6)  # ξ of cam_from_previous a second
+        self.cam_from_start = np.eye(4)
+        self.stamp_ns = 0
+
+    def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
+        """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
+        sigma = self.config.smoothing_px
+        pair = _Pair(*(cv2.GaussianBlur(i, (0, 0), sigma) if sigma > 0 else i for i in (left, right)))
+        motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
+        dt = (stamp_ns - self.stamp_ns) / 1e9
+        if len(self.tracks):
+            motion, z, cov = self._follow(pair, dt)
+        kept = len(self.tracks)
+        z_new, cov_new = self._renew(pair)
+        self.previous, self.stamp_ns = pair, stamp_ns
+        return Observations(
+            frame_index=frame_index,
+            stamp_ns=stamp_ns,
+            track_ids=self.tracks.ids,
+            z_px=np.concatenate([z, z_new]),
+            cov_px=np.concatenate([cov, cov_new]),
+            cam_from_previous=motion,
+            note=_note(left, right, len(self.tracks)),
+            n_new=len(self.tracks) - kept,
+        )
+
+    # -- old points -------------------------------------------------------------------------------------------
+
+    def _follow(self, pair: _Pair, dt: float) -> tuple[Array | None, Array, Array]:
+        """Motion since the last frame (None: not found), views (n, 4) and covariances of the tracks that live on."""
+        predicted = se3.exp(self.velocity * dt)
+        at, found = self._flow(pair, self.tracks.moved(predicted))
+        z = np.full((len(self.tracks), 4), np.nan)
+        z[found, :2] = at[found]
+        motion = self._motion(z, predicted, std_px=0.5)
+        if motion is None:
+            self.tracks, self.velocity = Tracks.none(), np.zeros(6)
+            return None, np.empty((0, 4)), np.empty((0, 4, 4))
+        cam_from_previous, agree = motion
+        tracks = self.tracks.moved(cam_from_previous)
+        expected = self.projection.project_homogeneous(tracks.points)
+        start = np.where(agree[:, None], at, expected[:, :2])  # what flow lost, the motion may find
+        warp = tracks.anchor_from_now(cam_from_previous @ self.cam_from_start)
+        usable = self.atlas.fits(warp) & self._inside(start)
+        tracks, start, warp, expected = tracks.keep(usable), start[usable], warp[usable], expected[usable]
+        z, cov, good = self._align(pair, tracks, start, warp, start[:, 0] - expected[:, 0] + expected[:, 2])
+        tracks, z, cov = tracks.keep(good), z[good], cov[good]
+        final = resect(
+            self.projection,
+            tracks.points,
+            tracks.cov_points(self.noise.var_ray(self.projection)),
+            z,
+            cov,
+            np.eye(4),
+            self.gate_probability,
+        )
+        if not final.ok:
+            self.tracks, self.velocity = Tracks.none(), np.zeros(6)
+            return None, np.empty((0, 4)), np.empty((0, 4, 4))
+        self.noise.learn(final.chi2, final.dof)
+        cam_from_previous = se3.orthonormalised(final.cam_from_ref @ cam_from_previous)
+        self.cam_from_start = se3.orthonormalised(cam_from_previous @ self.cam_from_start)
+        self.velocity = se3.log(cam_from_previous) / dt if dt > 0 else np.zeros(6)
+        good = final.accepted
+        tracks, z, cov = tracks.moved(final.cam_from_ref).keep(good), z[good], cov[good]
+        self.tracks = tracks.measured(z, cov, self.projection)
+        return cam_from_previous, z, cov
+
+    def _flow(self, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
+        """Pyramidal Lucas-Kanade from the last left image, started where the predicted motion puts the points."""
+        assert self.previous is not None
+        start = np.ascontiguousarray(self.projection.project_homogeneous(moved.points)[:, :2], np.float32)
+        at, status, _ = cv2.calcOpticalFlowPyrLK(
+            self.previous.left,
+            pair.left,
+            np.ascontiguousarray(self.tracks.left_px, np.float32).reshape(-1, 1, 2),
+            start.reshape(-1, 1, 2),
+            winSize=self.atlas.window,
+            maxLevel=self.config.pyramid_levels,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.03),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=1e-5,
+        )
+        at = at[:, 0].astype(float)
+        return at, (status[:, 0] > 0) & self._inside(at)
+
+    def _motion(self, z: Array, start: Array, std_px: float) -> tuple[Array, NDArray[np.bool_]] | None:
+        """Motion since the last frame from left views alone, and the tracks that agree with it."""
+        seen = np.isfinite(z[:, 0])
+        cov = np.broadcast_to(std_px**2 * np.eye(4), (int(seen.sum()), 4, 4))
+        cov_points = self.tracks.cov_points(self.noise.var_ray(self.projection))[seen]
+        found = None
+        for guess in (start, np.eye(4)):
+            found = resect(
+                self.projection, self.tracks.points[seen], cov_points, z[seen], cov, guess, self.gate_probability
+            )
+            if found.ok and found.accepted.mean() > 0.4:
+                agree = np.zeros(len(z), bool)
+                agree[seen] = found.accepted
+                return found.cam_from_ref, agree
+        return None
+
+    def _inside(self, at: Array) -> NDArray[np.bool_]:
+        u, v = np.rint(at).astype(int).T
+        h, w = self.valid.shape
+        inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+        return inside & self.valid[v.clip(0, h - 1), u.clip(0, w - 1)]
+
+    def _align(
+        self, pair: _Pair, tracks: Tracks, start: Array, warp: Array, start_right_u: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
+        cfg = self.config
+        mosaics = self.atlas.mosaics(tracks.slots, warp, pair.left.shape)
+        left, ok_l, error_l = self.atlas.align(mosaics, pair.left, start)
+        good = ok_l & (np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px)
+        good &= (error_l < cfg.max_grey_error) & self._inside(left)
+        start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1]], axis=1)
+        right, ok_r, error_r = self.atlas.align(mosaics, pair.right, start_r)
+        seen = (
+            ok_r & (error_r < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
+        )
+        r = cfg.window_radius_px
+        seen &= (right[:, 0] > r) & (right[:, 0] < pair.left.shape[1] - 1 - r)
+        z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
+        return z, self.noise.covariance(tracks.gradients, warp, error_l, error_r), good
+
+    # -- new points -------------------------------------------------------------------------------------------
+
+    def _renew(self, pair: _Pair) -> tuple[Array, Array]:
+        """New tracks where they are missing: corners, unique on their row, aligned in the right image."""
+        cfg, p = self.config, self.projection
+        none = np.empty((0, 4)), np.empty((0, 4, 4))
+        wanted = cfg.max_tracks - len(self.tracks)
+        if wanted < cfg.max_tracks * cfg.renew_share:
+            return none
+        corners = detect(
+            pair.left, self.tracks.left_px, self.valid, wanted, cfg.min_corner_distance_px, cfg.min_corner_response
+        )
+        if not len(corners):
+            return none
+        disparity, unique = self._row_search(pair, corners)
+        corners, disparity = corners[unique], disparity[unique]
+        free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
+        gradients = self.atlas.store(pair.left, corners, free)
+        left = corners.astype(float)
+        warp = np.broadcast_to(np.eye(2), (len(left), 2, 2))
+        mosaics = self.atlas.mosaics(free, warp, pair.left.shape)
+        start = np.stack([left[:, 0] - disparity, left[:, 1]], axis=1)
+        right, ok, error = self.atlas.align(mosaics, pair.right, start, levels=0)
+        ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
+        ok &= np.linalg.norm(right - start, axis=1) < 2.0 + (2.0 if pair.left.shape[1] > 800 else 0.0)
+        cov = self.noise.covariance(gradients, warp, error, error)
+        z = np.concatenate([left, right], axis=1)
+        rho = ((z[:, 0] - p.cx_left_px) - (z[:, 2] - p.cx_right_px)) / (p.f_px * p.baseline_m)
+        var_rho = (cov[:, 0, 0] + cov[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
+        ok &= rho > -2 * np.sqrt(var_rho)
+        n = int(ok.sum())
+        rays = np.stack([(left[:, 0] - p.cx_left_px) / p.f_px, (left[:, 1] - p.cy_px) / p.f_px], axis=1)
+        points = np.concatenate([rays, np.ones((len(rays), 1)), rho[:, None]], axis=1)
+        new = Tracks(
+            ids=self.next_id + np.arange(n, dtype=np.int64),
+            slots=free[ok],
+            left_px=left[ok],
+            points=points[ok],
+            var_rho=var_rho[ok],
+            gradients=gradients[ok],
+            anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
+        )
+        self.next_id += n
+        self.tracks = self.tracks.joined(new)
+        return z[ok], cov[ok]
+
+    def _row_search(self, pair: _Pair, corners: NDArray[np.intp]) -> tuple[Array, NDArray[np.bool_]]:
+        """Whole-pixel start of the disparity (n,), searched on images of at most 640 columns, and uniqueness (n,)."""
+        p, level = self.projection, 0
+        left, right = pair.left, pair.right
+        while left.shape[1] > 640:
+            left, right, level = cv2.pyrDown(left), cv2.pyrDown(right), level + 1
+        scale = 0.5**level
+        far = p.cx_left_px - p.cx_right_px
+        near = far + self.config.max_disparity_share * p.width
+        span = (int(np.floor(far * scale)) - 1, int(np.ceil(near * scale)))
+        found, unique = search_rows(left, right, corners * scale, span)
+        return found / scale, unique
+
+
+def _note(left: Image, right: Image, tracked: int) -> str:
+    """What is wrong with the images where nothing can be tracked in them; empty otherwise."""
+    if tracked >= 8:
+        return ""
+    for name, image in (("left", left), ("right", right)):
+        if image.max() < 8:
+            return f"the {name} image is black"
+        if image.min() > 247:
+            return f"the {name} image is white"
+    return f"{tracked} points can be matched in the images: too little texture, or blurred"
