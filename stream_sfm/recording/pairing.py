@@ -52,6 +52,11 @@ class Pairer(Generic[T]):
         if len(self._heaps[side]) > _REORDER:
             self._sorted(side)
             yield from self._merge()
+        if len(self._queues[side]) >= _PENDING:
+            # The other side is silent: what it still holds back to be sorted must not be missed.
+            while self._heaps[1 - side] and not self._queues[1 - side]:
+                self._sorted(1 - side)
+                yield from self._merge()
 
     def finish(self) -> Iterator[tuple[T, T]]:
         """The pairs still waiting; what is left over is unpaired."""

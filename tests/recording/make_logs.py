@@ -1,0 +1,317 @@
+"""Small stereo logs for the tests, written with the public MCAP libraries.
+
+One function, `write_log`, covers profile × image encoding × container layout; the scene is a textured wall seen by
+two parallel cameras, so that disparity is 12 px everywhere.
+"""
+
+import base64
+import json
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import Message as Protobuf
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+from mcap_ros2._dynamic import serialize_dynamic
+
+WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12
+START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000
+
+_HEADER = "std_msgs/Header header\n"
+_HEADER_TYPES = (
+    "================\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    "================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+)
+_IMAGE = "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"
+_INFO = "uint32 height\nuint32 width\nstring distortion_model\n"
+_POSE_TYPES = (
+    "================\nMSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n"
+    "================\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+    "================\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+)
+ROS2 = {
+    "sensor_msgs/msg/Image": _HEADER + _IMAGE + _HEADER_TYPES,
+    "sensor_msgs/msg/CompressedImage": _HEADER + "string format\nuint8[] data\n" + _HEADER_TYPES,
+    "sensor_msgs/msg/CameraInfo": _HEADER
+    + _INFO
+    + "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n"
+    + _HEADER_TYPES,
+    "geometry_msgs/msg/PoseStamped": _HEADER + "geometry_msgs/Pose pose\n" + _HEADER_TYPES + _POSE_TYPES,
+}
+_ROS1_HEADER = "================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+ROS1 = {
+    "sensor_msgs/Image": "Header header\n" + _IMAGE + _ROS1_HEADER,
+    "sensor_msgs/CompressedImage": "Header header\nstring format # jpeg, png\nuint8[] data\n" + _ROS1_HEADER,
+    "sensor_msgs/CameraInfo": "Header header\n"
+    + _INFO
+    + "float64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n"
+    + _ROS1_HEADER,
+}
+
+K = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Calib:
+    """One calibration message; `P` of the right camera holds −f·baseline."""
+
+    width: int = WIDTH
+    height: int = HEIGHT
+    model: str = "plumb_bob"
+    D: tuple[float, ...] = (0.0,) * 5
+    K: np.ndarray = field(default_factory=K.copy)
+    R: np.ndarray = field(default_factory=lambda: np.eye(3))
+    P: np.ndarray = field(default_factory=lambda: np.c_[K, np.zeros(3)])
+
+
+def right_calib(**changes: Any) -> Calib:
+    """The right camera of the default pair."""
+    p = np.c_[K, [-FOCAL_PX * BASELINE_M, 0, 0]]
+    return replace(Calib(P=p), **changes)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What to write; the defaults are a sound log of 12 frames."""
+
+    profile: str = "foxglove"  # foxglove, json, ros2, ros1
+    encoding: str = "png"
+    topics: tuple[str, str] = ("/camera/left/image", "/camera/right/image")
+    info_topics: tuple[str, str] = ("/camera/left/calibration", "/camera/right/calibration")
+    infos: tuple[Calib | None, Calib | None] = field(default_factory=lambda: (Calib(), right_calib()))
+    info_at: tuple[int, ...] = (0,)  # frames before which the calibration is sent
+    left: tuple[int, ...] = tuple(range(12))  # numbers of the frames that were recorded on each side
+    right: tuple[int, ...] = tuple(range(12))
+    right_offset_ns: int = 0
+    swap: bool = False  # the images, not the calibration
+    truth: bool = False
+    size: tuple[int, int] = (WIDTH, HEIGHT)
+
+
+def scene(frame: int, side: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.ndarray:
+    """Grey image (h, w) uint8 of one side; the wall moves 2 px a frame."""
+    rng = np.random.default_rng(7)
+    width, height = size
+    wall = cv2.GaussianBlur(rng.integers(0, 256, (height, 4 * width + 200), dtype=np.uint8), (0, 0), 1.2)
+    wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX)
+    start = 20 + 2 * frame + (DISPARITY_PX if side else 0)
+    return np.ascontiguousarray(wall[:, start : start + width])
+
+
+def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
+    """Bytes, bytes a row (0: compressed) and big-endianness of a grey image in `encoding`."""
+    width = grey.shape[1]
+    if encoding in ("png", "jpeg", "webp"):
+        suffix = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}[encoding]
+        return cv2.imencode(suffix, grey)[1].tobytes(), 0, False
+    if encoding == "mono16":
+        return (grey.astype("<u2") * 16).tobytes(), 2 * width, False
+    if encoding == "mono16-be":
+        return (grey.astype(np.uint16) * 16).astype(">u2").tobytes(), 2 * width, True
+    if encoding == "mono8-padded":
+        return np.pad(grey, ((0, 0), (0, 5))).tobytes(), width + 5, False
+    if encoding in ("rgb8", "bgr8", "8UC3"):
+        return np.repeat(grey[..., None], 3, axis=2).tobytes(), 3 * width, False
+    if encoding in ("rgba8", "bgra8"):
+        return np.repeat(grey[..., None], 4, axis=2).tobytes(), 4 * width, False
+    if encoding in ("yuv422", "uyvy"):
+        return np.stack([np.full_like(grey, 128), grey], axis=2).tobytes(), 2 * width, False
+    if encoding in ("yuyv", "yuv422_yuy2"):
+        return np.stack([grey, np.full_like(grey, 128)], axis=2).tobytes(), 2 * width, False
+    return grey.tobytes(), width, False  # mono8, 8UC1, bayer_*
+
+
+Encoder = Callable[[dict[str, Any]], bytes]
+
+
+class LogWriter:
+    """Messages of the four dialects into one MCAP file."""
+
+    def __init__(self, path: Path, **container: Any) -> None:
+        self._stream = path.open("wb")
+        self.writer = Writer(self._stream, **container)
+        self.writer.start(profile="", library="tests")
+        self._channels: dict[tuple[str, str], int] = {}
+
+    def add(
+        self, topic: str, schema: str, encodings: tuple[str, str], definition: bytes, time: int, data: bytes
+    ) -> None:
+        if (topic, schema) not in self._channels:
+            schema_id = self.writer.register_schema(schema, encodings[1], definition)
+            self._channels[topic, schema] = self.writer.register_channel(topic, encodings[0], schema_id)
+        self.writer.add_message(self._channels[topic, schema], time, data, time)
+
+    def protobuf(self, topic: str, message: Protobuf, time: int) -> None:
+        definition = build_file_descriptor_set(type(message)).SerializeToString()
+        name = type(message).DESCRIPTOR.full_name
+        self.add(topic, name, ("protobuf", "protobuf"), definition, time, message.SerializeToString())
+
+    def ros2(self, topic: str, name: str, message: dict[str, Any], time: int) -> None:
+        data = serialize_dynamic(name, ROS2[name])[name](message)
+        self.add(topic, name, ("cdr", "ros2msg"), ROS2[name].encode(), time, data)
+
+    def ros1(self, topic: str, name: str, data: bytes, time: int) -> None:
+        self.add(topic, name, ("ros1", "ros1msg"), ROS1[name].encode(), time, data)
+
+    def json(self, topic: str, name: str, message: dict[str, Any], time: int) -> None:
+        self.add(topic, name, ("json", "jsonschema"), b'{"type":"object"}', time, json.dumps(message).encode())
+
+    def close(self) -> None:
+        self.writer.finish()
+        self._stream.close()
+
+
+def write_image(log: LogWriter, profile: str, topic: str, time: int, grey: np.ndarray, encoding: str) -> None:
+    """One image message, header stamp `time`."""
+    data, step, big = encode(grey, encoding)
+    name = encoding.removesuffix("-be").removesuffix("-padded")
+    height, width = grey.shape
+    sec, nsec = divmod(time, 10**9)
+    stamped = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": "left"}}
+    if profile == "foxglove":
+        image = (
+            RawImage(frame_id="left", width=width, height=height, encoding=name, step=step, data=data)
+            if step
+            else CompressedImage(frame_id="left", format=name, data=data)
+        )
+        image.timestamp.FromNanoseconds(time)
+        log.protobuf(topic, image, time)
+    elif profile == "json":
+        text = {
+            "timestamp": {"sec": sec, "nsec": nsec},
+            "frame_id": "left",
+            "data": base64.b64encode(data).decode(),
+        }
+        raw = {"width": width, "height": height, "encoding": name, "step": step}
+        log.json(
+            topic,
+            f"foxglove.{'RawImage' if step else 'CompressedImage'}",
+            text | (raw if step else {"format": name}),
+            time,
+        )
+    elif profile == "ros2":
+        raw = {"height": height, "width": width, "encoding": name, "is_bigendian": big, "step": step, "data": data}
+        kind = "Image" if step else "CompressedImage"
+        log.ros2(
+            topic, f"sensor_msgs/msg/{kind}", stamped | (raw if step else {"format": name, "data": data}), time
+        )
+    else:
+        header = struct.pack("<III", 0, sec, nsec) + _text("left")
+        if step:
+            body = struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step)
+        else:
+            body = _text(name)
+        kind = "Image" if step else "CompressedImage"
+        log.ros1(topic, f"sensor_msgs/{kind}", header + body + struct.pack("<I", len(data)) + data, time)
+
+
+def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib) -> None:
+    """One calibration message."""
+    sec, nsec = divmod(time, 10**9)
+    k, r, p = (m.ravel().tolist() for m in (c.K, c.R, c.P))
+    if profile == "foxglove":
+        message = CameraCalibration(
+            frame_id="left", width=c.width, height=c.height, distortion_model=c.model, D=c.D, K=k, R=r, P=p
+        )
+        message.timestamp.FromNanoseconds(time)
+        log.protobuf(topic, message, time)
+    elif profile == "json":
+        text = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "left", "width": c.width, "height": c.height}
+        text |= {"distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
+        log.json(topic, "foxglove.CameraCalibration", text, time)
+    elif profile == "ros2":
+        header = {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": "left"}
+        body = {
+            "height": c.height,
+            "width": c.width,
+            "distortion_model": c.model,
+            "d": list(c.D),
+            "k": k,
+            "r": r,
+            "p": p,
+        }
+        log.ros2(topic, "sensor_msgs/msg/CameraInfo", {"header": header} | body, time)
+    else:
+        data = struct.pack("<III", 0, sec, nsec) + _text("left") + struct.pack("<II", c.height, c.width)
+        data += _text(c.model) + struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
+        log.ros1(topic, "sensor_msgs/CameraInfo", data, time)
+
+
+def _text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def write_log(path: Path, spec: Spec | None = None, **container: Any) -> Path:
+    """The log of `spec` at `path`; `container` goes to `mcap.writer.Writer`. Returns the path."""
+    spec = spec or Spec()
+    log = LogWriter(path, **container)
+    for n in range(max((*spec.left, *spec.right), default=-1) + 1):
+        time = START_NS + n * PERIOD_NS
+        for topic, info in zip(spec.info_topics, spec.infos, strict=True):
+            if n in spec.info_at and info is not None:
+                write_info(log, spec.profile, topic, time, info)
+        for side, numbers in enumerate((spec.left, spec.right)):
+            if n in numbers:
+                grey = scene(n, side ^ spec.swap, spec.size)
+                stamp = time + spec.right_offset_ns * side
+                write_image(log, spec.profile, spec.topics[side], stamp, grey, spec.encoding)
+        if spec.truth:
+            pose = PoseInFrame(frame_id="world")
+            pose.timestamp.FromNanoseconds(time)
+            pose.pose.position.x = 0.05 * n
+            pose.pose.orientation.w = 1.0
+            log.protobuf("/ground_truth/pose", pose, time)
+            depth = np.full((HEIGHT, WIDTH), 20000, np.uint16)
+            depth[0, 0] = 0
+            image = CompressedImage(frame_id="left", format="png", data=cv2.imencode(".png", depth)[1].tobytes())
+            image.timestamp.FromNanoseconds(time)
+            log.protobuf("/ground_truth/depth", image, time)
+    log.close()
+    return path
+
+
+CONTAINERS: dict[str, dict[str, Any]] = {
+    "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 20_000},
+    "lz4": {"compression": CompressionType.LZ4, "chunk_size": 20_000},
+    "uncompressed chunks": {"compression": CompressionType.NONE, "chunk_size": 20_000},
+    "unchunked": {"use_chunking": False},
+    "no index": {
+        "chunk_size": 20_000, "index_types": IndexType.NONE, "repeat_channels": False, "repeat_schemas": False,
+        "use_statistics": False, "use_summary_offsets": False,
+    },
+}  # fmt: skip
+
+
+def whole_messages(path: Path) -> Iterable[tuple[int, int, int]]:
+    """(end offset in the file, channel id, log time) of the messages of an unchunked log, read independently."""
+    data = path.read_bytes()
+    at = 8
+    while at + 9 <= len(data):
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        if opcode == 5:
+            channel, _, time = struct.unpack_from("<HIQ", data, at + 9)
+            yield at + 9 + length, channel, time
+        if opcode == 2:
+            return
+        at += 9 + length
+
+
+def video(path: Path) -> Path:
+    """A log whose cameras are H.264 video."""
+    log = LogWriter(path)
+    for topic in Spec.topics:
+        message = CompressedVideo(frame_id="left", format="h264", data=b"\0\0\0\1")
+        message.timestamp.FromNanoseconds(START_NS)
+        log.protobuf(topic, message, START_NS)
+    log.close()
+    return path

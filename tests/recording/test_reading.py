@@ -1,0 +1,397 @@
+"""Every profile, encoding and container gives the same frames; damaged logs give all that is whole."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from make_logs import (
+    BASELINE_M,
+    CONTAINERS,
+    PERIOD_NS,
+    START_NS,
+    Calib,
+    LogWriter,
+    Spec,
+    right_calib,
+    scene,
+    video,
+    whole_messages,
+    write_image,
+    write_log,
+)
+
+from stream_sfm import LogError, StereoRig, open_log
+from stream_sfm.recording import inspect_log
+
+ENCODINGS = (
+    "png", "jpeg", "webp", "mono8", "mono8-padded", "8UC1", "mono16", "rgb8", "bgr8", "8UC3", "rgba8", "bgra8",
+    "yuv422", "uyvy", "yuyv", "yuv422_yuy2", "bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8",
+)  # fmt: skip
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "log.mcap"
+
+
+def check_frames(path, tolerance=0.0, count=12, **kwargs):
+    log = open_log(path, **kwargs)
+    frames = list(log.frames())
+    assert [f.stamp_ns for f in frames] == [START_NS + n * PERIOD_NS for n in range(count)]
+    for n, frame in enumerate(frames):
+        for side, image in enumerate((frame.left, frame.right)):
+            assert image.dtype == np.uint8 and image.flags.c_contiguous
+            # the border of a demosaiced image is made up
+            error = np.abs(image.astype(int) - scene(n, side))[2:-2, 2:-2].mean()
+            assert error <= tolerance, (n, side)
+    assert log.stats.complete and log.stats.paired == count and not log.stats.warnings
+    assert log.rig.baseline_m == pytest.approx(BASELINE_M)
+    return log
+
+
+@pytest.mark.parametrize("profile", ["foxglove", "json", "ros2", "ros1"])
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_every_profile_in_every_container(path, profile, container):
+    check_frames(write_log(path, Spec(profile=profile), **CONTAINERS[container]))
+
+
+@pytest.mark.parametrize("profile", ["foxglove", "ros2"])
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_every_encoding(path, profile, encoding):
+    tolerance = {"jpeg": 2.0}.get(encoding, 12.0 if "bayer" in encoding else 0.0)
+    check_frames(write_log(path, Spec(profile=profile, encoding=encoding)), tolerance)
+
+
+@pytest.mark.parametrize("profile", ["ros2", "ros1"])
+def test_big_endian_16_bit(path, profile):
+    check_frames(write_log(path, Spec(profile=profile, encoding="mono16-be")))
+
+
+@pytest.mark.parametrize("info_at", [(0,), tuple(range(12)), (9,)])
+@pytest.mark.parametrize("container", ["zstd", "unchunked", "no index"])
+def test_calibration_once_often_late(path, info_at, container):
+    check_frames(write_log(path, Spec(info_at=info_at), **CONTAINERS[container]))
+
+
+@pytest.mark.parametrize(
+    ("topics", "infos"),
+    [
+        (("/cam0/image_raw", "/cam1/image_raw"), ("/cam0/camera_info", "/cam1/camera_info")),
+        (("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"),
+         ("/camera/infra1/camera_info", "/camera/infra2/camera_info")),
+        (("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color"),
+         ("/zed/zed_node/left/camera_info", "/zed/zed_node/right/camera_info")),
+        (("/stereo/left/image_rect/compressed", "/stereo/right/image_rect/compressed"),
+         ("/stereo/left/camera_info", "/stereo/right/camera_info")),
+        (("/left_image", "/right_image"), ("/left_camera_info", "/right_camera_info")),
+    ],
+)  # fmt: skip
+def test_usual_topic_names(path, topics, infos):
+    log = check_frames(write_log(path, Spec(profile="ros2", topics=topics, info_topics=infos)))
+    assert (log.left_topic, log.right_topic) == topics
+
+
+def test_selection_of_frames(path):
+    log = open_log(write_log(path))
+    numbers = lambda **k: [(f.stamp_ns - START_NS) // PERIOD_NS for f in log.frames(**k)]  # noqa: E731
+    assert numbers(start_s=0.3, end_s=0.6) == [3, 4, 5, 6]
+    assert numbers(stride=4) == [0, 4, 8]
+    assert numbers(max_frames=2, start_s=0.5) == [5, 6]
+    with pytest.raises(LogError, match="lies between start 50"):
+        numbers(start_s=50)
+    with pytest.raises(ValueError, match="stride"):
+        numbers(stride=0)
+    assert (log.expected_frames, log.duration_s) == (12, pytest.approx(1.1))
+
+
+def test_bytes_are_handed_on_as_recorded(path):
+    log = open_log(write_log(path))
+    for pair, frame in log.decoded(max_frames=3):
+        assert pair.stamp_ns == frame.stamp_ns
+        again = cv2.imdecode(np.frombuffer(pair.left.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        np.testing.assert_array_equal(again, frame.left)
+
+
+def test_ground_truth_and_depth(path):
+    log = open_log(write_log(path, Spec(truth=True)))
+    truth = log.ground_truth()
+    np.testing.assert_allclose(truth.world_from_cam[:, 0, 3], 0.05 * np.arange(12), atol=1e-12)
+    stamp, depth = next(log.depths())
+    assert stamp == START_NS and depth.dtype == np.float32
+    assert np.isnan(depth[0, 0]) and depth[5, 5] == np.float32(2.0)
+    assert open_log(write_log(path)).ground_truth() is None
+
+
+def test_lost_frames_are_counted(path):
+    log = open_log(write_log(path, Spec(right=(0, 1, 2, 7, 8, 9, 10, 11))))
+    assert len(list(log.frames())) == 8
+    assert (log.stats.unpaired_left, log.stats.unpaired_right) == (4, 0)
+    assert "4 left" in log.stats.warnings[0] and log.stats.complete
+
+
+def test_one_damaged_image_is_skipped(path):
+    log = LogWriter(path)
+    inner = path.with_name("whole.mcap")
+    write_log(inner)
+    whole = open_log(inner)
+    for n, pair in enumerate(whole.pairs()):
+        for side, image in enumerate((pair.left, pair.right)):
+            if (n, side) == (4, 1):
+                message = replace(image, data=image.data[:40])
+                from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+
+                broken = CompressedImage(frame_id="left", format="png", data=message.data)
+                broken.timestamp.FromNanoseconds(image.stamp_ns)
+                log.protobuf(image.topic, broken, image.stamp_ns)
+            else:
+                write_image(log, "foxglove", image.topic, image.stamp_ns, scene(n, side), "png")
+    log.close()
+    read = open_log(path, calibration=whole.rig)
+    assert len(list(read.frames())) == 11
+    assert read.stats.undecodable == 1
+    assert "/camera/right/image" in read.stats.warnings[-1]
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.77, 0.95])
+def test_a_cut_file_gives_all_that_is_whole(path, share):
+    write_log(path, use_chunking=False)
+    data = path.read_bytes()
+    cut = int(share * len(data))
+    cameras = {}
+    for end, channel, time in whole_messages(path):
+        if end <= cut:
+            cameras.setdefault(channel, set()).add(time)
+    # channels 3 and 4 are the images, by the order of writing
+    whole = cameras.get(3, set()) & cameras.get(4, set())
+    path.write_bytes(data[:cut])
+    log = open_log(path)
+    frames = list(log.frames())
+    assert [f.stamp_ns for f in frames] == sorted(whole)
+    assert not log.stats.complete
+    assert "cut off" in log.stats.warnings[0] and str(path) in log.stats.warnings[0]
+    assert f"{len(frames)} stereo frames" in log.stats.warnings[1]
+
+
+@pytest.mark.parametrize("container", ["zstd", "lz4", "uncompressed chunks", "no index"])
+def test_every_cut_point_of_a_chunked_file(path, container):
+    """Frames never get fewer as the file gets longer, every whole chunk counts, and nothing else is raised."""
+    write_log(path, **CONTAINERS[container])
+    data = path.read_bytes()
+    counts = []
+    for cut in range(1000, len(data), 2500):
+        path.write_bytes(data[:cut])
+        try:
+            log = open_log(path)
+            counts.append(len(list(log.frames())))
+        except LogError as error:
+            assert str(path) in str(error)
+            counts.append(0)
+    assert counts == sorted(counts) and counts[-1] >= 9 and counts[len(counts) // 2] >= 4
+
+
+def test_flipped_bytes_never_escape_as_other_errors(path):
+    rng = np.random.default_rng(3)
+    write_log(path, **CONTAINERS["zstd"])
+    data = path.read_bytes()
+    for _ in range(120):
+        broken = bytearray(data)
+        for at in rng.integers(0, len(data), rng.integers(1, 6)):
+            broken[at] = rng.integers(0, 256)
+        path.write_bytes(broken)
+        try:
+            log = open_log(path)
+            delivered = len(list(log.frames()))
+        except LogError:
+            continue
+        assert delivered == 12 or log.stats.warnings
+
+
+def test_a_flipped_byte_costs_its_chunk_only(path):
+    write_log(path, **CONTAINERS["zstd"])
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    log = open_log(path)
+    assert 8 <= len(list(log.frames())) < 12
+    assert not log.stats.complete and "damaged chunk" in log.stats.warnings[0]
+
+
+def test_a_chunk_that_inflates_without_end_is_refused(path):
+    import struct
+
+    import zstandard
+
+    write_log(path, Spec(), use_chunking=False)
+    data = path.read_bytes()
+    bomb = zstandard.compress(bytes(1 << 20))
+    body = (
+        struct.pack("<QQQI", 0, 0, 1 << 40, 0)
+        + struct.pack("<I", 4)
+        + b"zstd"
+        + struct.pack("<Q", len(bomb))
+        + bomb
+    )
+    at = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    path.write_bytes(data[:at] + struct.pack("<BQ", 6, len(body)) + body + data[at:])
+    log = open_log(path)
+    assert len(list(log.frames())) == 12
+    assert "claims to inflate" in log.stats.warnings[0]
+
+
+NO_INFO = (None, None)
+
+
+def log_of(**spec):
+    return lambda path: write_log(path, Spec(**spec))
+
+
+BAD: dict[str, tuple] = {
+    "no such file": (lambda p: None, ["cannot read"]),
+    "empty": (lambda p: p.write_bytes(b""), ["empty (0 bytes)"]),
+    "not mcap": (lambda p: p.write_bytes(b"hello world, no log"), ["not an MCAP file"]),
+    "a bag": (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), ["ROS 1 bag", "mcap convert"]),
+    "header only": (lambda p: p.write_bytes(b"\x89MCAP0\r\n"), ["no message"]),
+    "no images": (log_of(left=(), right=()), ["holds no"]),
+    "one camera": (log_of(right=()), ["one camera only", "/camera/left/image"]),
+    "unnamed sides": (log_of(topics=("/a", "/b")), ["--left TOPIC --right TOPIC", "/a, /b"]),
+    "no calibration": (log_of(infos=NO_INFO), ["/camera/left/image", "--calibration FILE"]),
+    "half a calibration": (log_of(infos=(Calib(), None)), ["/camera/right/image", "--calibration"]),
+    "no P": (log_of(infos=(Calib(), Calib(P=np.zeros((3, 4))))), ["/camera/right/calibration", "P"]),
+    "no baseline": (log_of(infos=(Calib(), Calib())), ["baseline", "/camera/right/calibration"]),
+    "wrong sign": (log_of(infos=(right_calib(), Calib())), ["sign of P[3]", "swapped"]),
+    "no rotation": (log_of(infos=(Calib(R=2 * np.eye(3)), right_calib())), ["R is no rotation"]),
+    "model": (log_of(infos=(Calib(model="mei", D=(1.0,)), right_calib())), ["'mei'", "known"]),
+    "other size": (log_of(size=(48, 32)), ["48×32", "96×64", "/camera/left/image"]),
+    "encoding": (log_of(encoding="32FC1"), ["'32FC1'", "/camera/left/image", "mono8"]),
+    "video": (video, ["compressed video", "/camera/left/image", "jpeg"]),
+    "never in pairs": (
+        log_of(left=(0, 1, 2, 3), right=(8, 9, 10, 11)), ["no stereo pair", "half a frame"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_named_with_its_cure(path, name):
+    make, words = BAD[name]
+    make(path)
+    with pytest.raises(LogError) as caught:
+        list(open_log(path).frames())
+    for word in (*words, str(path)):
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [n for n in BAD if n not in ("no such file", "empty", "not mcap", "a bag")])
+def test_inspection_names_what_replay_refuses(path, name):
+    make, words = BAD[name]
+    make(path)
+    problems = " ".join(inspect_log(path)["problems"])
+    assert problems
+    if name != "encoding":
+        assert words[0] in problems
+
+
+def test_topics_can_be_named(path):
+    write_log(path, Spec(topics=("/a/image", "/b/image"), info_topics=("/a/info", "/b/info")))
+    check_frames(path, left="/a/image", right="/b/image")
+    with pytest.raises(LogError, match=r"--left /c is no image topic.*/a/image, /b/image"):
+        open_log(path, left="/c")
+    with pytest.raises(LogError, match="both /a/image"):
+        open_log(path, left="/a/image", right="/a/image")
+
+
+def test_several_pairs_are_the_users_choice(path):
+    log = LogWriter(path)
+    for topic in ("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"):
+        write_image(log, "foxglove", topic, START_NS, scene(0, "right" in topic), "png")
+    log.close()
+    with pytest.raises(LogError, match="--left /front/left/image --right /front/right/image; --left /rear"):
+        open_log(path)
+
+
+def test_a_calibration_from_outside(path):
+    whole = open_log(write_log(path)).rig
+    write_log(path, Spec(infos=NO_INFO))
+    check_frames(path, calibration=whole)
+    swapped = StereoRig(whole.right, whole.left, np.linalg.inv(whole.right_from_left))
+    with pytest.raises(LogError, match="swapped"):
+        open_log(path, calibration=swapped)
+
+
+def test_rig_of_raw_images_inverts_rectification(path):
+    """K, D, R, P as cv2.stereoRectify gives them lead back to the rotation and translation it was given."""
+    k = np.array([[82.0, 0, 47], [0, 81, 33], [0, 0, 1]])
+    d = (-0.2, 0.05, 0.001, -0.002)
+    rotation = cv2.Rodrigues(np.array([0.01, -0.06, 0.02]))[0]
+    translation = np.array([[-0.3], [0.01], [0.02]])
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(k, np.array([d]), k, np.array([d]), (96, 64), rotation, translation)
+    infos = (Calib(K=k, D=d, R=r1, P=p1), Calib(K=k, D=d, R=r2, P=p2))
+    rig = open_log(write_log(path, Spec(infos=infos))).rig
+    np.testing.assert_allclose(rig.right_from_left[:3, :3], rotation, atol=1e-9)
+    np.testing.assert_allclose(rig.right_from_left[:3, 3:], translation, atol=1e-9)
+    assert d == rig.left.D and rig.left.distortion_model == "plumb_bob"
+
+
+def test_rectified_images_are_pinholes_with_p(path):
+    k = np.diag([50.0, 50, 1])
+    infos = (Calib(K=k, D=(0.1, 0, 0, 0, 0)), right_calib(K=k, D=(0.1, 0, 0, 0, 0)))
+    topics = ("/left/image_rect", "/right/image_rect")
+    rig = open_log(write_log(path, Spec(infos=infos, topics=topics, info_topics=("/left/info", "/right/info")))).rig
+    assert rig.left.distortion_model == "none" and rig.left.K[0, 0] == 80.0
+    np.testing.assert_array_equal(rig.right_from_left[:3, :3], np.eye(3))
+
+
+def test_inspection_of_a_sound_log_and_of_common_defects(path):
+    size = (320, 240)
+    k = np.array([[240.0, 0, 160], [0, 240, 120], [0, 0, 1]])
+    infos = (
+        Calib(320, 240, K=k, P=np.c_[k, np.zeros(3)]),
+        Calib(320, 240, K=k, P=np.c_[k, [-240 * 0.1, 0, 0]]),
+    )
+    spec = Spec(size=size, infos=infos)
+    sound = inspect_log(write_log(path, spec))
+    assert sound["problems"] == [] and sound["complete"] and sound["frames"]["rate_hz"] == pytest.approx(10)
+    assert sound["calibration_check"]["median_disparity_px"] == pytest.approx(12, abs=0.5)
+    assert sound["rig"]["baseline_m"] == pytest.approx(0.1)
+
+    swapped = inspect_log(write_log(path, replace(spec, swap=True)))
+    assert "swapped" in swapped["problems"][0]
+
+    half = tuple(replace(c, K=c.K * [[2], [2], [1]]) for c in infos)
+    resized = inspect_log(write_log(path, replace(spec, infos=half)))
+    assert "principal point" in resized["problems"][0]
+
+    late = inspect_log(write_log(path, replace(spec, right_offset_ns=30_000_000)))
+    assert "+30.0 ms" in late["warnings"][-1]
+
+    gap = inspect_log(write_log(path, replace(spec, left=(0, 1, 2, 3, 8, 9, 10, 11))))
+    assert gap["frames"]["gap_count"] == 1 and gap["frames"]["gaps"][0]["length_s"] == pytest.approx(0.5)
+
+
+def test_importing_the_room_is_cheap():
+    code = (
+        "import sys, stream_sfm.recording as r; r.open_log; "
+        "print([m for m in ('rerun', 'filterpy', 'matplotlib', 'scipy') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+SHARED = Path(__file__).parents[3] / "shared" / "logs"
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "baseline_m"),
+    [("kitti00", 201, 0.537), ("euroc_mh01", 300, 0.110), ("lab_lateral", 151, 0.25), ("backyard", 191, 0.120)],
+)
+def test_shared_logs(name, frames, baseline_m):
+    path = SHARED / f"{name}.mcap"
+    if not path.exists():
+        pytest.skip(f"{path} is not on this machine")
+    log = open_log(path)
+    assert log.expected_frames == frames
+    assert len(list(log.frames(max_frames=5))) == 5
+    assert log.rig.baseline_m == pytest.approx(baseline_m, abs=1e-3)
