@@ -100,6 +100,12 @@ class LogFile:
 
         With `topics` given, chunks in which the index lists none of them are passed over unopened.
         """
+        try:
+            yield from self._messages(damage, topics)
+        except OSError as error:  # a failing disk, a share that went away
+            damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
+
+    def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
         # The index's copies serve where the chunk that first described a channel is damaged.
         channels: dict[int, Channel] = dict(self.index.channels) if self.index else {}
         schemas: dict[int, Schema] = dict(self.index.schemas) if self.index else {}
@@ -141,7 +147,8 @@ class LogFile:
                     listed = (
                         self.index.chunk_channels.get(offset) if self.index and wanted_ids is not None else None
                     )
-                    if listed is not None and wanted_ids is not None and listed.isdisjoint(wanted_ids):
+                    unwanted = listed is not None and wanted_ids is not None and listed.isdisjoint(wanted_ids)
+                    if unwanted and available == length:
                         stream.seek(length, os.SEEK_CUR)
                         damage.bytes_read = stream.tell()
                         continue
@@ -167,7 +174,7 @@ class LogFile:
                 else:
                     stream.seek(length, os.SEEK_CUR)
                 if available < length:
-                    damage.bytes_read = self.size
+                    damage.bytes_read = offset
                     break
                 damage.bytes_read = stream.tell()
             else:
