@@ -126,8 +126,8 @@ class NormalEquations:
         b = int(free.sum())
         s = np.zeros((b, 6, b, 6))
         s[np.arange(b), :, np.arange(b), :] = self.u[free] * (1 + damping * np.eye(6))
-        s = s.reshape(n, n) - w.reshape(-1, n).T @ y.reshape(-1, n)
-        g = self.g_pose[free].ravel() - y.reshape(-1, n).T @ self.g_point.ravel()
+        s = s.reshape(n, n) - w.reshape(3 * len(w), n).T @ y.reshape(3 * len(w), n)
+        g = self.g_pose[free].ravel() - y.reshape(3 * len(w), n).T @ self.g_point.ravel()
         return Reduced((s + s.T) / 2, g, v_inv, y)
 
 

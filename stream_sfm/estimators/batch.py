@@ -33,7 +33,7 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """Full adjustment: `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) of `track_ids` (p,), and covariances."""
+    """Full adjustment: `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) of `track_ids` (p,), and theirs."""
 
     world_from_cam: Array
     track_ids: NDArray[np.int64]

@@ -57,7 +57,7 @@ def physical_views(points_in_cam: Array) -> Array:
 
 
 def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
-    """z (…, 4) and its covariance (…, 4, 4) in the rectified pair, of physical pixels (…, 2, 2) with noise std_px."""
+    """Rectified z (…, 4) and covariance (…, 4, 4) of physical pixels (…, 2, 2) with noise std_px."""
     z = np.empty((*pixels.shape[:-2], 4))
     cov = np.zeros((*pixels.shape[:-2], 4, 4))
     centres = ((_PROJECTION.cx_left_px, _CENTRE[1]), (_PROJECTION.cx_right_px, _CENTRE[1]))
@@ -166,7 +166,7 @@ class Scene:
         return points, (n >= birth) & (n < birth + length)
 
     def _natural(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """Points along the path and beyond its ends, enough for `density` in view of a frame; (p, 3), seen (n, p)."""
+        """Points along the path and beyond its ends, `density` of them in view of a frame; (p, 3), seen (n, p)."""
         tried = int(2 * self.density * (self.frames + 2 * _BEYOND_ENDS))
         anchor = se3.exp(_twist(path) * rng.uniform(-_BEYOND_ENDS, self.frames - 1 + _BEYOND_ENDS, (tried, 1)))
         world = np.einsum("pij,pj->pi", anchor[:, :3, :3], _draw_in_view(rng, tried)) + anchor[:, :3, 3]
