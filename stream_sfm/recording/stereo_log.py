@@ -1,6 +1,6 @@
 """A stereo log: its rig and its frames, streamed in bounded memory."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -32,8 +32,9 @@ def open_log(
     instead of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
     """
     file = LogFile(path)
-    survey = survey_log(file, Damage())
-    choice = choose_cameras(file, survey, left, right)
+    damage = Damage()
+    survey = survey_log(file, damage)
+    choice = choose_cameras(file, survey, left, right, damage.notes)
     if calibration is None:
         rig = rig_of(file, survey, choice)
     else:
@@ -42,8 +43,10 @@ def open_log(
     return StereoLog(file, survey, choice, rig)
 
 
-def choose_cameras(file: LogFile, survey: Survey, left: str | None, right: str | None) -> PairChoice:
-    """The two camera topics. Raises LogError."""
+def choose_cameras(
+    file: LogFile, survey: Survey, left: str | None, right: str | None, notes: Sequence[str] = ()
+) -> PairChoice:
+    """The two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
@@ -52,7 +55,9 @@ def choose_cameras(file: LogFile, survey: Survey, left: str | None, right: str |
             "its frames depend on each other; record or convert to CompressedImage (jpeg, png) or raw images"
         )
     if not survey.topics:
-        raise LogError(f"{file.path} holds no message that can be read ({file.size} bytes)")
+        raise LogError(
+            f"{file.path} holds no message that can be read ({file.size} bytes){''.join(f'; {n}' for n in notes)}"
+        )
     return choose_pair(file.path, images, left, right)
 
 
