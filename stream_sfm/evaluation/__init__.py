@@ -1,0 +1,25 @@
+"""Accuracy and consistency of a trajectory against ground truth: pure functions on `Trajectory`."""
+
+from .association import matched
+from .ate import ate_rmse_aligned_m, ate_rmse_m
+from .consistency import nees_pose, nees_pose_mean
+from .drift import final_drift_percent, path_length_m, scale_error_percent
+from .segments import SegmentErrors, segment_errors
+from .structure import StructureComparison, StructureErrors
+from .summary import evaluate
+
+__all__ = [
+    "SegmentErrors",
+    "StructureComparison",
+    "StructureErrors",
+    "ate_rmse_aligned_m",
+    "ate_rmse_m",
+    "evaluate",
+    "final_drift_percent",
+    "matched",
+    "nees_pose",
+    "nees_pose_mean",
+    "path_length_m",
+    "scale_error_percent",
+    "segment_errors",
+]

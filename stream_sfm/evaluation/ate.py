@@ -1,0 +1,26 @@
+"""Absolute trajectory error: how far the estimated positions are from the true ones, metres.
+
+Arguments are poses world_from_cam (n, 4, 4) of the same moments, row by row.
+"""
+
+import numpy as np
+
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from .alignment import from_first_camera, umeyama
+
+
+def ate_rmse_m(estimate: Array, truth: Array) -> float:
+    """RMS position error with the first poses aligned, nothing else."""
+    e, t = from_first_camera(estimate), from_first_camera(truth)
+    return _rms(e[:, :3, 3] - t[:, :3, 3])
+
+
+def ate_rmse_aligned_m(estimate: Array, truth: Array) -> float:
+    """RMS position error after the best rigid alignment, SE(3), never a scale (Umeyama 1991)."""
+    _, truth_from_estimate = umeyama(truth[:, :3, 3], estimate[:, :3, 3])
+    return _rms(se3.transform(truth_from_estimate, estimate[:, :3, 3]) - truth[:, :3, 3])
+
+
+def _rms(differences: Array) -> float:
+    return float(np.sqrt((differences**2).sum(axis=-1).mean()))

@@ -1,0 +1,41 @@
+"""Drift at the end of the path and error of scale. Arguments are poses world_from_cam (n, 4, 4), row by row."""
+
+import numpy as np
+
+from ..geometry.pose import Array
+from .alignment import from_first_camera, umeyama
+
+_STANDING_M = 1e-3  # a path or an extent below this defines no percentage
+
+
+def distances_m(world_from_cam: Array) -> Array:
+    """Distance travelled (n,) up to each pose, metres."""
+    steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
+    return np.concatenate([np.zeros(min(1, len(world_from_cam))), np.cumsum(steps)])
+
+
+def path_length_m(world_from_cam: Array) -> float:
+    """Length of the path through all positions, metres; shaking and noise count as path."""
+    return float(distances_m(world_from_cam)[-1]) if len(world_from_cam) else 0.0
+
+
+def final_drift_percent(estimate: Array, truth: Array) -> float:
+    """End-point error over the true path length, per cent, first poses aligned; NaN when standing still."""
+    length = path_length_m(truth)
+    if length < _STANDING_M:
+        return float("nan")
+    end_error = from_first_camera(estimate)[-1, :3, 3] - from_first_camera(truth)[-1, :3, 3]
+    return 100 * float(np.linalg.norm(end_error)) / length
+
+
+def scale_error_percent(estimate: Array, truth: Array) -> float:
+    """By how much the estimate is too large (negative: too small), per cent.
+
+    1/s − 1 for the similarity scale s that brings the estimated positions onto the true ones (Umeyama 1991,
+    eq. 42). Not the ratio of path lengths, which noise on each pose inflates. NaN when standing still.
+    """
+    e, t = estimate[:, :3, 3], truth[:, :3, 3]
+    if len(t) < 2 or np.ptp(t, axis=0).max() < _STANDING_M or np.ptp(e, axis=0).max() == 0:
+        return float("nan")
+    scale, _ = umeyama(t, e, with_scale=True)
+    return 100 * (1 / scale - 1)

@@ -1,0 +1,121 @@
+"""The CC local structure against measured or rendered depth, frame by frame, nothing kept.
+
+Each estimated point is projected into the physical left image. Around that pixel the true inverse depth is
+fitted by a plane over 5×5 pixels (the image of a planar patch has exactly affine inverse depth); where the fit is
+off by more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth
+minus the true depth along the same viewing ray, metres. A point that errs only along its own viewing ray is
+measured in full; one that errs sideways on a surface facing the camera hardly at all: that is what the depth
+image can tell.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.pose import Array
+from ..types import Camera, FrameEstimate
+from .projection import project_into_image
+
+_HALF = 2  # the patch is 5×5
+_EDGE = 0.01  # relative misfit of inverse depth that marks a depth edge
+_STAMP_NS = 1_000_000
+_OFFSETS = np.arange(-_HALF, _HALF + 1)
+_DESIGN = np.stack(
+    [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
+)  # columns: 1, du, dv
+_FIT = np.linalg.pinv(_DESIGN)
+
+
+@dataclass(frozen=True, slots=True)
+class StructureErrors:
+    """Depth errors of one frame's points (m,), metres, and the σ that the estimate claims for each."""
+
+    errors_m: Array
+    sigmas_m: Array
+
+
+def structure_errors(
+    camera: Camera, points_in_cam: Array, cov_points: Array, true_depth_m: NDArray[np.floating]
+) -> StructureErrors:
+    """Points (n, 3), covariances (n, 3, 3), depth (h, w) along the optical axis, NaN where unknown.
+
+    Points outside the image, at depth edges or without known depth around them are left out.
+    """
+    front = points_in_cam[:, 2] > 1e-3
+    points, cov = points_in_cam[front], cov_points[front]
+    uv = project_into_image(camera, points)
+    h, w = true_depth_m.shape
+    margin = np.array([_HALF, _HALF])
+    with np.errstate(invalid="ignore"):
+        inside = ((uv >= margin) & (uv <= np.array([w - 1, h - 1]) - margin)).all(axis=1)
+    points, cov, uv = points[inside], cov[inside], uv[inside]
+
+    centre = np.rint(uv).astype(int)
+    rows = centre[:, 1, None, None] + _OFFSETS[:, None]
+    cols = centre[:, 0, None, None] + _OFFSETS[None, :]
+    with np.errstate(divide="ignore"):
+        inverse = 1 / true_depth_m[rows, cols].reshape(-1, 25).astype(float)
+    plane = inverse @ _FIT.T  # (m, 3): inverse depth at the centre, and its slopes per pixel
+    misfit = abs(inverse - plane @ _DESIGN.T).max(axis=1)
+    with np.errstate(invalid="ignore"):
+        smooth = np.isfinite(plane).all(axis=1) & (misfit < _EDGE * plane[:, 0])
+    points, cov, plane = points[smooth], cov[smooth], plane[smooth]
+    offset = (uv - centre)[smooth]
+    true = 1 / (plane[:, 0] + (plane[:, 1:] * offset).sum(axis=1))
+
+    # gradient of (depth of the point − depth of the surface on its ray) with respect to the point; the lens
+    # distortion's share in it is neglected
+    x, y, depth = points.T
+    su = plane[:, 1] * camera.K[0, 0] * true**2 / depth
+    sv = plane[:, 2] * camera.K[1, 1] * true**2 / depth
+    gradient = np.stack([su, sv, 1 - (su * x + sv * y) / depth], axis=1)
+    variance = np.einsum("ni,nij,nj->n", gradient, cov, gradient)
+    return StructureErrors(depth - true, np.sqrt(np.maximum(variance, 0)))
+
+
+class StructureComparison:
+    """Sums over a run. Depth images are drawn from their iterator as estimates arrive, one at a time.
+
+    `depths`: (stamp_ns, depth (h, w) m), stamps ascending, as `StereoLog.depths()` gives them.
+    """
+
+    def __init__(self, camera: Camera, depths: Iterable[tuple[int, NDArray[np.floating]]]) -> None:
+        self._camera = camera
+        self._depths: Iterator[tuple[int, NDArray[np.floating]]] = iter(depths)
+        self._next: tuple[int, NDArray[np.floating]] | None = None
+        self._done = False
+        self.frames = 0
+        self.points = 0
+        self._squares = 0.0
+        self._normalised = 0.0
+        self._with_sigma = 0
+
+    def add(self, estimate: FrameEstimate) -> None:
+        """Compare this frame if the log has a depth image of its moment (within 1 ms)."""
+        while not self._done and (self._next is None or self._next[0] < estimate.stamp_ns - _STAMP_NS):
+            self._next = next(self._depths, None)
+            self._done = self._next is None
+        if self._next is None or abs(self._next[0] - estimate.stamp_ns) > _STAMP_NS:
+            return
+        depth = self._next[1]
+        if depth.shape != (self._camera.height, self._camera.width) or len(estimate.points_in_cam) == 0:
+            return
+        found = structure_errors(self._camera, estimate.points_in_cam, estimate.cov_points, depth)
+        known = found.sigmas_m > 0
+        self.frames += 1
+        self.points += len(found.errors_m)
+        self._squares += float((found.errors_m**2).sum())
+        self._normalised += float(((found.errors_m[known] / found.sigmas_m[known]) ** 2).sum())
+        self._with_sigma += int(known.sum())
+
+    @property
+    def rms_m(self) -> float:
+        """RMS depth error of all points away from depth edges, metres; NaN where nothing was compared."""
+        return float(np.sqrt(self._squares / self.points)) if self.points else float("nan")
+
+    @property
+    def rms_over_sigma(self) -> float:
+        """RMS of error over claimed σ: 1 is honest, more is over-confident; NaN where nothing was compared."""
+        return float(np.sqrt(self._normalised / self._with_sigma)) if self._with_sigma else float("nan")

@@ -1,0 +1,60 @@
+"""The `ground_truth` part of summary.json."""
+
+from typing import Any
+
+import numpy as np
+
+from ..types import Trajectory
+from .association import matched
+from .ate import ate_rmse_aligned_m, ate_rmse_m
+from .consistency import nees_pose_mean
+from .drift import final_drift_percent, scale_error_percent
+from .segments import segment_errors
+from .structure import StructureComparison
+
+
+def evaluate(
+    estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
+) -> dict[str, Any]:
+    """All figures against ground truth; None where one is not defined (too short, standing still, no depth).
+
+    `frames_compared` estimates have a truth. The NEES needs the covariance relative to the first frame compared, so
+    it is given only where that is the first frame of the estimate. `local_structure_error_over_sigma` is 1 where
+    the structure's covariances are honest.
+    """
+    rows, true = matched(estimate, truth)
+    e, t = estimate.world_from_cam[rows], true.world_from_cam
+    figures: dict[str, Any] = dict.fromkeys(
+        (
+            "ate_rmse_m",
+            "ate_rmse_aligned_m",
+            "final_drift_percent",
+            "t_rel_percent",
+            "r_rel_deg_per_100m",
+            "segment_lengths_m",
+            "scale_error_percent",
+            "nees_pose_mean",
+        )
+    )
+    figures["segment_lengths_m"] = []
+    if len(rows) >= 2:
+        segments = segment_errors(e, t)
+        figures |= {
+            "ate_rmse_m": ate_rmse_m(e, t),
+            "ate_rmse_aligned_m": ate_rmse_aligned_m(e, t),
+            "final_drift_percent": final_drift_percent(e, t),
+            "t_rel_percent": segments.t_rel_percent,
+            "r_rel_deg_per_100m": segments.r_rel_deg_per_100m,
+            "segment_lengths_m": [float(length) for length in segments.lengths_m],
+            "scale_error_percent": scale_error_percent(e, t),
+        }
+        if estimate.cov_pose is not None and rows[0] == 0:
+            figures["nees_pose_mean"] = nees_pose_mean(e, estimate.cov_pose[rows], t)
+    figures["local_structure_rms_m"] = structure.rms_m if structure else None
+    figures["local_structure_error_over_sigma"] = structure.rms_over_sigma if structure else None
+    figures["frames_compared"] = len(rows)
+    return {key: _or_none(value) for key, value in figures.items()}
+
+
+def _or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

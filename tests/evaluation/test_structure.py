@@ -1,0 +1,90 @@
+"""Local structure against depth: a slanted plane, a depth edge, an honest and a false covariance."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stream_sfm.evaluation.projection import project_into_image
+from stream_sfm.evaluation.structure import StructureComparison, structure_errors
+from stream_sfm.types import Camera
+
+CAMERA = Camera(320, 240, np.array([[300.0, 0, 160.5], [0, 310.0, 118.2], [0, 0, 1]]))
+NORMAL, OFFSET = np.array([0.3, -0.2, 1.0]), 3.0  # the plane n·p = 3 m
+
+
+def plane_depth() -> np.ndarray:
+    u, v = np.meshgrid(np.arange(320), np.arange(240))
+    rays = np.stack([(u - 160.5) / 300, (v - 118.2) / 310, np.ones(u.shape)], axis=-1)
+    return OFFSET / (rays @ NORMAL)
+
+
+def plane_points(n: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    rays = np.column_stack([rng.uniform(-0.45, 0.45, n), rng.uniform(-0.33, 0.33, n), np.ones(n)])
+    return rays * (OFFSET / (rays @ NORMAL))[:, None]
+
+
+def test_points_on_the_surface_have_no_error():
+    points = plane_points(300)
+    found = structure_errors(CAMERA, points, np.tile(np.eye(3), (300, 1, 1)), plane_depth())
+    assert len(found.errors_m) == 300
+    assert abs(found.errors_m).max() < 1e-9
+
+
+def test_errors_drawn_from_the_covariance_have_the_claimed_sigma():
+    rng = np.random.default_rng(1)
+    points = plane_points(4000)
+    half = np.diag([0.004, 0.003, 0.02])
+    half[2, 0] = 0.01
+    noise = rng.normal(size=(4000, 3)) @ half.T
+    found = structure_errors(CAMERA, points + noise, np.tile(half @ half.T, (4000, 1, 1)), plane_depth())
+    ratio = np.sqrt(np.mean((found.errors_m / found.sigmas_m) ** 2))
+    assert ratio == pytest.approx(1, abs=0.05)
+
+
+def test_points_at_a_depth_edge_or_off_the_image_or_without_depth_are_left_out():
+    depth = plane_depth()
+    depth[:, 160:] += 1.0
+    depth[100:, :50] = np.nan
+    at_edge = np.array([[-0.0, 0.0, 3.0]])
+    outside = np.array([[-3.0, 0.0, 3.0], [0.0, 0.0, -1.0]])
+    unknown = np.array([[-1.3, 0.3, 3.0]])
+    points = np.concatenate([at_edge, outside, unknown])
+    found = structure_errors(CAMERA, points, np.tile(np.eye(3), (len(points), 1, 1)), depth)
+    assert len(found.errors_m) == 0
+
+
+def test_a_comparison_takes_depths_as_they_come_and_keeps_none():
+    points = plane_points(50)
+    cov = np.tile(1e-4 * np.eye(3), (50, 1, 1))
+    depths = ((stamp, plane_depth()) for stamp in (0, 500, 1_000_000_000, 3_000_000_000))
+    comparison = StructureComparison(CAMERA, depths)
+    for stamp in (500_000_000, 1_000_000_000, 2_000_000_000, 9_000_000_000):
+        moved = points * (1.01 if stamp == 1_000_000_000 else 2.0)
+        comparison.add(SimpleNamespace(stamp_ns=stamp, points_in_cam=moved, cov_points=cov))
+    assert (comparison.frames, comparison.points) == (1, 50)
+    assert comparison.rms_m == pytest.approx(np.sqrt(np.mean((0.01 * points[:, 2]) ** 2)), rel=1e-6)
+    assert comparison.rms_over_sigma > 1
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients"),
+    [
+        ("none", ()),
+        ("plumb_bob", (-0.28, 0.07, 2e-4, 1e-4)),
+        ("plumb_bob", (-0.28, 0.07, 2e-4, 1e-4, 0.01)),
+        ("rational_polynomial", (0.5, 0.1, 1e-3, -1e-3, 0.02, 0.6, 0.2, 0.01)),
+        ("equidistant", (-0.01, 0.02, -0.003, 0.001)),
+    ],
+)
+def test_projection_agrees_with_opencv(model: str, coefficients: tuple[float, ...]):
+    cv2 = pytest.importorskip("cv2")
+    camera = Camera(320, 240, CAMERA.K, coefficients, model)
+    points = plane_points(40)
+    d = np.array(coefficients or (0.0,) * 4)
+    if model == "equidistant":
+        expected, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), camera.K, d)
+    else:
+        expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, d)
+    assert np.allclose(project_into_image(camera, points), expected.reshape(-1, 2), atol=1e-9)

@@ -1,0 +1,223 @@
+"""Laws of the trajectory metrics, and evo as a second opinion."""
+
+import numpy as np
+import pytest
+
+from stream_sfm import evaluation as ev
+from stream_sfm.evaluation.alignment import umeyama
+from stream_sfm.evaluation.segments import lengths_for_path
+from stream_sfm.geometry import pose as se3
+from stream_sfm.types import Trajectory
+
+
+def winding_path(n: int = 120, step_m: float = 0.5, seed: int = 0) -> np.ndarray:
+    """World-from-camera poses (n, 4, 4) of a drive with turns, starting anywhere."""
+    rng = np.random.default_rng(seed)
+    turns = np.zeros((n - 1, 6))
+    turns[:, 2] = step_m
+    turns[:, 3:] = 0.03 * np.sin(np.arange(n - 1)[:, None] / 15 + np.array([0.3, 1.0, 2.0]))
+    poses = [se3.exp(rng.normal(size=6))]
+    for xi in turns:
+        poses.append(poses[-1] @ se3.exp(xi))
+    return np.array(poses)
+
+
+def disturbed(poses: np.ndarray, sigma: float, seed: int = 1) -> np.ndarray:
+    return poses @ se3.exp(np.random.default_rng(seed).normal(scale=sigma, size=(len(poses), 6)))
+
+
+def trajectory(poses: np.ndarray, cov: np.ndarray | None = None) -> Trajectory:
+    return Trajectory(np.arange(len(poses), dtype=np.int64) * 100_000_000 + 17, poses, cov)
+
+
+def test_a_perfect_trajectory_has_no_error_in_any_world():
+    truth = winding_path()
+    estimate = se3.inverse(truth[0]) @ truth
+    cov = np.tile(np.eye(6) * 1e-4, (len(truth), 1, 1))
+    cov[0] = 0
+    figures = ev.evaluate(trajectory(estimate, cov), trajectory(truth))
+    for key in (
+        "ate_rmse_m",
+        "ate_rmse_aligned_m",
+        "final_drift_percent",
+        "t_rel_percent",
+        "r_rel_deg_per_100m",
+        "scale_error_percent",
+        "nees_pose_mean",
+    ):
+        assert abs(figures[key]) < 1e-9, key
+    assert figures["frames_compared"] == len(truth)
+    assert figures["local_structure_rms_m"] is None
+
+
+def test_a_rigid_offset_vanishes_by_alignment():
+    truth = winding_path()
+    moved = se3.exp([1.0, -2.0, 3.0, 0.4, 0.5, -0.6]) @ truth
+    assert ev.ate_rmse_aligned_m(moved, truth) < 1e-12
+    assert ev.ate_rmse_m(moved, truth) < 1e-12
+
+
+def test_an_error_of_the_first_pose_counts_only_unaligned():
+    truth = winding_path()
+    estimate = truth.copy()
+    estimate[0] = estimate[0] @ se3.exp([0, 0, 0, 0.05, 0, 0])
+    assert ev.ate_rmse_aligned_m(estimate, truth) < 1e-9
+    assert ev.ate_rmse_m(estimate, truth) > 0.1
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.04])
+def test_a_known_scale_is_found_and_never_aligned_away(scale: float):
+    truth = winding_path()
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= scale
+    assert ev.scale_error_percent(estimate, truth) == pytest.approx(100 * (scale - 1), abs=1e-9)
+    assert ev.ate_rmse_aligned_m(estimate, truth) > 0.1
+    chord = np.linalg.norm(truth[-1, :3, 3] - truth[0, :3, 3]) / ev.path_length_m(truth)
+    assert ev.final_drift_percent(estimate, truth) == pytest.approx(100 * abs(scale - 1) * chord)
+
+
+def test_segments_of_a_scaled_straight_line_are_off_by_the_scale():
+    truth = np.tile(np.eye(4), (300, 1, 1))
+    truth[:, 2, 3] = np.arange(300)
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= 1.02
+    found = ev.segment_errors(estimate, truth)
+    assert found.lengths_m == (100.0, 200.0)
+    # the first frame beyond 100 m is at 101 m, the one beyond 200 m at 201 m; ten and twenty starts
+    starts = {100: len(range(0, 300 - 101, 10)), 200: len(range(0, 300 - 201, 10))}
+    expected = sum(2.0 * (length + 1) / length * n for length, n in starts.items()) / sum(starts.values())
+    assert found.count == sum(starts.values())
+    assert found.t_rel_percent == pytest.approx(expected)
+    assert found.r_rel_deg_per_100m == pytest.approx(0, abs=1e-9)
+
+
+def test_a_constant_turning_error_is_measured_in_degrees_per_100_m():
+    truth = np.tile(np.eye(4), (101, 1, 1))
+    truth[:, 2, 3] = np.arange(101)
+    xi = np.zeros((101, 6))
+    xi[:, 4] = np.radians(0.01) * np.arange(101)  # 0.01 degrees a metre
+    found = ev.segment_errors(truth @ se3.exp(xi), truth, lengths_m=(10.0,), step=1)
+    assert found.r_rel_deg_per_100m == pytest.approx(1.1)  # 11 m lie in each "first frame beyond 10 m"
+
+
+def test_segment_lengths_follow_the_path():
+    assert lengths_for_path(200.0) == (tuple(100.0 * k for k in range(1, 9)), 10)
+    assert lengths_for_path(145.0) == (tuple(10.0 * k for k in range(1, 11)), 1)
+    lengths, step = lengths_for_path(3.0)
+    assert np.allclose(lengths, np.arange(1, 10) * 0.3) and step == 1
+
+
+def test_truth_is_interpolated_at_the_stamps_of_the_estimate():
+    xi = np.array([0.3, 0.1, 2.0, 0.05, 0.2, -0.1])  # a constant twist: interpolation is exact
+    fine = np.arange(0, 2_000_000_000, 50_000_000)
+    truth = Trajectory(fine, se3.exp(xi * fine[:, None] * 1e-9))
+    stamps = np.array([-1, 0, 12_345_678, 50_000_000, 1_234_567_891, 1_950_000_000, 1_950_900_000, 3_000_000_000])
+    estimate = Trajectory(stamps, se3.exp(xi * stamps[:, None] * 1e-9))
+    rows, true = ev.matched(estimate, truth)
+    assert rows.tolist() == [0, 1, 2, 3, 4, 5, 6]
+    assert np.allclose(true.world_from_cam[1:6], estimate.world_from_cam[1:6], atol=1e-12)
+    assert (true.stamps_ns == stamps[rows]).all()
+
+
+def test_sparse_truth_is_not_interpolated():
+    truth = Trajectory(np.array([0, 1_000_000_000]), np.tile(np.eye(4), (2, 1, 1)))
+    estimate = Trajectory(np.array([0, 500_000_000, 1_000_000_000]), np.tile(np.eye(4), (3, 1, 1)))
+    assert ev.matched(estimate, truth)[0].tolist() == [0, 2]
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_hardly_any_truth_gives_figures_without_values(n: int):
+    figures = ev.evaluate(trajectory(winding_path(5)), trajectory(winding_path(5)[:n]))
+    assert figures["frames_compared"] == n
+    assert (figures["ate_rmse_m"] is None) == (n < 2)
+
+
+def test_standing_still_defines_no_percentages():
+    still = np.tile(np.eye(4), (50, 1, 1))
+    figures = ev.evaluate(trajectory(disturbed(still, 1e-3)), trajectory(still))
+    assert figures["final_drift_percent"] is None
+    assert figures["scale_error_percent"] is None
+    assert figures["t_rel_percent"] is None
+    assert figures["ate_rmse_aligned_m"] > 0
+
+
+def test_nees_of_errors_drawn_from_the_covariance_is_six():
+    rng = np.random.default_rng(5)
+    truth = winding_path(2000)
+    half = rng.normal(size=(6, 6)) * np.array([[0.1], [0.1], [0.1], [1e-3], [1e-3], [1e-3]])
+    cov = np.tile(half @ half.T, (len(truth), 1, 1))
+    cov[0] = 0
+    noise = rng.normal(size=(len(truth), 6)) @ half.T
+    noise[0] = 0
+    estimate = truth @ se3.exp(-noise)  # truth = estimate·Exp(noise)
+    assert ev.nees_pose_mean(estimate, cov, truth) == pytest.approx(6, abs=6 * 0.58 / np.sqrt(2000) * 4)
+    assert np.isnan(ev.nees_pose(estimate, cov, truth)[0])
+
+
+def test_nees_of_a_false_covariance_is_not_a_plausible_number():
+    poses = winding_path(4)
+    cov = np.zeros((4, 6, 6))
+    cov[1] = np.diag([1, 1, 1, 1, 1, -1.0])
+    cov[2] = np.full((6, 6), np.nan)
+    cov[3] = np.eye(6) - 0.5  # indefinite
+    values = ev.nees_pose(poses, cov, poses)
+    assert np.isnan(values[[0, 2]]).all() and np.isinf(values[[1, 3]]).all()
+
+
+def test_umeyama_of_points_on_a_line_and_in_a_place():
+    line = np.outer(np.arange(5.0), [1, 2, 2])
+    _, pose = umeyama(line @ se3.exp_so3([0.1, 0.2, 0.3]).T, line)
+    assert np.isclose(np.linalg.det(pose[:3, :3]), 1)
+    assert ev.ate_rmse_aligned_m(winding_path(1), winding_path(1, seed=3)) < 1e-12
+
+
+class TestAgainstEvo:
+    """evo computes the same figures from the same poses."""
+
+    @pytest.fixture(autouse=True)
+    def _evo(self):
+        self.metrics = pytest.importorskip("evo.core.metrics")
+        self.trajectory = pytest.importorskip("evo.core.trajectory")
+        self.truth = winding_path(150, step_m=0.2)
+        self.estimate = disturbed(self.truth, 0.01)
+
+    def path(self, poses):
+        return self.trajectory.PosePath3D(poses_se3=list(poses))
+
+    def rmse(self, metric, estimate):
+        metric.process_data((self.path(self.truth), estimate))
+        return metric.get_statistic(self.metrics.StatisticsType.rmse)
+
+    def test_ate_aligned(self):
+        estimate = self.path(self.estimate)
+        estimate.align(self.path(self.truth))
+        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
+        assert ev.ate_rmse_aligned_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
+
+    def test_ate_with_first_poses_aligned(self):
+        estimate = self.path(self.estimate)
+        estimate.align_origin(self.path(self.truth))
+        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
+        assert ev.ate_rmse_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
+
+    def test_scale(self):
+        estimate = self.path(self.estimate)
+        _, _, scale = estimate.align(self.path(self.truth), correct_scale=True)
+        expected = 100 * (1 / scale - 1)
+        assert ev.scale_error_percent(self.estimate, self.truth) == pytest.approx(expected, rel=1e-9)
+
+    def test_relative_errors_over_one_length(self):
+        found = ev.segment_errors(self.estimate, self.truth, lengths_m=(10.0,), step=1)
+        along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.truth[:, :3, 3], axis=0), axis=1))])
+        pairs = [(i, int(np.argmax(along > along[i] + 10.0))) for i in range(150) if (along > along[i] + 10).any()]
+        metrics, errors = self.metrics, []
+        for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_rad):
+            values = []
+            for i, j in pairs:
+                rpe = metrics.RPE(relation, delta=1, delta_unit=metrics.Unit.frames)
+                rpe.process_data((self.path(self.truth[[i, j]]), self.path(self.estimate[[i, j]])))
+                values.append(rpe.error[0] / 10.0)
+            errors.append(np.mean(values))
+        assert found.count == len(pairs)
+        assert found.t_rel_percent == pytest.approx(100 * errors[0], rel=1e-9)
+        assert found.r_rel_deg_per_100m == pytest.approx(100 * np.degrees(errors[1]), rel=1e-6)
