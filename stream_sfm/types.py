@@ -127,7 +127,9 @@ class Observations:
     in one frame never comes back. `z_px` (n, 4) = (u_left, v_left, u_right, v_right), the right side NaN where
     it was not found; the first view of an id has both sides. `cov_px` (n, 4, 4). `cam_from_previous` (4, 4) the
     front-end's own robust motion since the previous frame, a start value only, or None. `note` says what the
-    front-end met ("image is black"), empty when nothing. `n_new` of the ids are new.
+    front-end met ("image is black"), empty when nothing. `n_new` of the ids are new. `std_drift_px` (n,): how far
+    the patch may have slid over its surface since the previous frame, for patches seen from a changing direction;
+    None where points are points.
     """
 
     frame_index: int
@@ -138,6 +140,7 @@ class Observations:
     cam_from_previous: Array | None = None
     note: str = ""
     n_new: int = 0
+    std_drift_px: Array | None = None
 
 
 def _no_ids() -> NDArray[np.int64]:

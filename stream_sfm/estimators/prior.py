@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from .inverse_depth import CHART, homogeneous_from_q, pose_jacobian, q_from_homogeneous, q_jacobian
-from .linear import marginalised, symmetric
+from .linear import Cholesky, marginalised, symmetric
 
 # The very first camera is the world: known to a micrometre and a microradian, far below any estimate.
 KNOWN = 1e-12
@@ -69,6 +69,29 @@ class Prior:
         drop = np.concatenate([np.repeat(gone, 3), np.zeros(6, bool)])
         info, eta = marginalised(self.information, self.eta, drop)
         return Prior(self.ids[~gone], self.q[~gone], self.world_from_ref, info, eta)
+
+    def with_drift(self, var_q: Array) -> "Prior":
+        """Points that have moved since by independent steps of variance (N, 3): (Λ⁻¹ + Q)⁻¹ on their part.
+
+        With C = Λ_mm + Q⁻¹: Λ'_mm = Q⁻¹ − Q⁻¹C⁻¹Q⁻¹, Λ'_mw = Q⁻¹C⁻¹Λ_mw, Λ'_ww = Λ_ww − Λ_wm C⁻¹ Λ_mw.
+        """
+        m = 3 * len(self.ids)
+        info = self.information
+        # steps far below what the prior knows change nothing and would cost digits
+        q_inv = 1 / np.maximum(var_q.ravel(), 1e-6 / np.diag(info)[:m])
+        c = info[:m, :m].copy()
+        c[np.diag_indices(m)] += q_inv
+        inverse = Cholesky(c).inverse()
+        gain = q_inv[:, None] * inverse  # Q⁻¹C⁻¹
+        new = np.empty_like(info)
+        new[:m, :m] = -gain * q_inv
+        new[np.diag_indices(m)] += q_inv
+        new[:m, m:] = gain @ info[:m, m:]
+        new[m:, :m] = new[:m, m:].T
+        solved = inverse @ np.concatenate([info[:m, m:], self.eta[:m, None]], axis=1)
+        new[m:, m:] = symmetric(info[m:, m:] - info[m:, :m] @ solved[:, :-1])
+        eta = np.concatenate([q_inv * solved[:, -1], self.eta[m:] - info[m:, :m] @ solved[:, -1]])
+        return Prior(self.ids, self.q, self.world_from_ref, new, eta)
 
     def in_camera(self, cam_from_ref: Array) -> "Prior":
         """The prior re-expressed in another camera whose pose is unknown to it: that pose is marginalised.

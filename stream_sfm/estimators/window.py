@@ -30,12 +30,14 @@ _STRIKES = 2  # a track rejected so often is never used again; one rejection at 
 
 @dataclass(slots=True)
 class _Frame:
-    """One frame of the window; `info` (n, 4, 4) is zero for rejected views."""
+    """One frame of the window; `info` (n, 4, 4) is zero for rejected views; `var_drift` (n, 3) of q since the frame
+    before, or (0, 3) for none."""
 
     index: int
     ids: NDArray[np.int64]
     z: Array
     info: Array
+    var_drift: Array
     cam_from_ref: Array
 
 
@@ -64,6 +66,7 @@ class CrossFrame:
             observations.track_ids,
             np.nan_to_num(observations.z_px),
             information_of_views(observations.z_px, observations.cov_px),
+            self._var_drift(observations),
             np.eye(4),
         )
         self._forget_strikes(observations.track_ids)
@@ -81,6 +84,14 @@ class CrossFrame:
         if self._gate():
             iterations += self._optimise()
         return self._report(observations, motion, iterations)
+
+    def _var_drift(self, observations: Observations) -> Array:
+        """Drift of patches over their surfaces as variances of q (n, 3): both rays, and the disparity between them."""
+        if observations.std_drift_px is None:
+            return np.empty((0, 3))
+        p = self.projection
+        scale = np.array([1, 1, 1 / p.baseline_m]) / p.f_px
+        return (observations.std_drift_px[:, None] * scale) ** 2
 
     # -- the map begins and ends ------------------------------------------------------------------------------
 
@@ -121,6 +132,9 @@ class CrossFrame:
         points = homogeneous_from_q(reading.q_in_cam[of])
         cov = np.zeros((len(of), 4, 4))
         cov[:, CHART[:, None], CHART] = reading.cov_q_in_cam[of]
+        var_drift = self._var_drift(observations)
+        if len(var_drift):
+            cov[:, CHART, CHART] += var_drift[at]
         predicted = se3.inverse(self.motion.predict(observations.stamp_ns)[0]) @ reading.world_from_cam
         starts = [predicted, np.eye(4)]
         if observations.cam_from_previous is not None:
@@ -165,6 +179,11 @@ class CrossFrame:
         z, info = _rows(ids, frame)
         lin = linearise(self.projection, np.eye(4)[None], q, z[None], info[None])
         self.world_from_ref = prior.world_from_ref
+        if len(frame.var_drift):
+            known = np.isin(prior.ids, frame.ids)
+            var = np.zeros((len(prior.ids), 3))
+            var[known] = frame.var_drift[np.searchsorted(frame.ids, prior.ids[known])]
+            prior = prior.with_drift(var)
         self.prior = prior.with_views(ids, q, self.world_from_ref, lin.v, lin.g_point).without(~np.isin(ids, later))
         kept = np.isin(self.ids, np.union1d(later, self.prior.ids))
         self.ids, self.q = self.ids[kept], every[kept]

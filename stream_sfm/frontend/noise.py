@@ -12,6 +12,7 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 
 _FLOOR_PX = 0.03  # interpolation and rectification tables
+_SLANT = 0.5  # see ViewNoise.drift
 _MEAN_TO_STD = 1.2533  # √(π/2): mean absolute difference to standard deviation, Gaussian
 _MEMORY_FRAMES = 20.0
 _FACTOR_RANGE = (0.05, 30.0)
@@ -22,6 +23,7 @@ class ViewNoise:
 
     def __init__(self, smoothing_px: float, radius_px: int) -> None:
         self.shared_pixels = max(1.0, 4 * np.pi * smoothing_px**2)
+        self.radius_px = radius_px
         self.factor = 1.0
         self.frames = 0
 
@@ -41,6 +43,14 @@ class ViewNoise:
             variance = 0.5 * self.shared_pixels * np.maximum(grey, 0.5) ** 2  # half of it is the template's
             cov[:, side, side] = self.factor * (variance[:, None, None] * shape + _FLOOR_PX**2 * np.eye(2))
         return cov
+
+    def drift(self, points: Array, cam_from_previous: Array) -> Array:
+        """Standard deviation (n,) px of how far templates slid since the last frame, points (n, 4) homogeneous.
+
+        The warp knows pose and depth, not the surface's slant: a change of viewing direction or distance by an angle
+        |t|/Z shears the patch by as much, and a share of that displacement passes for motion of the point.
+        """
+        return _SLANT * self.radius_px * points[:, 3].clip(0) * np.linalg.norm(cam_from_previous[:3, 3])
 
     def learn(self, chi2: float, dof: int) -> None:
         """Take the squared residuals of a frame's accepted views into the common factor."""

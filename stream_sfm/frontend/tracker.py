@@ -60,6 +60,7 @@ class FrontEnd:
         if len(self.tracks):
             motion, z, cov = self._follow(pair, dt)
         kept = len(self.tracks)
+        drift = np.zeros(0) if motion is None else self.noise.drift(self.tracks.points, motion)
         z_new, cov_new = self._renew(pair)
         self.previous, self.stamp_ns = pair, stamp_ns
         return Observations(
@@ -71,6 +72,7 @@ class FrontEnd:
             cam_from_previous=motion,
             note=_note(left, right, len(self.tracks)),
             n_new=len(self.tracks) - kept,
+            std_drift_px=np.concatenate([drift, np.zeros(len(z_new))]),
         )
 
     # -- old points -------------------------------------------------------------------------------------------
