@@ -102,3 +102,14 @@ def linearise(projection: StereoProjection, cams_from_ref: Array, q: Array, z: A
         g_point=(mt @ g[..., None]).sum(0)[..., 0],
         chi2=chi2,
     )
+
+
+def gradients(
+    projection: StereoProjection, cams_from_ref: Array, q: Array, z: Array, info: Array
+) -> tuple[Array, Array]:
+    """Only the right-hand sides of `linearise`: for poses (F, 6) and points (P, 3)."""
+    in_cam, r, _ = view_residuals(projection, cams_from_ref, q, z, info)
+    aw = np.swapaxes(projection.jacobian_homogeneous(in_cam), -1, -2) @ info
+    g = aw @ r[..., None]
+    g_pose = (np.swapaxes(pose_jacobian(in_cam), -1, -2) @ g).sum(1)[..., 0]
+    return g_pose, (np.swapaxes(cams_from_ref[:, None, :, CHART], -1, -2) @ g).sum(0)[..., 0]

@@ -18,7 +18,15 @@ from ..geometry.pose import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection, information_of_views
 from ..types import Observations, Solution, Status
-from .inverse_depth import CHART, Linearised, homogeneous_from_q, linearise, q_from_homogeneous
+from .inverse_depth import (
+    CHART,
+    Linearised,
+    gradients,
+    homogeneous_from_q,
+    linearise,
+    q_from_homogeneous,
+    view_residuals,
+)
 from .linear import Cholesky
 from .motion_prior import MotionPrior, robust_start
 from .outcome import few_views, open_map, solution_without_points, status_of
@@ -259,28 +267,34 @@ class CrossFrame:
         return cams, np.stack([r[0] for r in rows]), np.stack([r[1] for r in rows])
 
     def _optimise(self) -> int:
-        """Gauss-Newton to the joint minimum; leaves the factor of the last normal equations for the covariances."""
+        """Gauss-Newton to the joint minimum, with one factor for all steps: the start is within a few σ, so that a
+        fresh factor (most of a frame's time) would change a step by a few percent and the minimum not at all.
+        The factor stays for the covariances.
+        """
         assert self.prior is not None
         cams, z, info = self._views()
-        for iteration in range(1, self.config.window.max_iterations + 1):
-            lin = linearise(self.projection, cams, self.q, z, info)
-            self.system = system = _System(self.prior, self.ids, lin)
+        lin = linearise(self.projection, cams, self.q, z, info)
+        self.system = _System(self.prior, self.ids, lin)
+        g_pose, g_point, iterations = lin.g_pose, lin.g_point, 0
+        while True:
             gradient = self.prior.gradient(self._of_prior()[1], self.world_from_ref)
-            dx, dq, dw, decrease = system.step(lin, gradient)
+            dx, dq, dw, decrease = self.system.step(g_pose, g_point, gradient)
             cams = se3.exp(dx) @ cams
             self.q = self.q + dq
             self.world_from_ref = self.world_from_ref @ se3.exp(dw)
-            if decrease < 1e-4:
+            iterations += 1
+            if decrease < 1e-4 or iterations == self.config.window.max_iterations:
                 break
+            g_pose, g_point = gradients(self.projection, cams, self.q, z, info)
         for f, cam in zip(self.frames, cams, strict=True):
             f.cam_from_ref = se3.orthonormalised(cam)
         self.world_from_ref = se3.orthonormalised(self.world_from_ref)
-        return iteration
+        return iterations
 
     def _gate(self) -> bool:
         """Drop views of the window that the joint minimum contradicts; True when there were any."""
         cams, z, info = self._views()
-        chi2 = linearise(self.projection, cams, self.q, z, info).chi2
+        chi2 = view_residuals(self.projection, cams, self.q, z, info)[2]
         bad = chi2 > self.gate
         for f, row in zip(self.frames, bad, strict=True):
             for track_id in self.ids[row]:
@@ -350,23 +364,25 @@ class _System:
         h[:a, a:b] = cross[:, :, self.in_prior].reshape(a, 3 * self.n_prior)
         h[a:b, :a] = h[:a, a:b].T
         self.new_inverse = np.linalg.inv(lin.v[~self.in_prior])
-        self.cross_new = np.swapaxes(cross[:, :, ~self.in_prior].reshape(a, points - self.n_prior, 3), 0, 1)  # (Pn, 6F, 3)
+        self.cross_new = np.swapaxes(
+            cross[:, :, ~self.in_prior].reshape(a, points - self.n_prior, 3), 0, 1
+        )  # (Pn, 6F, 3)
         self.gain = self.cross_new @ self.new_inverse  # (Pn, 6F, 3)
         flat = (a, 3 * (points - self.n_prior))
         h[:a, :a] -= self.gain.transpose(1, 0, 2).reshape(flat) @ self.cross_new.transpose(1, 0, 2).reshape(flat).T
         self.chol = Cholesky(h)
 
-    def step(self, lin: Linearised, prior_gradient: Array) -> tuple[Array, Array, Array, float]:
+    def step(self, g_pose: Array, g_point: Array, prior_gradient: Array) -> tuple[Array, Array, Array, float]:
         """Steps of poses (F, 6), points (P, 3), world (6,), and the decrease gᵀδ that they promise."""
         a, n = 6 * self.frames, self.n_prior
-        g_new = lin.g_point[~self.in_prior]
-        right = np.concatenate([lin.g_pose.ravel(), prior_gradient])
-        right[a : a + 3 * n] += lin.g_point[self.in_prior].ravel()
+        g_new = g_point[~self.in_prior]
+        right = np.concatenate([g_pose.ravel(), prior_gradient])
+        right[a : a + 3 * n] += g_point[self.in_prior].ravel()
         full = right.copy()
         right[:a] -= (self.gain @ g_new[..., None]).sum(0)[:, 0]
         delta = self.chol.solve(right)
         dx = delta[:a]
-        dq = np.empty_like(lin.g_point)
+        dq = np.empty_like(g_point)
         dq[self.in_prior] = delta[a : a + 3 * n].reshape(n, 3)
         dq[~self.in_prior] = (self.new_inverse @ (g_new - np.einsum("pxk,x->pk", self.cross_new, dx))[..., None])[
             ..., 0

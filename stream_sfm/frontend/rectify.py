@@ -14,7 +14,7 @@ from ..geometry.stereo import StereoProjection
 from ..types import Camera, StereoRig
 
 # A wider view than the lens centre's own scale is bought with resolution; not below this share of it.
-_MIN_FOCAL_SHARE = 0.6
+_MIN_FOCAL_SHARE = 0.9
 
 
 class Rectifier:
