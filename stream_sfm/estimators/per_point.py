@@ -137,7 +137,7 @@ class CrossFrameWC:
         accepted: NDArray[np.intp],
         held: bool,
     ) -> None:
-        """The newest frame joins with its accepted views (rows of obs); points seen for the first time are opened."""
+        """The newest frame joins with its accepted views (rows of obs), and opens points seen for the first time."""
         births = usable_births(self._projection, obs.z_px, obs.cov_px)
         births &= ~np.isin(obs.track_ids, self._ids) & ~np.isin(obs.track_ids, shared)
         in_cam, _ = triangulated(self._projection, obs.z_px[births], obs.cov_px[births])
@@ -158,11 +158,14 @@ class CrossFrameWC:
         seen = np.unique(np.concatenate([f.ids for f in self._window] or [self._ids[:0]]))
         stereo = [f.ids[np.isfinite(f.z_px).all(axis=1)] for f in self._window]
         located = np.isin(self._ids, np.concatenate(stereo)) if stereo else np.zeros(len(self._ids), bool)
-        located |= self._priors.information.any(axis=(1, 2))
+        located |= self._has_prior()
         keep = np.flatnonzero(np.isin(self._ids, seen) & located)
         keep = keep[np.argsort(self._ids[keep])]
         self._select(keep)
         self._window = [f.only(np.isin(f.ids, self._ids)) for f in self._window]
+
+    def _has_prior(self) -> NDArray[np.bool_]:
+        return np.asarray((self._priors.information != 0).any(axis=(1, 2)))
 
     def _select(self, rows: NDArray[np.intp]) -> None:
         self._ids, self._points = self._ids[rows], self._points[rows]
@@ -209,8 +212,7 @@ class CrossFrameWC:
     def _leave(self) -> Array:
         """The oldest frame turns into priors of its points. Returns the new reference from the old one."""
         frame = self._window.pop(0)
-        affected = np.isin(self._ids, frame.ids) | self._priors.information.any(axis=(1, 2))
-        rows = np.flatnonzero(affected)
+        rows = np.flatnonzero(np.isin(self._ids, frame.ids) | self._has_prior())
         priors = PointPriors(self._priors.mean[rows], self._priors.information[rows])
         mean, information, new_from_ref = self._new_priors(frame, rows, priors)
         self._points = se3.transform(new_from_ref, self._points)
@@ -276,7 +278,7 @@ class CrossFrameWC:
         in_cam, cov_in_cam = self._in_newest_camera()
         _, in_world, cov_in_world = self._in_world()
         now = np.isin(self._ids, self._window[-1].ids)
-        in_prior = int(self._priors.information.any(axis=(1, 2)).sum())
+        in_prior = int(self._has_prior().sum())
         views = sum(int(np.isfinite(f.z_px).sum()) for f in self._window)
         moving = sum(not f.held for f in self._window)
         return Solution(
@@ -335,7 +337,7 @@ class CrossFrameCC(CrossFrameWC):
         in_cam = se3.transform(cam_from_ref, self._points[rows])
         mean = in_cam + delta @ cam_from_ref[:3, :3].T + point_in_cam_jacobian(in_cam) @ xi
         cov = covariances.cov_points_in_cam(0, frame.ref_from_cam, in_cam)
-        return mean, np.linalg.inv(cov), cam_from_ref
+        return mean, np.asarray(np.linalg.inv(cov)), cam_from_ref
 
 
 class CrossFrameCCLiteral(CrossFrameCC):
@@ -348,11 +350,11 @@ class CrossFrameCCLiteral(CrossFrameCC):
         cam_from_ref = se3.inverse(frame.ref_from_cam)
         r = cam_from_ref[:3, :3]
         mean = se3.transform(cam_from_ref, priors.mean)
-        has_prior = priors.information.any(axis=(1, 2))
-        cov = np.linalg.inv(np.where(has_prior[:, None, None], priors.information, np.eye(3)))
+        known = (priors.information != 0).any(axis=(1, 2), keepdims=True)
+        cov = np.linalg.inv(np.where(known, priors.information, np.eye(3)))
         j = point_in_cam_jacobian(mean)
         cov = r @ cov @ r.T + j @ self._covariances.cov_pose(0) @ np.swapaxes(j, 1, 2)
-        information = np.where(has_prior[:, None, None], np.linalg.inv(cov), 0.0)
+        information = np.where(known, np.linalg.inv(cov), 0.0)
         # The view from this very camera, linearised at the window's estimate of the points.
         in_cam = se3.transform(cam_from_ref, self._points[rows])
         views = _covering(self._views([frame], self._ids[rows]), len(rows))

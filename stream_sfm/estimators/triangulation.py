@@ -23,11 +23,11 @@ def triangulated(projection: StereoProjection, z_px: Array, cov_px: Array) -> tu
     """Most likely points (n, 3) m of complete views (n, 4) and their covariances (n, 3, 3) m², (AᵀΩA)⁻¹."""
     points = projection.triangulate(z_px)
     info = information_of_views(z_px, cov_px)
-    cov = np.zeros((len(points), 3, 3))
+    cov: Array = np.zeros((len(points), 3, 3))
     for _ in range(3):
         a = projection.jacobian(points)
         at = np.swapaxes(a, 1, 2) @ info
-        cov = np.linalg.inv(at @ a)
+        cov = np.asarray(np.linalg.inv(at @ a))
         step = (cov @ at @ (z_px - projection.project(points))[..., None])[..., 0]
         points = points + step
         points[:, 2] = np.maximum(points[:, 2], 1e-3)

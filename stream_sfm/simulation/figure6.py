@@ -1,0 +1,43 @@
+"""The paper's Figure 6: errors against the frame number, one curve a batch size, for CC and for WC.
+
+The paper's own scene: natural visibility, about 200 mm a frame, round-off noise. Beside its curves the default
+estimator, the EKF, frame-to-frame concatenation, and the bound.
+"""
+
+from functools import partial
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from .measure import QUANTITIES, Method, measure, stacked
+from .scenes import Scene
+from .trials import Progress, run_trials
+
+BATCHES = (1, 2, 4, 8)
+FRAMES = tuple(range(1, 31))
+SCENE = Scene()
+METHODS = (
+    *(Method("cross-frame-cc", b, f"cc_b{b}") for b in BATCHES),
+    *(Method("cross-frame-wc", b, f"wc_b{b}") for b in BATCHES),
+    Method("cross-frame"),
+    Method("ekf"),
+    Method("frame-to-frame"),
+)
+
+
+def figure6(trials: int, seed: int, workers: int, progress: Progress | None = None) -> dict[str, Any]:
+    """RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m; label "bound" too."""
+    job = partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES)
+    data = stacked(run_trials(job, trials, seed, workers, progress))
+    return {
+        "experiment": "figure6",
+        "trials": trials,
+        "seed": seed,
+        "scene": msgspec.to_builtins(SCENE),
+        "frames": list(FRAMES),
+        "curves": {
+            label: {q: np.sqrt(np.nanmean(entry[q], axis=0)).tolist() for q in QUANTITIES}
+            for label, entry in data.items()
+        },
+    }

@@ -1,0 +1,115 @@
+"""One trial of several estimators on one simulated sequence: squared errors, their bound, normalised errors."""
+
+from collections.abc import Sequence as Listed
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from ..config import Config
+from ..estimators import make_estimator
+from ..estimators.batch import Bound, cramer_rao_bound
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..types import Solution, Status
+from .scenes import Scene, Sequence
+
+QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
+NORMALISED = ("nees_pose", "nees_point", "nees_point_in_world")  # expected 6, 3, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """An estimator of a study: `key` names it in results, `name` is its name in METHODS, `b` its window."""
+
+    name: str
+    frames: int = 8
+    key: str = ""
+
+    @property
+    def label(self) -> str:
+        return self.key or self.name
+
+
+def measure(
+    seed: np.random.SeedSequence, scene: Scene, methods: Listed[Method], frames: Listed[int], bound: bool = True
+) -> dict[str, dict[str, Array]]:
+    """label -> quantity -> (len(frames),): rotation (rad²), position (m²), structure (m², mean over the points in
+    view), `bound_<quantity>` of the very same points, and NEES; NaN where the frame was lost.
+
+    With `bound`, an entry "bound" holds the variances of the bound itself.
+    """
+    sequence = scene.sequence(seed)
+    bounds = {n: _bound(sequence, n) for n in frames} if bound else {}
+    result = {m.label: _measure_one(sequence, m, frames, bounds) for m in methods}
+    if bound:
+        rows = [_traces(bounds[n], slice(None)) for n in frames]
+        result["bound"] = {q: np.array([r[q] for r in rows]) for q in QUANTITIES}
+    return result
+
+
+def _bound(sequence: Sequence, frame: int) -> Bound:
+    s = sequence
+    return cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world, frame)
+
+
+def _traces(bound: Bound, rows: slice | Array) -> dict[str, float]:
+    pose = bound.cov_poses[-1]
+    return {
+        "rotation": float(np.trace(pose[3:, 3:])),
+        "position": float(np.trace(pose[:3, :3])),
+        "global_structure": float(bound.cov_points_in_world[rows].trace(axis1=1, axis2=2).mean()),
+        "local_structure": float(bound.cov_points_in_cam[rows].trace(axis1=1, axis2=2).mean()),
+    }
+
+
+def _measure_one(
+    sequence: Sequence, method: Method, frames: Listed[int], bounds: dict[int, Bound]
+) -> dict[str, Array]:
+    names = (*QUANTITIES, *NORMALISED, *(f"bound_{q}" for q in QUANTITIES if bounds))
+    result = {name: np.full(len(frames), np.nan) for name in names}
+    window = msgspec.structs.replace(Config().window, frames=method.frames)
+    estimator = make_estimator(method.name, sequence.projection, msgspec.structs.replace(Config(), window=window))
+    wanted = {n: k for k, n in enumerate(frames)}
+    for n, observations in enumerate(sequence.observations[: max(frames) + 1]):
+        solution = estimator.step(observations)
+        if n not in wanted or solution.status is Status.LOST:
+            continue
+        values = errors(sequence, n, solution)
+        if bounds:
+            rows = np.searchsorted(bounds[n].track_ids, solution.track_ids)
+            values |= {f"bound_{q}": v for q, v in _traces(bounds[n], rows).items()}
+        for name, value in values.items():
+            result[name][wanted[n]] = value
+    return result
+
+
+def errors(sequence: Sequence, frame: int, solution: Solution) -> dict[str, float]:
+    """Squared and normalised errors of one frame against the truth."""
+    truth = sequence.world_from_cam[frame]
+    points = sequence.points_in_world[solution.track_ids]
+    xi = se3.log(se3.inverse(solution.world_from_cam) @ truth)
+    position = solution.world_from_cam[:3, 3] - truth[:3, 3]
+    in_world = solution.points_in_world - points
+    in_cam = solution.points_in_cam - se3.transform(se3.inverse(truth), points)
+    return {
+        "rotation": float(xi[3:] @ xi[3:]),
+        "position": float(position @ position),
+        "global_structure": float((in_world**2).sum(axis=1).mean()),
+        "local_structure": float((in_cam**2).sum(axis=1).mean()),
+        "nees_pose": _nees(xi[None], solution.cov_pose[None]) if solution.cov_pose.any() else np.nan,
+        "nees_point": _nees(in_cam, solution.cov_points),
+        "nees_point_in_world": _nees(in_world, solution.cov_points_in_world),
+    }
+
+
+def _nees(error: Array, cov: Array) -> float:
+    return float(np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0]).mean())
+
+
+def stacked(trials: list[dict[str, dict[str, Array]]]) -> dict[str, dict[str, Array]]:
+    """label -> quantity -> (trials, frames) of a list of trials."""
+    return {
+        label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]}
+        for label in trials[0]
+    }

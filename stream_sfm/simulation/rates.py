@@ -1,0 +1,185 @@
+"""The paper's Table 1: how error variances grow with the frame number n, the span k of a track, the window b.
+
+For every entry: the paper's rate, the measured exponent, and what exact theory (the Cramér–Rao bound of the same
+trials) says. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
+"""
+
+from functools import partial
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..estimators.batch import cramer_rao_bound
+from ..geometry.pose import Array
+from .measure import QUANTITIES, Method, measure, stacked
+from .motions import MOTIONS
+from .scenes import Scene
+from .statistics import Interval, exponent, mean
+from .trials import Progress, run_trials
+
+METHOD = Method("cross-frame")
+SPANS = (2, 4, 8, 16)  # L of the drift rates
+WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
+_DRIFT_FRAMES = (32, 96)
+_BOUND_SHARE = 0.08  # the bound hardly varies between scenes
+
+
+class Run(msgspec.Struct, frozen=True):
+    """Exponents are fitted over `frames` of a scene."""
+
+    title: str
+    scene: Scene
+    frames: tuple[int, ...]
+
+
+_SLOW, _LATERAL = MOTIONS["slow"], MOTIONS["lateral"]
+RUNS = {
+    "non_transitory_slow": Run(
+        "non-transitory, 10 mm a frame", Scene(motion=_SLOW, track_length=31), tuple(range(1, 31))
+    ),
+    "simple_slow": Run("simple, 10 mm a frame", Scene(motion=_SLOW, track_length=2), tuple(range(1, 31))),
+    "simple_lateral": Run(
+        "simple, 200 mm a frame", Scene(frames=81, motion=_LATERAL, track_length=2), tuple(range(20, 81, 4))
+    ),
+    "general_slow": Run("general L = 8, 10 mm a frame", Scene(motion=_SLOW, track_length=8), tuple(range(8, 31))),
+    "general_lateral": Run(
+        "general L = 8, 200 mm a frame", Scene(motion=_LATERAL, track_length=8), tuple(range(8, 31))
+    ),
+}
+
+_PAPER = {
+    "rotation": {"non": "1", "simple": "n", "general": "n/k²"},
+    "position": {"non": "1", "simple": "n", "general": "n/k²"},
+    "global_structure": {"non": "1/n", "simple": "n", "general": "n/k²"},
+    "local_structure": {"non": "1/n", "simple": "1", "general": "1/b"},
+}
+_THEORY = {
+    "rotation": {
+        "non": "a constant: the noise of the first view stays",
+        "simple": "∝ n exactly",
+        "general": "∝ n, after a constant of the first L frames; slope 3/(L²−1) of L = 2",
+    },
+    "position": {
+        "non": "a constant: the noise of the first view stays",
+        "simple": "∝ n while the path is short against depth, then ∝ n³ (lever arm of rotation)",
+        "general": "∝ n, then ∝ n³; slope 3/(L²−1) of L = 2",
+    },
+    "global_structure": {
+        "non": "1/n, down to a floor: the first view alone ties the points to the world",
+        "simple": "a constant floor (one view), then pose drift: n, then n³",
+        "general": "a constant floor, then pose drift: n, then n³",
+    },
+    "local_structure": {
+        "non": "1/n",
+        "simple": "constant",
+        "general": "constant in n; over b: (1/L)(H_b + (L−b)/b)",
+    },
+}
+
+
+def rates(trials: int, seed: int, workers: int, progress: Progress | None = None) -> dict[str, Any]:
+    """Table 1 measured; see the module. Keys: `table` (rows), `drift_over_span`, `structure_over_window`."""
+    table = []
+    for name, run in RUNS.items():
+        job = partial(measure, scene=run.scene, methods=(METHOD,), frames=run.frames)
+        data = stacked(run_trials(job, trials, seed, workers, progress))
+        kind = name.split("_")[0]  # non, simple or general
+        for quantity in QUANTITIES:
+            table.append(
+                {
+                    "sequence": name,
+                    "title": run.title,
+                    "quantity": quantity,
+                    "frames": [run.frames[0], run.frames[-1]],
+                    "paper": _PAPER[quantity][kind],
+                    "measured_exponent": exponent(np.array(run.frames), data[METHOD.label][quantity]),
+                    "bound_exponent": exponent(np.array(run.frames), data["bound"][quantity]).value,
+                    "theory": _THEORY[quantity][kind],
+                }
+            )
+    few = bound_trials(trials)
+    spans = run_trials(drift_rates, few, seed, workers, progress)
+    windows = run_trials(structure_over_window, few, seed, workers, progress)
+    return {
+        "experiment": "rates",
+        "trials": trials,
+        "seed": seed,
+        "estimator": METHOD.label,
+        "table": table,
+        "drift_over_span": _spans_report(np.stack(spans), few),
+        "structure_over_window": _windows_report(np.stack(windows), few),
+    }
+
+
+def bound_trials(trials: int) -> int:
+    """Trials of the laws that are evaluated on the bound."""
+    return max(2, round(_BOUND_SHARE * trials))
+
+
+def total_trials(trials: int) -> int:
+    """How many trials `rates` runs altogether."""
+    return len(RUNS) * trials + 2 * bound_trials(trials)
+
+
+def drift_rates(seed: np.random.SeedSequence) -> Array:
+    """Growth a frame of the bound's variance, (len(SPANS), 2: rad², m²), one image support for all L."""
+    rows = []
+    for length in SPANS:
+        s = Scene(
+            frames=_DRIFT_FRAMES[1] + 1,
+            motion=_SLOW,
+            track_length=length,
+            support_frames=max(SPANS),
+        ).sequence(seed)
+        bound = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world)
+        early = cramer_rao_bound(
+            s.projection, s.observations, s.world_from_cam, s.points_in_world, _DRIFT_FRAMES[0]
+        )
+        grown = bound.cov_poses[-1] - early.cov_poses[-1]
+        rows.append([np.trace(grown[3:, 3:]), np.trace(grown[:3, :3])])
+    return np.array(rows) / (_DRIFT_FRAMES[1] - _DRIFT_FRAMES[0])
+
+
+def structure_over_window(seed: np.random.SeedSequence) -> Array:
+    """Mean variance of local structure from the last b frames alone, (len(WINDOWS),) m², at L = 16."""
+    length = max(SPANS)
+    s = Scene(frames=2 * length, motion=_SLOW, track_length=length).sequence(seed)
+    values = []
+    for b in WINDOWS:
+        bound = cramer_rao_bound(s.projection, s.observations[-b:], s.world_from_cam[-b:], s.points_in_world)
+        values.append(bound.cov_points_in_cam.trace(axis1=1, axis2=2).mean())
+    return np.array(values)
+
+
+def structure_law(length: int, window: int) -> float:
+    """(1/L)(H_b + (L − b)/b): variance of a point seen `length` times, from a window, in views of one frame."""
+    harmonic = sum(1 / k for k in range(1, window + 1))
+    return (harmonic + (length - window) / window) / length
+
+
+def _spans_report(values: Array, trials: int) -> dict[str, Any]:
+    average = values.mean(axis=0)
+    return {
+        "trials": trials,
+        "span_frames": list(SPANS),
+        "rotation_relative": (average[:, 0] / average[0, 0]).tolist(),
+        "position_relative": (average[:, 1] / average[0, 1]).tolist(),
+        "theory": [3 / (length**2 - 1) for length in SPANS],
+        "exponent_rotation": _slope(values[:, :, 0]),
+        "exponent_theory": exponent(np.array(SPANS), np.array([[3 / (n**2 - 1) for n in SPANS]])).value,
+    }
+
+
+def _slope(values: Array) -> Interval:
+    return exponent(np.array(SPANS), values)
+
+
+def _windows_report(values: Array, trials: int) -> dict[str, Any]:
+    relative = [mean((values[:, k] / values[:, 0])[:, None]) for k in range(len(WINDOWS))]
+    return {
+        "trials": trials,
+        "window_frames": list(WINDOWS),
+        "relative": relative,
+        "theory": [structure_law(max(SPANS), b) for b in WINDOWS],
+    }

@@ -1,0 +1,57 @@
+"""Ratios, means and exponents over trials, each with its 95 % interval by bootstrap over whole trials."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+
+from ..geometry.pose import Array
+
+_RESAMPLES = 2000
+
+
+class Interval(msgspec.Struct, frozen=True):
+    """A value and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+def _bootstrap(statistic: Callable[[Array], Array], weights_of: int, seed: int = 0) -> Interval:
+    """`statistic` takes weights (r, trials) and returns (r,); row sums of the weights are the trials."""
+    rng = np.random.default_rng(seed)
+    n = weights_of
+    weights = rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES).astype(float)
+    value = float(statistic(np.ones((1, n)))[0])
+    if n < 2:
+        return Interval(value, value, value)
+    low, high = np.nanpercentile(statistic(weights), [2.5, 97.5])
+    return Interval(value, float(low), float(high))
+
+
+def ratio(numerator: Array, denominator: Array) -> Interval:
+    """Sum of `numerator` over sum of `denominator`, both (trials, frames) of the same trials (paired).
+
+    Frames where either is NaN (lost) are left out of both.
+    """
+    valid = np.isfinite(numerator) & np.isfinite(denominator)
+    a = np.where(valid, numerator, 0).sum(axis=1)
+    b = np.where(valid, denominator, 0).sum(axis=1)
+    return _bootstrap(lambda w: (w @ a) / (w @ b), len(a))
+
+
+def mean(values: Array) -> Interval:
+    """Mean over trials and frames (trials, frames), NaN left out."""
+    return ratio(values, np.where(np.isfinite(values), 1.0, np.nan))
+
+
+def exponent(x: Array, values: Array) -> Interval:
+    """Slope of log(mean over trials of `values` (trials, len(x))) against log x (len(x),), least squares."""
+    log_x = np.log(np.asarray(x, dtype=float))
+    centred = log_x - log_x.mean()
+    slope = centred / (centred @ centred)
+    return _bootstrap(lambda w: np.log(w @ values / w.sum(axis=1, keepdims=True)) @ slope, len(values))
