@@ -33,7 +33,7 @@ from .outcome import few_views, open_map, solution_without_points, status_of
 from .prior import Prior
 from .reading import Reading, read_structure
 
-_STRIKES = 2  # a track rejected so often is never used again; one rejection at its second view is enough
+_STRIKES = 6  # a track rejected so often is never used again; one rejection at its second view is enough
 
 
 @dataclass(slots=True)
