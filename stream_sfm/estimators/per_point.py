@@ -137,7 +137,7 @@ class CrossFrameWC:
         accepted: NDArray[np.intp],
         held: bool,
     ) -> None:
-        """The newest frame joins with its accepted views (rows of obs), and opens points seen for the first time."""
+        """The newest frame joins with its accepted views (rows of obs), and opens points seen first."""
         births = usable_births(self._projection, obs.z_px, obs.cov_px)
         births &= ~np.isin(obs.track_ids, self._ids) & ~np.isin(obs.track_ids, shared)
         in_cam, _ = triangulated(self._projection, obs.z_px[births], obs.cov_px[births])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ..config import Config
 from ..estimators import make_estimator
@@ -53,7 +54,7 @@ def _bound(sequence: Sequence, frame: int) -> Bound:
     return cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world, frame)
 
 
-def _traces(bound: Bound, rows: slice | Array) -> dict[str, float]:
+def _traces(bound: Bound, rows: slice | NDArray[np.intp]) -> dict[str, float]:
     pose = bound.cov_poses[-1]
     return {
         "rotation": float(np.trace(pose[3:, 3:])),
