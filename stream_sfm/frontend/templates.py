@@ -109,5 +109,7 @@ class TemplateAtlas:
                 flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
                 minEigThreshold=1e-5,
             )
-            at[rows], ok[rows], error[rows] = found[:, 0], status[:, 0] > 0, difference[:, 0]
+            good = status[:, 0] > 0  # the rest of what comes back is not initialised
+            at[rows[good]], error[rows[good]] = found[good, 0], difference[good, 0]
+            ok[rows] = good & np.isfinite(at[rows]).all(axis=1)
         return at, ok, error

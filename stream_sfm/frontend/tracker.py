@@ -132,8 +132,9 @@ class FrontEnd:
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=1e-5,
         )
-        at = at[:, 0].astype(float)
-        return at, (status[:, 0] > 0) & self._inside(at)
+        followed = status[:, 0] > 0  # the rest of what comes back is not initialised
+        at = np.where(followed[:, None], at[:, 0], start).astype(float)
+        return at, followed & self._inside(at)
 
     def _motion(self, z: Array, start: Array, std_px: float) -> tuple[Array, NDArray[np.bool_]] | None:
         """Motion since the last frame from left views alone, and the tracks that agree with it."""
@@ -152,8 +153,8 @@ class FrontEnd:
         return None
 
     def _inside(self, at: Array) -> NDArray[np.bool_]:
-        u, v = np.rint(at).astype(int).T
         h, w = self.valid.shape
+        u, v = np.rint(at.clip(-1, max(h, w))).astype(int).T
         inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
         return inside & self.valid[v.clip(0, h - 1), u.clip(0, w - 1)]
 

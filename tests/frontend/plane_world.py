@@ -1,0 +1,68 @@
+"""Exact stereo images of a textured wall: one homography a camera, detail at all scales. Shared by the tests."""
+
+import cv2
+import numpy as np
+
+from stream_sfm.geometry import pose as se3
+from stream_sfm.types import Camera, StereoFrame, StereoRig
+
+PERIOD_NS = 50_000_000
+
+
+def rig(vergence_rad: float = 0.0, width: int = 320, height: int = 240) -> StereoRig:
+    """A small pair, baseline 0.2 m, the right camera turned inwards by `vergence_rad`."""
+    k = np.array([[260.0, 0, (width - 1) / 2], [0, 260.0, (height - 1) / 2], [0, 0, 1]])
+    camera = Camera(width, height, k)
+    left_from_right = np.eye(4)
+    left_from_right[:3, :3] = se3.exp_so3([0, -vergence_rad, 0])
+    left_from_right[0, 3] = 0.2
+    return StereoRig(camera, camera, se3.inverse(left_from_right))
+
+
+class Wall:
+    """A wall 3 m in front of the first camera, slanted by 0.3 rad; 8 m wide and high, 2.5 mm a texel."""
+
+    SIZE = 3200
+    TEXEL_M = 0.0025
+
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        texture = np.zeros((self.SIZE, self.SIZE), np.float32)
+        for octave in range(3, 10):
+            cells = self.SIZE >> octave
+            noise = rng.normal(size=(cells, cells)).astype(np.float32)
+            texture += cv2.resize(noise, (self.SIZE, self.SIZE), interpolation=cv2.INTER_CUBIC) * 0.75 ** (9 - octave)
+        texture -= texture.mean()
+        self.texture = np.clip(128 + 45 * texture / texture.std(), 0, 255).astype(np.uint8)
+        self.world_from_wall = se3.exp([0, 0, 3.0, 0, 0, 0]) @ se3.exp([0, 0, 0, 0, 0.3, 0])
+        self.rng = rng
+
+    def image(self, camera: Camera, world_from_cam: np.ndarray, noise: float = 1.0) -> np.ndarray:
+        """What the camera sees of the wall (h, w) uint8, with grey noise of that deviation."""
+        cam_from_wall = se3.inverse(world_from_cam) @ self.world_from_wall
+        half = (self.SIZE - 1) / 2
+        wall_from_texel = np.array(
+            [[self.TEXEL_M, 0, -half * self.TEXEL_M], [0, self.TEXEL_M, -half * self.TEXEL_M], [0, 0, 1]]
+        )
+        pixel_from_texel = camera.K @ cam_from_wall[:3, [0, 1, 3]] @ wall_from_texel
+        # twice the size, then averaged: no aliasing
+        scale = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])
+        size = (2 * camera.width, 2 * camera.height)
+        big = cv2.warpPerspective(self.texture, scale @ pixel_from_texel, size, flags=cv2.INTER_AREA)
+        small = cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA).astype(float)
+        return np.clip(np.rint(small + self.rng.normal(size=small.shape) * noise), 0, 255).astype(np.uint8)
+
+    def frame(self, stereo: StereoRig, world_from_cam: np.ndarray, index: int) -> StereoFrame:
+        """The stereo frame of that index from that pose of the left camera."""
+        world_from_right = world_from_cam @ se3.inverse(stereo.right_from_left)
+        left, right = self.image(stereo.left, world_from_cam), self.image(stereo.right, world_from_right)
+        return StereoFrame(index * PERIOD_NS, left, right)
+
+
+def path(n: int) -> np.ndarray:
+    """A gentle path (n, 4, 4) sideways and forward with some turning; the first pose is the world."""
+    step = se3.exp([0.02, 0.004, 0.015, 0.002, -0.004, 0.003])
+    poses = [np.eye(4)]
+    for _ in range(n - 1):
+        poses.append(se3.orthonormalised(poses[-1] @ step))
+    return np.stack(poses)

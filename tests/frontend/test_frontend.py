@@ -1,0 +1,125 @@
+"""What the front-end measures, against exact images of a wall."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config
+from stream_sfm.errors import ConfigError
+from stream_sfm.frontend.detect import detect
+from stream_sfm.frontend.epipolar import search_rows
+from stream_sfm.frontend.rectify import Rectifier
+from stream_sfm.frontend.tracker import FrontEnd
+from stream_sfm.geometry import pose as se3
+from stream_sfm.types import Camera, StereoRig
+
+from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+
+
+def test_rectifier_of_a_rectified_pair_touches_nothing() -> None:
+    stereo = rig()
+    rectifier = Rectifier(stereo)
+    image = np.arange(320 * 240, dtype=np.uint32).astype(np.uint8).reshape(240, 320)
+    left, right = rectifier.rectify(image, image)
+    assert left is image and right is image
+    assert rectifier.valid.all()
+    assert np.allclose(rectifier.rect_from_cam, np.eye(3))
+    assert rectifier.projection.f_px == pytest.approx(260.0)
+    assert rectifier.projection.cx_left_px == pytest.approx(stereo.left.K[0, 2])
+
+
+def test_rectified_rays_agree_with_the_physical_cameras() -> None:
+    """A point projected by the physical cameras and one projected by the rectified pair are the same image point."""
+    stereo = rig(vergence_rad=0.06)
+    rectifier = Rectifier(stereo)
+    points = np.random.default_rng(0).uniform((-0.5, -0.5, 2), (0.5, 0.5, 4), (30, 3))
+    z = rectifier.projection.project(points @ rectifier.rect_from_cam.T)
+    assert np.allclose(z[:, 1], z[:, 3])
+    # map pixels of the rectified images back through the remap tables: paint a spot and look where it lands
+    for camera, in_camera, uv in (
+        (stereo.left, points, z[:, :2]),
+        (stereo.right, se3.transform(stereo.right_from_left, points), z[:, 2:]),
+    ):
+        raw = in_camera @ camera.K.T
+        raw = raw[:, :2] / raw[:, 2:]
+        side = 0 if camera is stereo.left and in_camera is points else 1
+        for (u, v), (ru, rv) in zip(raw[:5], uv[:5], strict=True):
+            grid_v, grid_u = np.mgrid[:240, :320]
+            spot = (255 * np.exp(-((grid_u - u) ** 2 + (grid_v - v) ** 2) / 18)).astype(np.uint8)
+            moved = rectifier.rectify(spot, spot)[side].astype(float)
+            centre = np.array([(moved * grid_u).sum(), (moved * grid_v).sum()]) / moved.sum()
+            assert np.allclose(centre, (ru, rv), atol=0.15)
+
+
+def test_exchanged_cameras_are_refused_with_a_cure() -> None:
+    stereo = rig()
+    with pytest.raises(ConfigError, match="exchange left and right"):
+        Rectifier(StereoRig(stereo.right, stereo.left, se3.inverse(stereo.right_from_left)))
+
+
+def test_fisheye_and_strong_distortion_keep_the_middle() -> None:
+    k = np.array([[260.0, 0, 159.5], [0, 260.0, 119.5], [0, 0, 1]])
+    for model, d in (("equidistant", (0.01, -0.002, 0.0, 0.0)), ("plumb_bob", (-0.35, 0.15, 0, 0))):
+        camera = Camera(320, 240, k, d, model)
+        rectifier = Rectifier(StereoRig(camera, camera, rig().right_from_left))
+        assert rectifier.valid[120, 160]
+        assert rectifier.valid.mean() > 0.7
+        assert 0.5 * 260 < rectifier.projection.f_px <= 260
+
+
+def test_detect_covers_evenly_and_keeps_its_distance() -> None:
+    image = Wall(1).image(rig().left, np.eye(4))
+    taken = np.array([[50.0, 60.0], [200.0, 100.0]])
+    corners = detect(image, taken, np.ones(image.shape, bool), 80, 10.0, 1e-5)
+    every = np.concatenate([taken, corners])
+    gap = np.linalg.norm(every[:, None] - every[None], axis=2) + 1e9 * np.eye(len(every))
+    assert gap.min() > 9.0
+    quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
+    assert min(q.sum() for q in quarters) > 0.15 * len(corners)
+    assert len(detect(image, taken, np.zeros(image.shape, bool), 80, 10.0, 1e-5)) == 0
+
+
+def test_row_search_finds_shifts_and_refuses_repetition() -> None:
+    image = Wall(2).image(rig().left, np.eye(4))
+    points = np.array([[150, 100], [200, 60], [120, 180]])
+    found, unique = search_rows(image, np.roll(image, -17, axis=1), points, (0, 60))
+    assert unique.all() and (found == 17).all()
+    stripes = np.tile(np.array([0] * 8 + [200] * 8, np.uint8), (240, 20))
+    assert not search_rows(stripes, stripes, points, (-5, 60))[1].any()
+
+
+@pytest.mark.parametrize("vergence_rad", [0.0, 0.05])
+def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None:
+    """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
+    stereo, wall, poses = rig(vergence_rad), Wall(3), path(20)
+    rectifier = Rectifier(stereo)
+    front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
+    c = np.eye(4)
+    c[:3, :3] = rectifier.rect_from_cam
+    normal, origin = wall.world_from_wall[:3, 2], wall.world_from_wall[:3, 3]
+    born: dict[int, np.ndarray] = {}
+    errors, squares = [], []
+    for n, pose in enumerate(poses):
+        observations = front.step(n, n * PERIOD_NS, *rectifier.rectify(*_images(wall.frame(stereo, pose, n))))
+        world_from_rect = pose @ c.T
+        p = rectifier.projection
+        for i, z, cov in zip(observations.track_ids, observations.z_px, observations.cov_px, strict=True):
+            if int(i) not in born:
+                ray = world_from_rect[:3, :3] @ [(z[0] - p.cx_left_px) / p.f_px, (z[1] - p.cy_px) / p.f_px, 1]
+                start = world_from_rect[:3, 3]
+                born[int(i)] = start + ray * (normal @ (origin - start)) / (normal @ ray)
+            elif n >= 10:
+                error = z - p.project(se3.transform(se3.inverse(world_from_rect), born[int(i)][None]))[0]
+                if np.isfinite(error).all():
+                    errors.append(error)
+                    squares.append(error @ np.linalg.solve(cov, error) / 4)
+        assert observations.cam_from_previous is None or n > 0
+    errors = np.array(errors)
+    assert len(observations.track_ids) > 60
+    # a bias of 0.02 px is a tenth of a tracked patch's deviation; 4 standard errors of correlated views beyond it
+    assert (np.abs(np.median(errors, axis=0)) < 0.03).all()
+    assert (1.4826 * np.median(np.abs(errors), axis=0) < 0.15).all()
+    assert 0.1 < np.median(squares) < 10
+
+
+def _images(frame) -> tuple[np.ndarray, np.ndarray]:
+    return frame.left, frame.right

@@ -1,0 +1,96 @@
+"""Every analytic Jacobian of the projection and of the window against central differences."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.estimators.inverse_depth import (
+    CHART,
+    gradients,
+    homogeneous_from_q,
+    linearise,
+    metric_jacobian,
+    pose_jacobian,
+    q_from_homogeneous,
+    q_jacobian,
+    view_residuals,
+)
+from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry.stereo import StereoProjection
+
+P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
+RNG = np.random.default_rng(3)
+POINTS = np.stack([RNG.uniform(-1, 1, 40), RNG.uniform(-1, 1, 40), RNG.uniform(1.5, 8, 40)], axis=1)
+HOMOGENEOUS = np.concatenate([POINTS, RNG.uniform(0, 2, (40, 1))], axis=1)
+
+
+def differences(function, x: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    """∂f/∂x (n, m, k) for f: (n, k) -> (n, m), by central differences."""
+    columns = []
+    for k in range(x.shape[-1]):
+        h = np.zeros(x.shape[-1])
+        h[k] = step
+        columns.append((function(x + h) - function(x - h)) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("function", "jacobian", "x"),
+    [
+        (P.project, P.jacobian, POINTS),
+        (P.project_homogeneous, P.jacobian_homogeneous, HOMOGENEOUS),
+        (q_from_homogeneous, q_jacobian, HOMOGENEOUS),
+        (lambda h: h[:, :3] / h[:, 3:], metric_jacobian, HOMOGENEOUS + (0, 0, 0, 0.5)),
+    ],
+    ids=["projection", "homogeneous projection", "chart", "metric point"],
+)
+def test_jacobian_equals_differences(function, jacobian, x) -> None:
+    numerical = differences(function, x)
+    assert np.abs(jacobian(x) - numerical).max() < 1e-6 * max(1, np.abs(numerical).max())
+
+
+def test_pose_jacobian_is_of_the_left_perturbation() -> None:
+    def moved(xi: np.ndarray) -> np.ndarray:
+        return (se3.exp(xi) @ HOMOGENEOUS[..., None])[..., 0]
+
+    assert np.abs(differences(moved, np.zeros((40, 6))) - pose_jacobian(HOMOGENEOUS)).max() < 1e-8
+
+
+def test_projection_and_triangulation_are_inverse() -> None:
+    assert np.allclose(P.triangulate(P.project(POINTS)), POINTS, atol=1e-12)
+    assert np.allclose(P.project_homogeneous(np.c_[POINTS, np.ones(40)]), P.project(POINTS), atol=1e-12)
+
+
+def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
+    frames, n = 3, 12
+    cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
+    q = q_from_homogeneous(np.c_[POINTS[:n], np.ones(n)])
+    z = P.project_homogeneous(homogeneous_from_q(q)[None] @ np.swapaxes(cams, 1, 2)) + RNG.normal(size=(frames, n, 4))
+    root = RNG.normal(size=(frames, n, 4, 4))
+    info = root @ np.swapaxes(root, -1, -2)
+    info[1, 3] = 0  # an unseen view
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
+        r = view_residuals(P, poses, q + x[6 * frames :].reshape(n, 3), z, info)[1]
+        return r.ravel()
+
+    size = 6 * frames + 3 * n
+    j = np.stack([(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(size)], axis=1)
+    w = np.zeros((frames * n * 4, frames * n * 4))
+    for k, block in enumerate(info.reshape(-1, 4, 4)):
+        w[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = block
+    h, g = j.T @ w @ j, -j.T @ w @ residual(np.zeros(size))
+    lin = linearise(P, cams, q, z, info)
+    scale = np.abs(h).max()
+    for s in range(frames):
+        a = slice(6 * s, 6 * s + 6)
+        assert np.abs(h[a, a] - lin.u[s]).max() < 1e-6 * scale
+        cross = h[a, 6 * frames :].reshape(6, n, 3).transpose(1, 0, 2)
+        assert np.abs(cross - lin.c[s]).max() < 1e-6 * scale
+    points = h[6 * frames :, 6 * frames :].reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :]
+    assert np.abs(points - lin.v).max() < 1e-6 * scale
+    expected = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel()])
+    assert np.abs(g - expected).max() < 1e-6 * np.abs(g).max()
+    g_pose, g_point = gradients(P, cams, q, z, info)
+    assert np.array_equal(np.concatenate([g_pose.ravel(), g_point.ravel()]), expected)
+    assert CHART.tolist() == [0, 1, 3]

@@ -1,0 +1,125 @@
+"""The engine as a user meets it: one call a frame, wrong input refused, lost tracking reported and recovered."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.geometry import pose as se3
+
+from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+
+N = 24
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[sfm.StereoFrame]:
+    wall, stereo = Wall(5), rig(0.03)
+    return [wall.frame(stereo, pose, n) for n, pose in enumerate(path(N))]
+
+
+@pytest.fixture
+def engine() -> sfm.Engine:
+    return sfm.Engine(rig(0.03), sfm.Config())
+
+
+def black(frame: sfm.StereoFrame) -> sfm.StereoFrame:
+    return sfm.StereoFrame(frame.stamp_ns, np.zeros_like(frame.left), np.zeros_like(frame.right))
+
+
+@pytest.mark.parametrize("method", ["cross-frame", "ekf", "frame-to-frame"])
+def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
+    engine = sfm.Engine(rig(0.03), sfm.Config(method=method))
+    estimates = [engine.step(f) for f in frames]
+    assert estimates[0].status == sfm.Status.INITIALISING
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])
+    truth = path(N)
+    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ truth[-1])
+    assert np.linalg.norm(error[:3]) < 0.015 and np.linalg.norm(error[3:]) < 0.004
+    last = estimates[-1]
+    wall_from_cam = se3.inverse(Wall(5).world_from_wall) @ truth[-1]
+    off_wall = se3.transform(wall_from_cam, last.points_in_cam)[:, 2]
+    assert np.median(np.abs(off_wall)) < 0.02
+    assert np.abs(last.world_from_cam[:3, :3] @ last.world_from_cam[:3, :3].T - np.eye(3)).max() < 1e-12
+
+
+def test_every_estimate_is_complete(frames, engine) -> None:
+    for frame in frames[:12]:
+        e = engine.step(frame)
+        n = len(e.track_ids)
+        assert e.points_in_cam.shape == e.points_in_world.shape == (n, 3)
+        assert e.cov_points.shape == e.cov_points_in_world.shape == (n, 3, 3)
+        assert (np.diff(e.track_ids) > 0).all()
+        assert np.allclose(e.cov_pose, e.cov_pose.T)
+        assert np.linalg.eigvalsh(e.cov_pose).min() > -1e-12
+        if n:
+            assert np.linalg.eigvalsh(e.cov_points).min() > 0
+        assert np.allclose(se3.transform(e.world_from_cam, e.points_in_cam), e.points_in_world, atol=1e-6)
+        assert e.window_world_from_cam.shape == (len(e.window_frame_indices), 4, 4)
+        assert np.allclose(e.window_world_from_cam[-1], e.world_from_cam, atol=1e-9)
+    assert len(e.window_frame_indices) == 8
+
+
+def test_two_runs_give_the_same_bytes(frames) -> None:
+    runs = []
+    for _ in range(2):
+        engine = sfm.Engine(rig(0.03), sfm.Config())
+        runs.append([_bytes(engine.step(f)) for f in frames])
+    assert runs[0] == runs[1]
+
+
+def test_lost_is_a_result_and_tracking_resumes_with_honest_doubt(frames, engine) -> None:
+    estimates = [engine.step(black(f) if 10 <= n < 14 else f) for n, f in enumerate(frames)]
+    statuses = [e.status for e in estimates]
+    assert statuses[10:14] == [sfm.Status.LOST] * 4
+    assert "black" in estimates[10].reason
+    assert statuses[14] == sfm.Status.INITIALISING and all(s == sfm.Status.OK for s in statuses[15:])
+    before, after = estimates[9].cov_pose, estimates[15].cov_pose
+    assert after[0, 0] > 100 * before[0, 0] and np.isfinite(after).all()
+    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ path(N)[-1])
+    assert error @ np.linalg.solve(estimates[-1].cov_pose, error) < 22.5  # χ²(6), 0.999
+
+
+def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
+    engine.step(frames[0])
+    good = frames[1]
+    wrong = [
+        (dataclasses.replace(good, stamp_ns=0), "stamps must grow"),
+        (dataclasses.replace(good, stamp_ns=1.5), "integer"),
+        (dataclasses.replace(good, left=good.left.astype(float)), "left image is float64"),
+        (dataclasses.replace(good, right=None), "right image is NoneType"),
+        (dataclasses.replace(good, right=good.right[:-1]), "calibration says"),
+        (dataclasses.replace(good, left=np.stack([good.left] * 3, axis=2)), "mono"),
+    ]
+    for frame, message in wrong:
+        with pytest.raises(sfm.FrameError, match=message):
+            engine.step(frame)
+    fresh = sfm.Engine(rig(0.03), sfm.Config())
+    fresh.step(frames[0])
+    assert _bytes(fresh.step(good)) == _bytes(engine.step(good))
+
+
+def test_views_of_any_memory_layout_are_taken(frames, engine) -> None:
+    fresh = sfm.Engine(rig(0.03), sfm.Config())
+    for frame in frames[:3]:
+        left = np.asfortranarray(frame.left)
+        left.flags.writeable = False
+        right = np.repeat(frame.right, 2, axis=1)[:, ::2]
+        odd = sfm.StereoFrame(frame.stamp_ns, left, right)
+        assert _bytes(engine.step(odd)) == _bytes(fresh.step(frame))
+
+
+def test_a_camera_at_rest_stays_where_it_is(frames, engine) -> None:
+    for n in range(15):
+        e = engine.step(dataclasses.replace(frames[0], stamp_ns=n * PERIOD_NS))
+    assert np.linalg.norm(se3.log(e.world_from_cam)) < 1e-4
+
+
+def _bytes(estimate: sfm.FrameEstimate) -> bytes:
+    parts = []
+    for field in dataclasses.fields(estimate):
+        value = getattr(estimate, field.name)
+        if field.name != "timings_ms":
+            parts.append(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+    return b"|".join(parts)
