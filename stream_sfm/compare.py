@@ -1,0 +1,272 @@
+"""All methods on one log in one pass: the front-end does not depend on the estimator, so it runs once.
+
+log -> front-end -> the same observations to every estimator -> a result folder a method, and the drift report.
+"""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from .config import Config
+from .engine import in_camera_axes
+from .errors import ConfigError
+from .estimators import METHODS, make_estimator
+from .evaluation.structure import StructureComparison, structure_errors
+from .frontend.rectify import Rectifier
+from .frontend.tracker import FrontEnd
+from .recording import StereoLog, StereoPair
+from .recording.images import GreyScaler, decode_grey
+from .recording.thumbnails import jpeg
+from .report.records import Comparison, FrontRecord, MethodRun, Snapshot
+from .types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
+
+COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
+RETURN_LIMIT_BYTES = 256 * 2**20  # recorded bytes kept for the way back
+_SNAPSHOT_WIDTH = 560
+_GAP = 1.6  # of the usual time between frames
+
+
+class Sink:
+    """Where the estimates of one method go; the stub keeps nothing."""
+
+    def write(self, estimate: FrameEstimate) -> None:
+        """Take one frame."""
+
+    def close(self) -> None:
+        """Finish."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which frames of the log: seconds from the first, at most so many, every so manieth."""
+
+    start_s: float | None = None
+    end_s: float | None = None
+    max_frames: int | None = None
+    stride: int = 1
+
+
+class _Runner:
+    """One method: its estimator, its record, its sink."""
+
+    def __init__(self, name: str, estimator: Estimator, run: MethodRun, sink: Sink) -> None:
+        self.name, self.estimator, self.run, self.sink = name, estimator, run, sink
+
+    def solve(self, observations: Observations) -> tuple[Solution, float] | None:
+        """The solution and seconds it took; None when the method has failed, now or before."""
+        if self.run.failure:
+            return None
+        began = time.perf_counter()
+        try:
+            solution = self.estimator.step(observations)
+        except np.linalg.LinAlgError as error:  # a defect of one method must not cost the others' results
+            self.run.failure = f"stopped at frame {observations.frame_index}: {error}"
+            return None
+        return solution, time.perf_counter() - began
+
+
+def compare(
+    log: StereoLog,
+    config: Config,
+    methods: Sequence[str] = COMPARED,
+    selection: Selection | None = None,
+    there_and_back: bool | None = None,
+    make_sink: Callable[[str], Sink] | None = None,
+    health: dict[str, Any] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Comparison:
+    """Run `methods` on the log.
+
+    `there_and_back`: feed the frames backwards after the last one; None: where the log has no ground truth.
+    `make_sink(method)` gets each estimate of the way there. `progress` is told how many frames are done. Raises
+    LogError where no frame can be read, ConfigError for an unknown method.
+    """
+    for name in methods:
+        if name not in METHODS:
+            raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
+    selection = selection or Selection()
+    pass_ = _Pass(log, config, methods, make_sink or (lambda _: Sink()))
+    truth = log.ground_truth()
+    back = truth is None if there_and_back is None else there_and_back
+    kept: list[StereoPair] | None = [] if back else None
+    kept_bytes = 0
+    try:
+        for pair, frame, seconds in _timed(log, selection):
+            pass_.forward(frame, seconds)
+            if kept is not None:
+                kept.append(pair)
+                kept_bytes += len(pair.left.data) + len(pair.right.data)
+                kept = kept if kept_bytes <= RETURN_LIMIT_BYTES else None
+            if progress is not None:
+                progress(pass_.next_index)
+    finally:
+        pass_.close()
+    note = "not done: the log has ground truth" if not back else ""
+    if kept is not None:
+        note = pass_.way_back(kept)
+    elif back:
+        note = f"not done: the recorded images are more than {RETURN_LIMIT_BYTES // 2**20} MiB"
+    return Comparison(
+        log=Path(log.path).name,
+        rig=log.rig,
+        config=config,
+        runs=[r.run for r in pass_.runners],
+        front=pass_.front,
+        truth=truth,
+        health=health or {},
+        local_difference=pass_.local_difference,
+        warnings=list(dict.fromkeys(log.stats.warnings)),
+        complete=log.stats.complete,
+        return_note=note,
+    )
+
+
+def _timed(log: StereoLog, s: Selection) -> Iterator[tuple[StereoPair, StereoFrame, float]]:
+    frames = log.decoded(s.start_s, s.end_s, s.max_frames, s.stride)
+    while True:
+        began = time.perf_counter()
+        item = next(frames, None)
+        if item is None:
+            return
+        yield *item, time.perf_counter() - began
+
+
+class _Pass:
+    """The state of one pass: a front-end, a runner a method, and what the report needs."""
+
+    def __init__(
+        self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], Sink]
+    ) -> None:
+        self.rectifier = Rectifier(log.rig)
+        projection = self.projection = self.rectifier.projection
+        self.frontend = FrontEnd(projection, config, self.rectifier.valid)
+        self.front = FrontRecord()
+        self.camera = log.rig.left
+        self.local_difference: list[tuple[int, float]] = []
+        depths = itertools.tee(log.depths(), len(methods) + 1)
+        self._depths = _DepthNow(depths[-1])
+        self.runners: list[_Runner] = []
+        for name, depth in zip(methods, depths[:-1], strict=True):
+            structure = StructureComparison(log.rig.left, depth)
+            method_config = msgspec.structs.replace(config, method=name)
+            estimator = make_estimator(name, projection, method_config)
+            self.runners.append(_Runner(name, estimator, MethodRun(name, structure), make_sink(name)))
+        self.next_index = 0
+        self.stamps: list[int] = []
+        self._previous: Observations | None = None
+
+    def forward(self, frame: StereoFrame, decode_s: float) -> None:
+        """One frame of the way there."""
+        t0 = time.perf_counter()
+        left, right = self.rectifier.rectify(frame.left, frame.right)
+        t1 = time.perf_counter()
+        obs = self.frontend.step(self.next_index, frame.stamp_ns, left, right)
+        t2 = time.perf_counter()
+        front = self.front
+        front.decode_ms.append(1e3 * decode_s)
+        front.rectify_ms.append(1e3 * (t1 - t0))
+        front.frontend_ms.append(1e3 * (t2 - t1))
+        front.add(obs)
+        self._note_gap(frame.stamp_ns)
+        shared = {"decode": decode_s, "rectify": t1 - t0, "frontend": t2 - t1}
+        depth = self._depths.at(frame.stamp_ns)
+        local: dict[str, FrameEstimate] = {}
+        for runner in self.runners:
+            solved = runner.solve(obs)
+            if solved is None:
+                continue
+            solution, seconds = solved
+            timings = shared | {"estimator": seconds}
+            estimate = in_camera_axes(solution, obs, self.rectifier.rect_from_cam, timings)
+            local[runner.name] = estimate
+            runner.run.add(estimate)
+            runner.run.reprojection_px.append(self._reprojection(solution, obs))
+            runner.sink.write(estimate)
+            if runner.run.structure is not None:
+                runner.run.structure.add(estimate)
+            if depth is not None and depth.shape == (self.camera.height, self.camera.width):
+                found = structure_errors(self.camera, estimate.points_in_cam, estimate.cov_points, depth)
+                if len(found.errors_m):
+                    rms = [float(np.sqrt((x**2).mean())) for x in (found.errors_m, found.sigmas_m)]
+                    runner.run.depth_rows.append((self.next_index, rms[0], rms[1]))
+        self._compare_local(local)
+        if front.wants_snapshot(self.next_index):
+            front.keep(self._snapshot(obs, left, right))
+        self._previous = obs
+        self.next_index += 1
+
+    def way_back(self, pairs: list[StereoPair]) -> str:
+        """Feed the frames backwards, stamps mirrored at the last; returns what to say about it."""
+        scaler = GreyScaler()
+        turn_ns = self.stamps[-1]
+        for pair in reversed(pairs[:-1]):
+            images = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
+            left, right = self.rectifier.rectify(*images)
+            obs = self.frontend.step(self.next_index, 2 * turn_ns - pair.stamp_ns, left, right)
+            self.next_index += 1
+            for runner in self.runners:
+                solved = runner.solve(obs)
+                if solved is not None:
+                    estimate = in_camera_axes(solved[0], obs, self.rectifier.rect_from_cam, {})
+                    runner.run.back.append(estimate.world_from_cam)
+        return f"{len(pairs)} frames there, {len(pairs) - 1} back"
+
+    def close(self) -> None:
+        """Finish the sinks."""
+        for runner in self.runners:
+            runner.sink.close()
+
+    def _note_gap(self, stamp_ns: int) -> None:
+        self.stamps.append(stamp_ns)
+        steps = np.diff(self.stamps[-50:])
+        if len(steps) > 2 and steps[-1] > _GAP * np.median(steps):
+            self.front.gaps.append(self.next_index)
+
+    def _reprojection(self, solution: Solution, obs: Observations) -> float:
+        """RMS residual, px, of the present views against the present points."""
+        rows = np.flatnonzero(np.isin(obs.track_ids, solution.track_ids))
+        points = solution.points_in_cam[np.isin(solution.track_ids, obs.track_ids)]
+        front = points[:, 2] > 1e-3
+        if not front.any():
+            return float("nan")
+        r = obs.z_px[rows[front]] - self.projection.project(points[front])
+        return float(np.sqrt(np.nanmean(r**2)))
+
+    def _compare_local(self, local: dict[str, FrameEstimate]) -> None:
+        """CC against WC-derived local structure: the same points in the same camera, by the two book-keepings."""
+        cc, wc = local.get("cross-frame-cc"), local.get("cross-frame-wc")
+        if cc is None or wc is None:
+            return
+        _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
+        if len(i):
+            apart = np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)
+            self.local_difference.append((self.next_index, float(np.median(apart))))
+
+    def _snapshot(self, obs: Observations, left: np.ndarray, right: np.ndarray) -> Snapshot:
+        temporal = np.empty((0, 4))
+        if self._previous is not None:
+            _, i, j = np.intersect1d(self._previous.track_ids, obs.track_ids, return_indices=True)
+            temporal = np.concatenate([self._previous.z_px[i, :2], obs.z_px[j, :2]], axis=1)
+        stereo = obs.z_px[np.isfinite(obs.z_px).all(axis=1)]
+        images = [jpeg(image, _SNAPSHOT_WIDTH) for image in (left, right)]
+        return Snapshot(obs.frame_index, (left.shape[1], left.shape[0]), images[0], images[1], stereo, temporal)
+
+
+class _DepthNow:
+    """The depth image of a stamp, if there is one; stamps ascend."""
+
+    def __init__(self, depths: Iterator[tuple[int, np.ndarray]]) -> None:
+        self._depths, self._next = depths, next(depths, None)
+
+    def at(self, stamp_ns: int) -> np.ndarray | None:
+        while self._next is not None and self._next[0] < stamp_ns - 1_000_000:
+            self._next = next(self._depths, None)
+        if self._next is not None and abs(self._next[0] - stamp_ns) <= 1_000_000:
+            return self._next[1]
+        return None

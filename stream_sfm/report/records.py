@@ -1,0 +1,144 @@
+"""What one comparison collects as the frames go by: small numbers a frame, never images but a few small pictures."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..config import Config
+from ..evaluation.structure import StructureComparison
+from ..geometry.pose import Array
+from ..types import FrameEstimate, Observations, StereoRig, Trajectory
+
+MAX_SNAPSHOTS = 6
+
+
+@dataclass(slots=True)
+class MethodRun:
+    """One method over all frames; lists have one entry a frame unless said.
+
+    `estimator_ms`; `reprojection_px`: RMS of the views used; `depth_rows`: (frame, RMS depth error, RMS claimed σ)
+    where the log has depth; `sigma_local_m`: median claimed σ of the local points along their viewing rays; `back`:
+    poses of the way back, from the last but one frame to the first; `failure`: why the method stopped early.
+    """
+
+    name: str
+    structure: StructureComparison | None = None
+    stamps_ns: list[int] = field(default_factory=list)
+    poses: list[Array] = field(default_factory=list)
+    covs: list[Array] = field(default_factory=list)
+    statuses: list[str] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    used: list[int] = field(default_factory=list)
+    rejected: list[int] = field(default_factory=list)
+    nis: list[float] = field(default_factory=list)
+    nis_dof: list[int] = field(default_factory=list)
+    estimator_ms: list[float] = field(default_factory=list)
+    reprojection_px: list[float] = field(default_factory=list)
+    sigma_local_m: list[float] = field(default_factory=list)
+    depth_rows: list[tuple[int, float, float]] = field(default_factory=list)
+    back: list[Array] = field(default_factory=list)
+    failure: str = ""
+
+    @property
+    def key(self) -> str:
+        """The method's name as a JSON key."""
+        return self.name.replace("-", "_")
+
+    def add(self, estimate: FrameEstimate) -> None:
+        """Keep what the report draws of one frame."""
+        self.stamps_ns.append(estimate.stamp_ns)
+        self.poses.append(estimate.world_from_cam)
+        self.covs.append(estimate.cov_pose)
+        self.statuses.append(str(estimate.status))
+        self.reasons.append(estimate.reason)
+        self.used.append(estimate.counts["used"])
+        self.rejected.append(estimate.counts["rejected"])
+        self.nis.append(estimate.nis)
+        self.nis_dof.append(estimate.nis_dof)
+        self.estimator_ms.append(estimate.timings_ms["estimator"])
+        self.sigma_local_m.append(_median_sigma(estimate))
+
+    def trajectory(self) -> Trajectory:
+        """All poses with their covariances."""
+        n = len(self.poses)
+        return Trajectory(
+            np.array(self.stamps_ns, np.int64),
+            np.array(self.poses).reshape(n, 4, 4),
+            np.array(self.covs).reshape(n, 6, 6),
+        )
+
+
+def _median_sigma(estimate: FrameEstimate) -> float:
+    points = estimate.points_in_cam
+    if not len(points):
+        return float("nan")
+    rays = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-9)
+    variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
+    return float(np.sqrt(np.median(np.maximum(variance, 0))))
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A stereo frame as small JPEGs of the rectified images, with needles in full-size pixels.
+
+    `stereo` (n, 4) u_left, v_left, u_right, v_right; `temporal` (m, 4) from (u, v) in the frame before to now.
+    """
+
+    frame_index: int
+    size: tuple[int, int]
+    left_jpeg: bytes
+    right_jpeg: bytes
+    stereo: Array
+    temporal: Array
+
+
+@dataclass(slots=True)
+class FrontRecord:
+    """What all methods share. `lives`: track id -> [first frame, last frame]; times in ms, one entry a frame."""
+
+    decode_ms: list[float] = field(default_factory=list)
+    rectify_ms: list[float] = field(default_factory=list)
+    frontend_ms: list[float] = field(default_factory=list)
+    tracked: list[int] = field(default_factory=list)
+    new: list[int] = field(default_factory=list)
+    lives: dict[int, list[int]] = field(default_factory=dict)
+    snapshots: list[Snapshot] = field(default_factory=list)
+    snapshot_stride: int = 1
+    gaps: list[int] = field(default_factory=list)  # frames that come after a jump in time
+
+    def add(self, observations: Observations) -> None:
+        """Counts and the record of tracking of one frame."""
+        frame = observations.frame_index
+        self.tracked.append(len(observations.track_ids) - observations.n_new)
+        self.new.append(observations.n_new)
+        for track in observations.track_ids.tolist():
+            self.lives.setdefault(track, [frame, frame])[1] = frame
+
+    def wants_snapshot(self, frame_index: int) -> bool:
+        """Whether this frame is one of the few that are shown, evenly spread however long the log is."""
+        return frame_index % self.snapshot_stride == 0
+
+    def keep(self, snapshot: Snapshot) -> None:
+        """Add a snapshot; when there are too many, every second goes and the stride doubles."""
+        self.snapshots.append(snapshot)
+        if len(self.snapshots) > MAX_SNAPSHOTS:
+            self.snapshots = self.snapshots[::2]
+            self.snapshot_stride *= 2
+
+
+@dataclass(slots=True)
+class Comparison:
+    """All that a report is made of. `return_note` says whether the frames were also fed backwards, and why (not)."""
+
+    log: str
+    rig: StereoRig
+    config: Config
+    runs: list[MethodRun]
+    front: FrontRecord
+    truth: Trajectory | None
+    health: dict[str, Any]
+    local_difference: list[tuple[int, float]] = field(default_factory=list)  # frame, RMS CC − WC local points, m
+    warnings: list[str] = field(default_factory=list)
+    complete: bool = True
+    return_note: str = ""
