@@ -22,7 +22,9 @@ from .adjustment import point_in_cam_jacobian
 from .motion_prior import MotionPrior, robust_start
 from .triangulation import triangulated, usable_births
 
-_FREE_STD_M, _FREE_STD_RAD = 30.0, 1.0  # the pose before its update: as good as unknown
+# The pose before its update is unknown: its prior has this many times the covariance that the views will give it.
+# More would only cost digits (the update subtracts numbers that large).
+_FREE = 1e4
 
 
 class Ekf:
@@ -47,6 +49,8 @@ class Ekf:
         ended = self._drop(np.isin(self._ids, obs.track_ids))
         predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
         rows = np.searchsorted(obs.track_ids, self._ids)
+        if obs.std_drift_px is not None:  # part of the prediction, ahead of the gate
+            self._cov[6:, 6:] += self._drift(obs.std_drift_px[rows])
         found = self._resect(obs, rows, predicted)
         robust = self._config.robust
         if found is None:
@@ -55,7 +59,7 @@ class Ekf:
             return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, ended)
         world_from_resected = se3.orthonormalised(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
-        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted)
+        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, _FREE * found.cov_pose)
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
@@ -113,8 +117,13 @@ class Ekf:
         )
         return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
 
-    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_]) -> tuple[float, int]:
-        """One predict and one update of filterpy's filter; returns the squared innovation and its freedom."""
+    def _update(
+        self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
+    ) -> tuple[float, int]:
+        """One predict, which leaves the pose with `cov_free` (6, 6), and one update of filterpy's filter.
+
+        Returns the squared innovation and its degrees of freedom.
+        """
         used = np.flatnonzero(accepted)
         predicted_views, h = self._measurement(used)
         seen = np.isfinite(z_px[used]).ravel()
@@ -128,13 +137,27 @@ class Ekf:
         kf.P = self._cov
         kf.F = np.diag(np.concatenate([np.zeros(6), np.ones(d - 6)]))
         kf.Q = np.zeros((d, d))
-        kf.Q[:6, :6] = np.diag(np.repeat([_FREE_STD_M**2, _FREE_STD_RAD**2], 3))
+        kf.Q[:6, :6] = cov_free
         kf.predict()
         kf.update(innovation, HJacobian=lambda x: h[seen], Hx=lambda x: h[seen] @ x, R=noise)
         self._world_from_cam = se3.orthonormalised(self._world_from_cam @ se3.exp(kf.x[:6]))
         self._points = self._points + kf.x[6:].reshape(-1, 3)
         self._cov = (kf.P + kf.P.T) / 2
         return float(kf.y @ kf.SI @ kf.y), len(innovation) - 6
+
+    def _drift(self, drift_px: Array) -> Array:
+        """Process noise (3m, 3m) m² of templates that slid by `drift_px` (m,): across the ray, and in disparity."""
+        p, r = self._projection, self._world_from_cam[:3, :3]
+        in_cam = se3.transform(se3.inverse(self._world_from_cam), self._points)
+        ray = in_cam / np.maximum(in_cam[:, 2:], 1e-3)
+        along = in_cam[:, 2] ** 2 * drift_px / (p.f_px * p.baseline_m)
+        across = in_cam[:, 2] * drift_px / p.f_px
+        blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
+        blocks[:, [0, 1], [0, 1]] += across[:, None] ** 2
+        m = len(in_cam)
+        q = np.zeros((m, 3, m, 3))
+        q[np.arange(m), :, np.arange(m), :] = r @ blocks @ r.T
+        return q.reshape(3 * m, 3 * m)
 
     def _add(self, obs: Observations) -> None:
         """New points: X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]; correlated with all that is known."""
