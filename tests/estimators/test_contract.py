@@ -1,0 +1,178 @@
+"""What every method must keep: shapes, covariances, ids, determinism, lost and resume, empty frames."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config
+from stream_sfm.errors import ConfigError
+from stream_sfm.estimators import METHODS, make_estimator
+from stream_sfm.geometry import pose as se3
+from stream_sfm.types import Observations, Status
+
+methods = pytest.mark.parametrize("method", list(METHODS))
+CONFIG = Config()
+
+
+def run(method, projection, observations):
+    estimator = make_estimator(method, projection, CONFIG)
+    assert estimator.name == method
+    return [estimator.step(o) for o in observations]
+
+
+def without_views(o: Observations) -> Observations:
+    empty = np.empty(0, np.int64)
+    return dataclasses.replace(o, track_ids=empty, z_px=np.empty((0, 4)), cov_px=np.empty((0, 4, 4)), n_new=0)
+
+
+def with_new_ids(o: Observations, offset: int) -> Observations:
+    return dataclasses.replace(o, track_ids=o.track_ids + offset, n_new=len(o.track_ids))
+
+
+def assert_covariances(cov, what):
+    assert cov == pytest.approx(np.swapaxes(cov, -1, -2), rel=1e-9, abs=1e-15), what
+    scale = np.sqrt(np.maximum(np.diagonal(cov, axis1=-2, axis2=-1), 1e-30))
+    eigenvalues = np.linalg.eigvalsh(cov / (scale[..., :, None] * scale[..., None, :]))
+    assert (eigenvalues > -1e-9).all(), what
+
+
+@methods
+def test_shapes_covariances_and_ids(method, arc):
+    ended = set()
+    for o, s in zip(arc.observations, run(method, arc.projection, arc.observations), strict=True):
+        n = len(s.track_ids)
+        assert s.world_from_cam.shape == (4, 4)
+        r = s.world_from_cam[:3, :3]
+        assert r @ r.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert s.cov_pose.shape == (6, 6)
+        assert s.points_in_cam.shape == s.points_in_world.shape == (n, 3)
+        assert s.cov_points.shape == s.cov_points_in_world.shape == (n, 3, 3)
+        assert (np.diff(s.track_ids) > 0).all()
+        assert np.isin(s.track_ids, o.track_ids).all()
+        assert np.isin(s.rejected_ids, o.track_ids).all()
+        assert len(s.window_frame_indices) == len(s.window_world_from_cam) >= 1
+        assert s.window_frame_indices[-1] == o.frame_index
+        assert s.window_world_from_cam[-1] == pytest.approx(s.world_from_cam, abs=1e-9)
+        assert_covariances(s.cov_pose, "pose")
+        assert_covariances(s.cov_points, "points in the camera")
+        assert_covariances(s.cov_points_in_world, "points in the world")
+        carried = se3.transform(s.world_from_cam, s.points_in_cam)
+        assert carried == pytest.approx(s.points_in_world, abs=1e-9)
+        k = len(s.ended_ids)
+        assert s.ended_points_in_world.shape == (k, 3)
+        assert s.ended_cov_points_in_world.shape == (k, 3, 3)
+        assert not ended & set(s.ended_ids.tolist()), "a point ends once"
+        assert not np.isin(s.ended_ids, s.track_ids).any()
+        ended |= set(s.ended_ids.tolist())
+    assert len(ended) > 5
+
+
+@methods
+def test_accuracy(method, arc):
+    """Loose for all: the world is the first camera, and the path is followed to centimetres."""
+    solutions = run(method, arc.projection, arc.observations)
+    assert solutions[0].status is Status.INITIALISING
+    assert all(s.status is Status.OK for s in solutions[1:])
+    assert solutions[0].world_from_cam == pytest.approx(np.eye(4), abs=1e-9)
+    xi = se3.log(se3.inverse(arc.world_from_cam[-1]) @ solutions[-1].world_from_cam)
+    assert np.abs(xi[:3]).max() < 0.05
+    assert np.abs(xi[3:]).max() < 0.02
+    s = solutions[-1]
+    in_cam = se3.transform(se3.inverse(arc.world_from_cam[-1]), arc.points_in_world[s.track_ids])
+    assert np.sqrt(((s.points_in_cam - in_cam) ** 2).sum(axis=1).mean()) < 0.03
+
+
+@methods
+def test_deterministic_and_inputs_untouched(method, arc):
+    before = [o.z_px.copy() for o in arc.observations]
+    first, second = (run(method, arc.projection, arc.observations) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert a.world_from_cam.tobytes() == b.world_from_cam.tobytes()
+        assert a.cov_points.tobytes() == b.cov_points.tobytes()
+    assert all((o.z_px == z).all() for o, z in zip(arc.observations, before, strict=True))
+
+
+@methods
+def test_lost_and_resume(method, arc):
+    """Frame 6 is empty: lost, with a predicted pose and more doubt; then a new map, then ok again."""
+    observations = [
+        *arc.observations[:6],
+        without_views(arc.observations[6]),
+        *(with_new_ids(o, 1000) for o in arc.observations[7:]),
+    ]
+    s = run(method, arc.projection, observations)
+    assert s[5].status is Status.OK
+    assert s[6].status is Status.LOST
+    assert s[6].reason
+    assert len(s[6].track_ids) == 0
+    assert np.trace(s[6].cov_pose) > np.trace(s[5].cov_pose)
+    assert s[7].status is Status.INITIALISING
+    assert np.trace(s[7].cov_pose) > np.trace(s[6].cov_pose)
+    assert all(x.status is Status.OK for x in s[8:])
+    assert_covariances(s[-1].cov_pose, "pose after resuming")
+    error = se3.log(se3.inverse(s[-1].world_from_cam) @ arc.world_from_cam[-1])
+    assert error @ np.linalg.solve(s[-1].cov_pose, error) < 30
+    ended = np.concatenate([x.ended_ids for x in s[:8]])
+    assert np.isin(s[5].track_ids, ended).all(), "a lost map is handed over"
+
+
+@methods
+def test_empty_from_the_first_frame_on(method, arc):
+    observations = [without_views(o) for o in arc.observations[:2]] + list(arc.observations[2:5])
+    s = run(method, arc.projection, observations)
+    assert [x.status for x in s[:2]] == [Status.LOST, Status.LOST]
+    assert s[2].status is Status.INITIALISING
+    assert s[4].status is Status.OK
+
+
+@methods
+def test_few_views_are_said(method, arc):
+    """Ten points: estimated, and degraded."""
+    observations = []
+    for o in arc.observations[:4]:
+        keep = np.isin(o.track_ids, arc.observations[0].track_ids[::4][:10])
+        observations.append(
+            dataclasses.replace(o, track_ids=o.track_ids[keep], z_px=o.z_px[keep], cov_px=o.cov_px[keep])
+        )
+    s = run(method, arc.projection, observations)
+    assert s[1].status is Status.DEGRADED
+    assert "views" in s[1].reason
+
+
+@methods
+def test_gross_errors_are_rejected(method, arc):
+    """A tenth of the views of every frame is wrong by 40 px: the pose stays good to centimetres."""
+    rng = np.random.default_rng(1)
+    observations, wrong = [], []
+    for o in arc.observations:
+        z = o.z_px.copy()
+        bad = rng.random(len(z)) < 0.1
+        z[bad] += rng.choice([-40.0, 40.0], size=(bad.sum(), 4))
+        observations.append(dataclasses.replace(o, z_px=z))
+        wrong.append(o.track_ids[bad])
+    s = run(method, arc.projection, observations)
+    xi = se3.log(se3.inverse(arc.world_from_cam[-1]) @ s[-1].world_from_cam)
+    assert np.abs(xi[:3]).max() < 0.06
+    assert np.abs(xi[3:]).max() < 0.03
+
+
+@methods
+def test_missing_right_views(method, arc):
+    """A third of the tracks loses its right side after the first view."""
+    observations, known = [], np.empty(0, np.int64)
+    for o in arc.observations:
+        z = o.z_px.copy()
+        z[np.isin(o.track_ids, known) & (o.track_ids % 3 == 0), 2:] = np.nan
+        known = o.track_ids
+        observations.append(dataclasses.replace(o, z_px=z))
+    s = run(method, arc.projection, observations)
+    assert all(x.status is Status.OK for x in s[1:])
+    xi = se3.log(se3.inverse(arc.world_from_cam[-1]) @ s[-1].world_from_cam)
+    assert np.abs(xi[:3]).max() < 0.06
+    assert np.isfinite(s[-1].cov_points).all()
+
+
+def test_unknown_method(arc):
+    with pytest.raises(ConfigError, match="cross-frame"):
+        make_estimator("magic", arc.projection, CONFIG)

@@ -1,0 +1,62 @@
+"""One window without a prior: WC, CC and the full adjustment are one minimum."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config, RobustConfig, WindowConfig
+from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.batch import batch_adjust
+
+# Nothing is gated away, so that all solve the same problem.
+CONFIG = Config(
+    window=WindowConfig(frames=16, max_iterations=30), robust=RobustConfig(gate_probability=1 - 1e-9)
+)
+
+
+@pytest.fixture(scope="module")
+def batch(arc):
+    return batch_adjust(arc.projection, arc.observations, arc.world_from_cam, arc.points_in_world)
+
+
+def last(method, arc, config=CONFIG):
+    estimator = make_estimator(method, arc.projection, config)
+    for o in arc.observations:
+        solution = estimator.step(o)
+    return solution
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [
+        ("cross-frame-wc", 1e-6),
+        ("cross-frame-cc", 1e-6),
+        ("cross-frame-cc-literal", 1e-6),
+        # stops when a step would lower the sum of squares by less than 1e-4: a hundredth of a deviation
+        ("cross-frame", 3e-2),
+    ],
+)
+def test_one_window_is_the_batch(method, tolerance, arc, batch):
+    """Poses and points agree to `tolerance` standard deviations, covariances as well."""
+    s = last(method, arc)
+    deviation = np.sqrt(np.diag(batch.cov_poses[-1]))[:3]
+    difference = s.world_from_cam[:3, 3] - batch.world_from_cam[-1, :3, 3]
+    assert (np.abs(difference) < tolerance * deviation + 1e-9).all()
+    scale = np.sqrt(np.diag(batch.cov_poses[-1]))
+    assert np.abs((s.cov_pose - batch.cov_poses[-1]) / np.outer(scale, scale)).max() < max(tolerance, 1e-4)
+    rows = np.searchsorted(batch.track_ids, s.track_ids)
+    assert np.abs(s.points_in_world - batch.points_in_world[rows]).max() < tolerance * 0.01 + 1e-9
+
+
+def test_depth_filter_is_a_window_of_one(arc):
+    one = msgspec.structs.replace(Config(), window=WindowConfig(frames=1))
+    assert last("depth-filter", arc, Config()).world_from_cam.tobytes() == (
+        last("cross-frame-wc", arc, one).world_from_cam.tobytes()
+    )
+
+
+@pytest.mark.parametrize("method", ["cross-frame-wc", "cross-frame-cc", "cross-frame-cc-literal"])
+@pytest.mark.parametrize("frames", [1, 2, 5])
+def test_windows_hold_so_many_frames(method, frames, arc):
+    s = last(method, arc, Config(window=WindowConfig(frames=frames)))
+    assert s.window_frame_indices.tolist() == list(range(14 - frames, 14))
