@@ -1,0 +1,78 @@
+"""`stream-sfm`: parse, call, and turn errors into exit codes; the commands are modules beside this one.
+
+Exit codes: 0 done; 1 a defect of ours; 2 usage or configuration; 3 input unreadable, unsuitable or only partly
+read; 130 interrupted. Heavy imports happen in the commands, so that `--help` answers at once.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from .. import __version__
+from ..errors import StreamSfmError
+from . import config, inspect, replay, simulate
+
+COMMANDS = (replay, inspect, simulate, config)
+EXIT_DEFECT = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+_DEBUG_HELP = "show the traceback of an error"
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser with all commands."""
+    parser = argparse.ArgumentParser(
+        prog="stream-sfm",
+        description="Stereo odometry and local structure from recorded stereo logs, with covariances.",
+        epilog="exit codes: 0 done; 1 a defect of stream-sfm; 2 usage or configuration; 3 input unreadable, "
+        "unsuitable or only partly read; 130 interrupted, with everything so far written",
+    )
+    parser.add_argument("--version", action="version", version=f"stream-sfm {__version__}")
+    parser.add_argument("--debug", action="store_true", help=_DEBUG_HELP)
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
+    for command in COMMANDS:
+        command.add_parser(subparsers)
+    for name, subparser in subparsers.choices.items():
+        subparser.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=_DEBUG_HELP)
+        subparser.prog = f"stream-sfm {name}"
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code."""
+    # One thread for small matrices: faster, and the same numbers on every machine. Images use their own threads.
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    try:
+        args = build_parser().parse_args(argv)
+    except SystemExit as stop:  # --help, --version and usage errors, already printed
+        return stop.code if isinstance(stop.code, int) else 0
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code
+    except StreamSfmError as error:
+        return _failed(args, error, error.exit_code, str(error))
+    except KeyboardInterrupt as error:
+        return _failed(args, error, EXIT_INTERRUPTED, "interrupted")
+    except BrokenPipeError:  # the reader of our output has gone, for example `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        text = f"{type(error).__name__}: {error}".splitlines()[0]
+        hint = "this is a defect of stream-sfm, please report it with the output of --debug"
+        return _failed(args, error, EXIT_DEFECT, f"{text}\n{hint}")
+
+
+def _failed(args: argparse.Namespace, error: BaseException, code: int, message: str) -> int:
+    if args.debug:
+        import traceback
+
+        traceback.print_exception(error)
+    print(f"stream-sfm: {message}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

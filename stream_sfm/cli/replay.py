@@ -1,0 +1,73 @@
+"""`stream-sfm replay`: a log in, a folder of results out."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from . import arguments
+
+EXIT_INCOMPLETE = 3
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command to the parser of `stream-sfm`."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "replay",
+        help="estimate pose and local structure of every frame of a log",
+        description="Estimate the pose of the left camera and the structure in front of it, with covariances, for "
+        "every frame of a recorded stereo log. Writes estimates.mcap, trajectory.tum, trajectory.kitti, "
+        "summary.json and config.toml.",
+    )
+    arguments.add_log(parser)
+    parser.add_argument("--out", metavar="DIR", help="folder of the results (default runs/<log>-<time>)")
+    parser.add_argument("--method", metavar="NAME", help="cross-frame (default), ekf, frame-to-frame")
+    arguments.add_selection(parser)
+    arguments.add_configuration(parser)
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, nothing else")
+    parser.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+    parser.add_argument("-v", "--verbose", action="store_true", help="tell each change of status, and timings")
+    parser.add_argument(
+        "--strict", action="store_true", help="exit with 3 on any warning, also where all frames were estimated"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, print, and say by the exit code whether the log was read whole."""
+    from ..config import read_config
+    from ..recording import open_log
+    from ..run import ReplayInterrupted, check_selection, new_run_folder, point_latest_to, replay
+    from . import output
+
+    method = [f'method="{args.method}"'] if args.method else []
+    config = read_config(args.config, [*args.set, *method])
+    check_selection(args.start, args.end)
+    log = open_log(args.log, args.left, args.right, args.calibration)
+    folder = Path(args.out) if args.out else new_run_folder(args.log)
+    interrupted = False
+    try:
+        with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
+            if args.verbose:
+                tell.status_changes = True
+            result = replay(
+                log,
+                folder,
+                config,
+                start_s=args.start,
+                end_s=args.end,
+                max_frames=args.max_frames,
+                stride=args.stride,
+                on_frame=tell,
+            )
+    except ReplayInterrupted as stop:
+        result, interrupted = stop.result, True
+    finally:
+        if not args.out and folder.exists():
+            point_latest_to(folder)
+    output.print_replay(result, args)
+    if interrupted:
+        return 130
+    summary = result.summary
+    if not summary["complete"] or (args.strict and summary["warnings"]):
+        return EXIT_INCOMPLETE
+    return 0
