@@ -283,7 +283,7 @@ class CrossFrame:
             self.q = self.q + dq
             self.world_from_ref = self.world_from_ref @ se3.exp(dw)
             iterations += 1
-            if decrease < 1e-4 or iterations == self.config.window.max_iterations:
+            if decrease < 1e-2 or iterations == self.config.window.max_iterations:
                 break
             g_pose, g_point = gradients(self.projection, cams, self.q, z, info)
         for f, cam in zip(self.frames, cams, strict=True):

@@ -25,8 +25,9 @@ def detect(
         return np.empty((0, 2), np.intp)
     height, width = image.shape
     response = cv2.cornerMinEigenVal(image, 5, ksize=3)
-    radius = int(round(distance_px))
-    peak = response >= cv2.dilate(response, np.ones((3, 3), np.uint8))
+    radius = round(distance_px)
+    near = 2 * (radius // 3) + 1
+    peak = response >= cv2.dilate(response, np.ones((near, near), np.uint8))
     free = allowed.astype(np.uint8)
     for u, v in np.rint(taken_px).astype(int).tolist():
         cv2.circle(free, (u, v), radius, 0, -1)

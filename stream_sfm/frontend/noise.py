@@ -12,7 +12,7 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 
 _FLOOR_PX = 0.03  # interpolation and rectification tables
-_SLANT = 0.5  # see ViewNoise.drift
+_SLANT = 0.6  # see ViewNoise.drift
 _MEAN_TO_STD = 1.2533  # √(π/2): mean absolute difference to standard deviation, Gaussian
 _MEMORY_FRAMES = 20.0
 _FACTOR_RANGE = (0.05, 30.0)

@@ -16,6 +16,8 @@ from .pose import Array
 from .stereo import StereoProjection, information_of_views
 
 _HYPOTHESES = 96  # at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6
+_MEDIAN_CHI2_4 = 3.36
+_CAUCHY_WIDTH = 2.4**2  # 95 % efficiency on Gaussian noise
 _MIN_DEPTH = 1e-3  # of a homogeneous point: in front of the camera
 
 
@@ -101,9 +103,9 @@ class _Problem:
         jw = np.swapaxes(j, 1, 2) @ info * weight[:, None, None]
         return (jw @ j).sum(0), (jw @ r[..., None]).sum(0)[:, 0]
 
-    def step(self, cam_from_ref: Array, info: Array, weight_of) -> tuple[Array, float]:
-        in_cam, r, s2 = self.residuals(cam_from_ref, info)
-        h, g = self.normal_equations(in_cam, r, info, weight_of(s2))
+    def step(self, cam_from_ref: Array, in_cam: Array, r: Array, info: Array, weight: Array) -> tuple[Array, float]:
+        """One weighted Gauss-Newton step and its squared length in standard deviations."""
+        h, g = self.normal_equations(in_cam, r, info, weight)
         scale = 1 / np.sqrt(np.maximum(np.diag(h), 1e-12))
         delta = scale * np.linalg.lstsq(h * np.outer(scale, scale), g * scale, rcond=1e-10)[0]
         size = np.linalg.norm(delta[3:])
@@ -116,24 +118,24 @@ class _Problem:
         if n < 6:
             return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, False)
         info = self.whitening(cam_from_ref)
+        in_cam, r, s2 = self.residuals(cam_from_ref, info)
         for k in range(8):
-            _, _, s2 = self.residuals(cam_from_ref, info)
-            spread = max(1.0, float(np.median(s2[np.isfinite(s2)])) / 3.36 if np.isfinite(s2).any() else 1.0)
-            width = spread * (2.4**2 if k > 2 else 6.0)
-
-            cam_from_ref, moved = self.step(cam_from_ref, info, lambda s2, c=width: 1 / (1 + s2 / c))
-            if moved < 1e-2 and k > 1:
+            finite = np.isfinite(s2)
+            spread = max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
+            width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
+            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, info, 1 / (1 + s2 / width))
+            in_cam, r, s2 = self.residuals(cam_from_ref, info)
+            if moved < 1e-2 and (k > 1 or spread < 2):
                 break
         info = self.whitening(cam_from_ref)
-        _, _, s2 = self.residuals(cam_from_ref, info)
+        in_cam, r, s2 = self.residuals(cam_from_ref, info)
         accepted = s2 < self.gate
         for _ in range(4):
-            cam_from_ref, moved = self.step(cam_from_ref, info, lambda s2, keep=accepted: keep.astype(float))
+            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, info, accepted.astype(float))
             in_cam, r, s2 = self.residuals(cam_from_ref, info)
             before, accepted = accepted, s2 < self.gate
-            if moved < 1e-4 and (before == accepted).all():
+            if moved < 1e-3 and (before == accepted).all():
                 break
-        in_cam, r, s2 = self.residuals(cam_from_ref, info)
         h, _ = self.normal_equations(in_cam, r, info, accepted.astype(float))
         cov, ok = _inverse(h)
         dof = int(self.sides[accepted].sum()) - 6
