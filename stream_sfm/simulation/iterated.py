@@ -13,7 +13,6 @@ from ..geometry import pose as se3
 from ..geometry.pose import Array
 
 _ITERATIONS = 6
-_FREE_VARIANCE = 1e4  # of the new pose, m² and rad²: unknown
 
 
 class IteratedEkf(Ekf):
@@ -21,7 +20,9 @@ class IteratedEkf(Ekf):
 
     name = "iekf-wc"
 
-    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_]) -> tuple[float, int]:
+    def _update(
+        self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
+    ) -> tuple[float, int]:
         used = np.flatnonzero(accepted)
         seen = np.isfinite(z_px[used]).ravel()
         n, d = len(used), len(self._cov)
@@ -31,7 +32,7 @@ class IteratedEkf(Ekf):
         prior_points, start = self._points, self._world_from_cam
         prior = self._cov.copy()
         prior[:6] = prior[:, :6] = 0
-        prior[:6, :6] = np.eye(6) * _FREE_VARIANCE
+        prior[:6, :6] = cov_free
         for _ in range(_ITERATIONS):
             predicted_views, h = self._measurement(used)
             h = h[seen]

@@ -21,6 +21,7 @@ WIDTH, HEIGHT, F_PX, BASELINE_M, CROSSING_M = 512, 480, 600.0, 0.250, 2.5
 NEAR_M, FAR_M = 2.0, 3.0
 ROUND_OFF_PX = 12**-0.5  # standard deviation of rounding to whole pixels
 FRAME_NS = 100_000_000
+_PATIENCE = 50  # rounds of drawing points before less image support is accepted
 _BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera
 _CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 _TOE_IN_RAD = float(np.arctan(BASELINE_M / 2 / CROSSING_M))
@@ -153,7 +154,7 @@ class Scene:
         centre = se3.exp(twist * middle[:, None])
         offsets = np.linspace(-(support - 1) / 2, (support - 1) / 2, 3 if support > 1 else 1)
         points = np.empty((len(birth), 3))
-        open_ = np.arange(len(birth))
+        open_, rounds = np.arange(len(birth)), 0
         while len(open_):
             draw = _draw_in_view(rng, len(open_))
             inside = np.ones(len(open_), bool)
@@ -162,6 +163,9 @@ class Scene:
             world = np.einsum("pij,pj->pi", centre[open_, :3, :3], draw) + centre[open_, :3, 3]
             points[open_[inside]] = world[inside]
             open_ = open_[~inside]
+            rounds += 1
+            if rounds > _PATIENCE:  # no place is in view for that long: be content with less
+                offsets = 0.95 * offsets
         n = np.arange(self.frames)[:, None]
         return points, (n >= birth) & (n < birth + length)
 

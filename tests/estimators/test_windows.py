@@ -9,9 +9,7 @@ from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.batch import batch_adjust
 
 # Nothing is gated away, so that all solve the same problem.
-CONFIG = Config(
-    window=WindowConfig(frames=16, max_iterations=30), robust=RobustConfig(gate_probability=1 - 1e-9)
-)
+CONFIG = Config(window=WindowConfig(frames=16, max_iterations=30), robust=RobustConfig(gate_probability=1 - 1e-9))
 
 
 @pytest.fixture(scope="module")
@@ -29,9 +27,9 @@ def last(method, arc, config=CONFIG):
 @pytest.mark.parametrize(
     ("method", "tolerance"),
     [
-        ("cross-frame-wc", 1e-6),
-        ("cross-frame-cc", 1e-6),
-        ("cross-frame-cc-literal", 1e-6),
+        ("cross-frame-wc", 1e-4),
+        ("cross-frame-cc", 1e-4),
+        ("cross-frame-cc-literal", 1e-4),
         # stops when a step would lower the sum of squares by less than 1e-4: a hundredth of a deviation
         ("cross-frame", 3e-2),
     ],

@@ -1,0 +1,62 @@
+"""`stream-sfm simulate` end to end, with few trials."""
+
+import argparse
+import dataclasses
+import json
+
+import pytest
+
+from stream_sfm.cli import simulate
+from stream_sfm.simulation import figure6, rates, studies
+from stream_sfm.simulation.measure import Method
+from stream_sfm.simulation.scenes import Scene
+
+
+def run(capsys, *arguments):
+    parser = argparse.ArgumentParser()
+    simulate.add_parser(parser.add_subparsers())
+    args = parser.parse_args(["simulate", *arguments])
+    assert args.run(args) == 0
+    return capsys.readouterr()
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """The same experiments on short scenes."""
+    small = Scene(frames=6, track_length=4)
+    methods = (Method("cross-frame"), Method("ekf"))
+    for name in ("NOMINAL", "NOISY", "LONG"):
+        condition = dataclasses.replace(getattr(studies, name), scene=small, methods=methods, frames=(3, 5))
+        monkeypatch.setattr(studies, name, condition)
+    monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
+    monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
+    run_short = rates.Run("general", small, (3, 4, 5))
+    monkeypatch.setattr(rates, "RUNS", {"general_slow": run_short})
+
+
+@pytest.mark.parametrize("experiment", simulate.EXPERIMENTS)
+def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
+    arguments = [experiment, "--trials", "2", "--workers", "1", "--out", str(tmp_path)]
+    captured = run(capsys, *arguments, "--json")
+    report = json.loads(captured.out)
+    assert report == json.loads((tmp_path / "results.json").read_text())
+    assert report["experiment"] == experiment
+    assert (tmp_path / f"{experiment}.png").stat().st_size > 10_000
+    assert "<svg" in (tmp_path / f"{experiment}.svg").read_text()
+    assert not captured.err
+
+
+def test_efficiency_is_keyed_by_estimator_and_readable(short, tmp_path, capsys):
+    text = run(capsys, "efficiency", "--trials", "2", "--workers", "1", "--out", str(tmp_path)).out
+    assert "cross-frame" in text
+    report = json.loads((tmp_path / "results.json").read_text())
+    entry = report["conditions"]["nominal"]["estimators"]["ekf"]
+    assert set(entry["over_bound"]) == set(entry["over_reference"])
+    assert entry["over_bound"]["rotation"]["low"] <= entry["over_bound"]["rotation"]["value"]
+
+
+def test_rates_prints_three_columns(short, tmp_path, capsys):
+    text = run(capsys, "rates", "--trials", "2", "--workers", "1", "--out", str(tmp_path)).out
+    assert "paper" in text
+    assert "measured" in text
+    assert "exact theory" in text

@@ -1,0 +1,97 @@
+"""The simulated pair, its noise and its tracks."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.geometry import pose as se3
+from stream_sfm.simulation.motions import MOTIONS
+from stream_sfm.simulation.scenes import (
+    HEIGHT,
+    ROUND_OFF_PX,
+    WIDTH,
+    Scene,
+    physical_views,
+    rectified_projection,
+    rectified_views,
+)
+
+POINTS = np.random.default_rng(0).uniform([-0.8, -0.8, 2.0], [0.9, 0.8, 3.0], (50, 3))
+
+
+def test_axes_cross_at_2500_mm():
+    """The crossing point is in the middle of both images."""
+    crossing = np.array([0.125, 0.0, 2.5])
+    centre = [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]
+    assert physical_views(crossing) == pytest.approx(np.array([centre, centre]))
+    assert rectified_projection().project(crossing) == pytest.approx([*centre, *centre])
+
+
+def test_rectified_views_are_the_projection():
+    z, _ = rectified_views(physical_views(POINTS), 1.0)
+    assert z == pytest.approx(rectified_projection().project(POINTS), abs=1e-9)
+
+
+def test_rectified_covariance_is_monte_carlo():
+    rng = np.random.default_rng(1)
+    exact = physical_views(POINTS[0])
+    z, _ = rectified_views(exact + rng.normal(scale=0.3, size=(40_000, 2, 2)), 0.3)
+    _, expected = rectified_views(exact, 0.3)
+    assert np.cov(z.T) == pytest.approx(expected, abs=0.03 * 0.09)
+
+
+@pytest.mark.parametrize("length", [2, 8, 31])
+def test_controlled_tracks(length):
+    """M points in every frame, each in L successive frames (fewer at the ends), all in view in mid-track."""
+    s = Scene(motion=MOTIONS["slow"], track_length=length).sequence(np.random.SeedSequence(1))
+    assert (np.bincount(s.frame) == 48).all()
+    seen = np.bincount(s.track)
+    assert seen.max() == length
+    first = np.array([s.frame[s.track == t][0] for t in range(len(seen))])
+    last = np.array([s.frame[s.track == t][-1] for t in range(len(seen))])
+    assert (last - first + 1 == seen).all()
+    assert ((seen == length) | (first == 0) | (last == 30)).all()
+    assert (np.diff(first) >= 0).all(), "ids ascend with time"
+
+
+def test_tracks_longer_than_any_view_are_possible():
+    """At 200 mm a frame nothing stays in view for 31 frames; the tracks are made all the same."""
+    s = Scene(track_length=31, visible=10).sequence(np.random.SeedSequence(1))
+    assert (np.bincount(s.frame) == 10).all()
+
+
+def test_natural_visibility():
+    """About 60 points a frame, all of them inside both images; ids never come back."""
+    s = Scene().sequence(np.random.SeedSequence(2))
+    count = np.bincount(s.frame)
+    assert 40 < count.mean() < 80
+    in_cam = se3.transform(se3.inverse(s.world_from_cam[10]), s.points_in_world[s.track[s.frame == 10]])
+    pixels = physical_views(in_cam)
+    assert ((pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])).all()
+    for t in np.unique(s.track):
+        frames = s.frame[s.track == t]
+        assert (np.diff(frames) == 1).all()
+
+
+@pytest.mark.parametrize("round_off", [True, False])
+def test_noise_has_the_deviation_it_claims(round_off):
+    s = Scene(track_length=8, round_off=round_off).sequence(np.random.SeedSequence(3))
+    chi2 = []
+    for o, pose in zip(s.observations, s.world_from_cam, strict=True):
+        r = o.z_px - s.projection.project(se3.transform(se3.inverse(pose), s.points_in_world[o.track_ids]))
+        chi2.append(np.einsum("ni,nij,nj->n", r, np.linalg.inv(o.cov_px), r))
+    assert np.mean(chi2) == pytest.approx(4, abs=0.25)
+    assert s.std_px == ROUND_OFF_PX
+
+
+def test_same_seed_same_numbers():
+    a, b = (Scene(motion=MOTIONS["arc"]).sequence(np.random.SeedSequence(7)) for _ in range(2))
+    assert a.observations[9].z_px.tobytes() == b.observations[9].z_px.tobytes()
+
+
+def test_observations_keep_their_contract():
+    s = Scene(motion=MOTIONS["arc"]).sequence(np.random.SeedSequence(4))
+    before = np.empty(0, int)
+    for o in s.observations:
+        assert (np.diff(o.track_ids) > 0).all()
+        assert o.n_new == (~np.isin(o.track_ids, before)).sum()
+        before = o.track_ids
