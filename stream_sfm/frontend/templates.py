@@ -90,21 +90,19 @@ class TemplateAtlas:
             out.append((image, chunk, centres.astype(np.float32)))
         return out
 
-    def align(
-        self, mosaics: list[tuple], pyramid: list, starts_px: Array, levels: int = 0
-    ) -> tuple[Array, Array, Array]:
+    def align(self, mosaics: list[tuple], image: NDArray[np.uint8], starts_px: Array) -> tuple[Array, Array, Array]:
         """Positions (n, 2) of the templates in an image, whether each converged (n,), mean grey difference (n,)."""
         n = len(starts_px)
         at, ok, error = np.array(starts_px, dtype=float), np.zeros(n, bool), np.full(n, np.inf)
-        for image, rows, centres in mosaics:
+        for mosaic, rows, centres in mosaics:
             start = np.ascontiguousarray(starts_px[rows], np.float32)
             found, status, difference = cv2.calcOpticalFlowPyrLK(
+                mosaic,
                 image,
-                pyramid,
                 centres.reshape(-1, 1, 2),
                 start.reshape(-1, 1, 2),
                 winSize=self.window,
-                maxLevel=levels,
+                maxLevel=0,
                 criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
                 flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
                 minEigThreshold=1e-5,

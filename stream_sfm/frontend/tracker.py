@@ -19,6 +19,7 @@ from ..types import Observations
 from .detect import detect
 from .epipolar import search_rows
 from .noise import ViewNoise
+from .slant import disparity_slopes
 from .templates import TemplateAtlas
 from .tracks import Tracks
 
@@ -91,10 +92,11 @@ class FrontEnd:
         tracks = self.tracks.moved(cam_from_previous)
         expected = self.projection.project_homogeneous(tracks.points)
         start = np.where(agree[:, None], at, expected[:, :2])  # what flow lost, the motion may find
-        warp = tracks.anchor_from_now(cam_from_previous @ self.cam_from_start)
-        usable = self.atlas.fits(warp) & self._inside(start)
-        tracks, start, warp, expected = tracks.keep(usable), start[usable], warp[usable], expected[usable]
-        z, cov, good = self._align(pair, tracks, start, warp, start[:, 0] - expected[:, 0] + expected[:, 2])
+        warps = tracks.anchor_from_now(cam_from_previous @ self.cam_from_start, self.projection.baseline_m)
+        usable = self.atlas.fits(warps[0]) & self.atlas.fits(warps[1]) & self._inside(start)
+        tracks, start, expected = tracks.keep(usable), start[usable], expected[usable]
+        warps = (warps[0][usable], warps[1][usable])
+        z, cov, good = self._align(pair, tracks, start, warps, start[:, 0] - expected[:, 0] + expected[:, 2])
         tracks, z, cov = tracks.keep(good), z[good], cov[good]
         final = resect(
             self.projection,
@@ -159,23 +161,24 @@ class FrontEnd:
         return inside & self.valid[v.clip(0, h - 1), u.clip(0, w - 1)]
 
     def _align(
-        self, pair: _Pair, tracks: Tracks, start: Array, warp: Array, start_right_u: Array
+        self, pair: _Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
         cfg = self.config
-        mosaics = self.atlas.mosaics(tracks.slots, warp, pair.left.shape)
-        left, ok_l, error_l = self.atlas.align(mosaics, pair.left, start)
+        shape = pair.left.shape
+        left, ok_l, error_l = self.atlas.align(self.atlas.mosaics(tracks.slots, warps[0], shape), pair.left, start)
         good = ok_l & (np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px)
         good &= (error_l < cfg.max_grey_error) & self._inside(left)
         start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1]], axis=1)
+        mosaics = self.atlas.mosaics(tracks.slots, warps[1], shape)
         right, ok_r, error_r = self.atlas.align(mosaics, pair.right, start_r)
         seen = (
             ok_r & (error_r < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
         )
         r = cfg.window_radius_px
-        seen &= (right[:, 0] > r) & (right[:, 0] < pair.left.shape[1] - 1 - r)
+        seen &= (right[:, 0] > r) & (right[:, 0] < shape[1] - 1 - r)
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
-        return z, self.noise.covariance(tracks.gradients, warp, error_l, error_r), good
+        return z, self.noise.covariance(tracks.gradients, warps[0], error_l, error_r), good
 
     # -- new points -------------------------------------------------------------------------------------------
 
@@ -196,13 +199,17 @@ class FrontEnd:
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         gradients = self.atlas.store(pair.left, corners, free)
         left = corners.astype(float)
-        warp = np.broadcast_to(np.eye(2), (len(left), 2, 2))
-        mosaics = self.atlas.mosaics(free, warp, pair.left.shape)
+        facing = np.broadcast_to(np.eye(2), (len(left), 2, 2))
         start = np.stack([left[:, 0] - disparity, left[:, 1]], axis=1)
-        right, ok, error = self.atlas.align(mosaics, pair.right, start, levels=0)
-        ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
+        right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
         ok &= np.linalg.norm(right - start, axis=1) < 2.0 + (2.0 if pair.left.shape[1] > 800 else 0.0)
-        cov = self.noise.covariance(gradients, warp, error, error)
+        slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
+        sheared = facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)
+        mosaics = self.atlas.mosaics(free, np.linalg.inv(sheared), pair.left.shape)
+        right, aligned, error = self.atlas.align(mosaics, pair.right, right)
+        ok &= aligned
+        ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
+        cov = self.noise.covariance(gradients, facing, error, error)
         z = np.concatenate([left, right], axis=1)
         rho = ((z[:, 0] - p.cx_left_px) - (z[:, 2] - p.cx_right_px)) / (p.f_px * p.baseline_m)
         var_rho = (cov[:, 0, 0] + cov[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
@@ -218,6 +225,7 @@ class FrontEnd:
             var_rho=var_rho[ok],
             gradients=gradients[ok],
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
+            slopes=slopes[ok] / p.baseline_m,
         )
         self.next_id += n
         self.tracks = self.tracks.joined(new)

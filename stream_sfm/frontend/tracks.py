@@ -15,7 +15,8 @@ class Tracks:
     """Rows (n): `ids`, atlas `slots`, last left position `left_px` (n, 2); `points` (n, 4) homogeneous
     (X/Z, Y/Z, 1, 1/Z) in the current rectified camera and `var_rho` of the last; `gradients` (n, 2, 2) of the
     template; `anchor_from_start` (n, 4, 4): the pose of the frame where the template was cut, as the inverse of
-    start_from_anchor in the front-end's own chain of motions.
+    start_from_anchor in the front-end's own chain of motions; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface
+    in the anchor camera, 1/m.
     """
 
     ids: NDArray[np.int64]
@@ -25,6 +26,7 @@ class Tracks:
     var_rho: Array
     gradients: Array
     anchor_from_start: Array
+    slopes: Array
 
     @classmethod
     def none(cls) -> "Tracks":
@@ -37,6 +39,7 @@ class Tracks:
             np.empty(0),
             np.empty((0, 2, 2)),
             np.empty((0, 4, 4)),
+            np.empty((0, 2)),
         )
 
     def __len__(self) -> int:
@@ -56,13 +59,22 @@ class Tracks:
         depth = np.maximum(points[:, 2:3], 1e-3)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
-    def anchor_from_now(self, cam_from_start: Array) -> Array:
-        """Warps (n, 2, 2) of pixel offsets, now to anchor, of patches facing the present camera."""
-        motion = self.anchor_from_start @ se3.inverse(cam_from_start)
-        there = (motion @ self.points[..., None])[..., 0]
-        depth = np.maximum(there[:, 2], 1e-3)
-        ray = there[:, :2] / depth[:, None]
-        return (motion[:, :2, :2] - ray[..., None] * motion[:, 2:3, :2]) / depth[:, None, None]
+    def anchor_from_now(self, cam_from_start: Array, baseline_m: float) -> tuple[Array, Array]:
+        """Warps (n, 2, 2) of pixel offsets, now to anchor, for the left and the right image.
+
+        Around the anchor P(δ) = (x + δ₁, y + δ₂, 1, ρ + slopes·δ); its image now is linearised in δ and inverted.
+        """
+        now_from_anchor = cam_from_start @ se3.inverse(self.anchor_from_start)
+        there = (se3.inverse(now_from_anchor) @ self.points[..., None])[..., 0]
+        there = there / np.maximum(there[:, 2:3], 1e-3)
+        here = (now_from_anchor @ there[..., None])[..., 0]
+        depth = np.maximum(here[:, 2], 1e-3)[:, None, None]
+        moved = now_from_anchor[:, :3, :2] + now_from_anchor[:, :3, 3:] * self.slopes[:, None, :]
+        left = (moved[:, :2] - here[:, :2, None] / depth * moved[:, 2:]) / depth
+        right = left.copy()
+        shift = self.slopes - here[:, 3:] / depth[:, 0] * moved[:, 2]
+        right[:, 0] -= baseline_m * shift / depth[:, 0]
+        return _inverse(left), _inverse(right)
 
     def measured(self, z_px: Array, cov_px: Array, projection: StereoProjection) -> "Tracks":
         """Points put where they were seen; the inverse depth by a scalar Kalman update where the right side is seen."""
@@ -86,3 +98,11 @@ class Tracks:
         cov[:, 0, 0] = cov[:, 1, 1] = var_ray
         cov[:, 3, 3] = self.var_rho
         return cov
+
+
+def _inverse(m: Array) -> Array:
+    """Inverses of (n, 2, 2); a surface seen edge-on gets a warp that no template fits."""
+    det = np.linalg.det(m)
+    safe = np.where(np.abs(det) < 1e-3, 1e-3, det)
+    adjugate = np.stack([m[:, 1, 1], -m[:, 0, 1], -m[:, 1, 0], m[:, 0, 0]], axis=1).reshape(-1, 2, 2)
+    return adjugate / safe[:, None, None]
