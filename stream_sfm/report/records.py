@@ -1,4 +1,4 @@
-"""What one comparison collects as the frames go by: small numbers a frame, never images but a few small pictures."""
+"""What one comparison collects as the frames go by: small numbers, and a few small pictures."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -129,7 +129,7 @@ class FrontRecord:
 
 @dataclass(slots=True)
 class Comparison:
-    """All that a report is made of. `return_note` says whether the frames were also fed backwards, and why (not)."""
+    """All that a report is made of. `return_note`: whether the frames were also fed backwards, or why not."""
 
     log: str
     rig: StereoRig

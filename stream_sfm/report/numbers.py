@@ -1,0 +1,243 @@
+"""report.json: every figure of the page. Figures are made of all frames; only drawing thins them."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..config import config_to_toml
+from ..evaluation.association import matched
+from ..evaluation.drift import path_length_m
+from ..evaluation.relative import (
+    Exponent,
+    Ratio,
+    growth_exponents,
+    mean_squares,
+    paired_ratio,
+    relative_errors,
+    turning,
+)
+from ..evaluation.summary import evaluate
+from ..types import Trajectory
+from .records import Comparison, MethodRun
+from .traces import closure
+
+SCHEMA_VERSION = 1
+_FIGURES = (
+    "ate_rmse_aligned_m",
+    "ate_rmse_m",
+    "final_drift_percent",
+    "t_rel_percent",
+    "r_rel_deg_per_100m",
+    "segment_lengths_m",
+    "scale_error_percent",
+    "nees_pose_mean",
+    "local_structure_rms_m",
+    "local_structure_error_over_sigma",
+    "frames_compared",
+    "growth_exponent",
+    "growth_exponent_ci95",
+    "growth_exponent_rotation",
+    "growth_exponent_rotation_ci95",
+    "rpe_position_rms_m",
+    "rpe_rotation_rms_deg",
+    "straight",
+    "turning",
+)
+_TURN_SPAN = 10
+
+
+def numbers(comparison: Comparison) -> dict[str, Any]:
+    """The content of report.json; a figure that is not defined on this log is None."""
+    c = comparison
+    frames = len(c.front.tracked)
+    truth_frames = 0
+    if c.truth is not None and c.runs:
+        truth_frames = max(len(matched(r.trajectory(), c.truth)[0]) if r.poses else 0 for r in c.runs)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "log": c.log,
+        "complete": c.complete and not any(r.failure for r in c.runs),
+        "warnings": c.warnings,
+        "frames": frames,
+        "frames_with_ground_truth": truth_frames,
+        "gaps_before_frames": c.front.gaps,
+        "methods": {run.key: method_numbers(run, c) for run in c.runs},
+        "ekf_over_cross_frame": _ekf_ratio(c),
+        "there_and_back": c.return_note,
+        "divergence_from_cross_frame_m": _divergence(c),
+        "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.local_difference]),
+        "tracks": _tracks(c),
+        "timing_ms": {
+            stage: quantiles(values)
+            for stage, values in (
+                ("decode", c.front.decode_ms),
+                ("rectify", c.front.rectify_ms),
+                ("frontend", c.front.frontend_ms),
+            )
+        },
+        "health": c.health,
+        "configuration": config_to_toml(c.config),
+    }
+
+
+def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
+    """The figures of one method. Those against ground truth are None when it stopped before the last frame."""
+    figures: dict[str, Any] = dict.fromkeys(_FIGURES)
+    if c.truth is not None and run.poses and not run.failure:
+        figures |= evaluate(run.trajectory(), c.truth, run.structure)
+        figures |= _relative(run.trajectory(), c.truth)
+    shared = np.array(c.front.rectify_ms) + np.array(c.front.frontend_ms)
+    estimator = np.array(run.estimator_ms)
+    dof = sum(run.nis_dof)
+    back = closure(run)
+    far = back is not None and back.apart_m[-1] > 1e-3
+    return figures | {
+        "ms_per_frame_p50": _median(shared[: len(estimator)] + estimator),
+        "estimator_ms": quantiles(run.estimator_ms),
+        "frames": len(run.poses),
+        "failure": run.failure or None,
+        "statuses": dict(Counter(run.statuses)),
+        "path_length_m": path_length_m(np.array(run.poses)) if run.poses else None,
+        "nis_over_dof": sum(run.nis) / dof if dof else None,
+        "reprojection_rms_px": _median(run.reprojection_px),
+        "local_sigma_median_m": _median(run.sigma_local_m),
+        "there_and_back": None
+        if back is None
+        else {
+            "end_position_m": float(back.position_m[-1]),
+            "end_rotation_deg": float(back.rotation_deg[-1]),
+            "end_drift_percent": 100 * float(back.position_m[-1] / back.apart_m[-1]) if far else None,
+            "all_frames_drift_percent": 100 * float(np.sqrt((back.position_m**2).sum() / (back.apart_m**2).sum()))
+            if far
+            else None,
+        },
+    }
+
+
+def quantiles(values: Any) -> dict[str, float] | None:
+    """p50, p95 and max, milliseconds."""
+    if not len(values):
+        return None
+    p50, p95 = np.quantile(values, [0.5, 0.95])
+    return {"p50": float(p50), "p95": float(p95), "max": float(np.max(values))}
+
+
+def interval(found: Exponent | Ratio) -> list[float]:
+    """Low and high end."""
+    return [found.low, found.high]
+
+
+def _median(values: Any) -> float | None:
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    return float(np.median(finite)) if len(finite) else None
+
+
+def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
+    """RPE, growth and the split by turning; over rows with a truth, which must follow each other."""
+    rows, true = matched(estimate, truth)
+    if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
+        return {}
+    e, t = estimate.world_from_cam[rows], true.world_from_cam
+    position2, rotation2 = mean_squares(e, t, [1])
+    result: dict[str, Any] = {
+        "rpe_position_rms_m": float(np.sqrt(position2[0])),
+        "rpe_rotation_rms_deg": float(np.degrees(np.sqrt(rotation2[0]))),
+    }
+    if (growth := growth_exponents(e, t)) is not None:
+        result |= {
+            "growth_exponent": growth[0].value,
+            "growth_exponent_ci95": interval(growth[0]),
+            "growth_exponent_rotation": growth[1].value,
+            "growth_exponent_rotation_ci95": interval(growth[1]),
+        }
+    if len(rows) > _TURN_SPAN + 1:
+        p, r = relative_errors(e, t, _TURN_SPAN)
+        turns = turning(true.stamps_ns, t, _TURN_SPAN)
+        for name, mask in (("straight", ~turns), ("turning", turns)):
+            if mask.any():
+                result[name] = {
+                    "spans": int(mask.sum()),
+                    "span_frames": _TURN_SPAN,
+                    "position_rms_m": float(np.sqrt((p[mask] ** 2).mean())),
+                    "rotation_rms_deg": float(np.degrees(np.sqrt((r[mask] ** 2).mean()))),
+                }
+    return result
+
+
+def _ekf_ratio(c: Comparison) -> dict[str, Any] | None:
+    """RMS relative error of the EKF over that of cross-frame, geometric mean over spans, with 95 % intervals."""
+    by_name = {r.name: r for r in c.runs if not r.failure and r.poses}
+    if c.truth is None or not {"ekf", "cross-frame"} <= set(by_name):
+        return None
+    rows, true = matched(by_name["ekf"].trajectory(), c.truth)
+    if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
+        return None
+    poses = [np.array(by_name[name].poses)[rows] for name in ("ekf", "cross-frame")]
+    found = paired_ratio(poses[0], poses[1], true.world_from_cam)
+    if found is None:
+        return None
+    return {
+        name: {"value": ratio.value, "ci95": interval(ratio)}
+        for name, ratio in zip(("position", "rotation"), found, strict=True)
+    }
+
+
+def _divergence(c: Comparison) -> dict[str, float]:
+    """RMS distance of each method's positions from cross-frame's (or the first method's), metres."""
+    runs = [r for r in c.runs if r.poses and not r.failure]
+    if not runs:
+        return {}
+    reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
+    base = np.array(reference.poses)[:, :3, 3]
+    return {
+        r.key: float(np.sqrt(((np.array(r.poses)[:, :3, 3] - base) ** 2).sum(axis=1).mean()))
+        for r in runs
+        if r is not reference
+    }
+
+
+def _tracks(c: Comparison) -> dict[str, Any]:
+    lengths = np.array([last - first + 1 for first, last in c.front.lives.values()])
+    if not len(lengths):
+        return {"count": 0, "mean_frames": None, "median_frames": None, "longest_frames": None}
+    return {
+        "count": len(lengths),
+        "mean_frames": float(lengths.mean()),
+        "median_frames": float(np.median(lengths)),
+        "longest_frames": int(lengths.max()),
+    }
+
+
+def verdict(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
+    """What the log says about EKF against cross-frame: a word for the style, and a plain sentence."""
+    if not has_truth:
+        return "open", (
+            "This log has no ground truth: nobody can say from it which method is right. What follows shows how far the "
+            "methods come back to their start when the frames are fed backwards, and how far they part from each "
+            "other."
+        )
+    ratio = content["ekf_over_cross_frame"]
+    stopped = [f"{k.replace('_', '-')} {v['failure']}" for k, v in content["methods"].items() if v["failure"]]
+    if ratio is None:
+        why = "; ".join(stopped) or (
+            "fewer than 24 consecutive frames with ground truth, or one of the two methods was not selected"
+        )
+        return "open", f"The EKF and the cross-frame method cannot be compared on this log: {why}."
+    words = []
+    sides = []
+    for name, figures in ratio.items():
+        low, high = figures["ci95"]
+        words.append(f"{name} error ×{figures['value']:.2f} [{low:.2f}, {high:.2f}]")
+        sides.append(1 if low > 1 else -1 if high < 1 else 0)
+    detail = f"EKF over cross-frame, RMS over spans up to a quarter of the log: {', '.join(words)} (95 % interval)."
+    if min(sides) >= 0 and max(sides) == 1:
+        return "larger", f"On this log the EKF drifts more than the cross-frame method. {detail}"
+    if max(sides) <= 0 and min(sides) == -1:
+        return "smaller", f"On this log the EKF drifts less than the cross-frame method. {detail}"
+    if sides == [0, 0]:
+        return "open", f"On this log the two methods' drift cannot be told apart. {detail}"
+    return "open", f"On this log position and rotation disagree on which method drifts more. {detail}"

@@ -1,0 +1,93 @@
+"""Errors frame by frame, as they are drawn; the figures themselves come from `evaluation`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..evaluation.alignment import from_first_camera
+from ..evaluation.association import matched
+from ..evaluation.consistency import nees_pose
+from ..evaluation.drift import distances_m
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..types import Trajectory
+from .records import MethodRun
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One method against ground truth, rows (k,) with a truth only, first poses aligned.
+
+    `xi` (k, 6): truth = estimate·Exp(ξ), metres and radians; `sigma` (k, 6) its claimed standard deviations and
+    `nees` (k,), None where the truth does not begin with the first frame.
+    """
+
+    frames: NDArray[np.int64]
+    distance_m: Array
+    estimate: Array
+    truth: Array
+    xi: Array
+    sigma: Array | None
+    nees: Array | None
+
+    @property
+    def position_m(self) -> Array:
+        """Length of the position error."""
+        return np.linalg.norm(self.estimate[:, :3, 3] - self.truth[:, :3, 3], axis=1)
+
+    @property
+    def rotation_deg(self) -> Array:
+        """Angle of the rotation error."""
+        return np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1))
+
+
+def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
+    """The trace of a method; None with fewer than two frames that have a truth."""
+    estimate = run.trajectory()
+    rows, true = matched(estimate, truth)
+    if len(rows) < 2:
+        return None
+    e, t = from_first_camera(estimate.world_from_cam[rows]), from_first_camera(true.world_from_cam)
+    sigma = nees = None
+    if estimate.cov_pose is not None and rows[0] == 0:
+        cov = estimate.cov_pose[rows]
+        sigma = np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2), 0))
+        nees = nees_pose(e, cov, t)
+    return Trace(rows, distances_m(t), e, t, se3.log(se3.inverse(e) @ t), sigma, nees)
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """There and back: the pose of each frame on the way back against the same frame on the way there.
+
+    Rows from the turning point to the start: `frames`, `apart_m` travelled in between, `position_m`, `rotation_deg`.
+    """
+
+    frames: NDArray[np.int64]
+    apart_m: Array
+    position_m: Array
+    rotation_deg: Array
+
+
+def closure(run: MethodRun) -> Closure | None:
+    """The closure of a method; None where it did not come back."""
+    n = len(run.poses)
+    if n < 2 or len(run.back) != n - 1:
+        return None
+    there = np.array(run.poses)
+    along = distances_m(there)
+    frames = np.arange(n - 2, -1, -1)
+    error = se3.inverse(there[frames]) @ np.array(run.back)
+    return Closure(
+        frames,
+        2 * (along[-1] - along[frames]),
+        np.linalg.norm(error[:, :3, 3], axis=1),
+        np.degrees(np.linalg.norm(se3.log_so3(error[:, :3, :3]), axis=1)),
+    )
+
+
+def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:
+    """The columns (k,) as floats with a NaN row where frames are missing in between; the frames come first."""
+    cuts = np.flatnonzero(np.diff(frames) > 1) + 1
+    return [np.insert(np.asarray(c, float), cuts, np.nan) for c in (frames, *columns)]
