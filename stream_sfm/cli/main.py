@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import StreamSfmError
-from . import config, inspect, replay, simulate
+from . import compare, config, inspect, replay, simulate
 
-COMMANDS = (replay, inspect, simulate, config)
+COMMANDS = (replay, compare, inspect, simulate, config)
 EXIT_DEFECT = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130

@@ -109,7 +109,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "NEES of the pose", f"{_number(truth['nees_pose_mean'])} (6 expected)"
     if truth["local_structure_rms_m"] is not None:
         ratio = _number(truth["local_structure_error_over_sigma"])
-        yield "local structure", f"{truth['local_structure_rms_m']:.4f} m RMS, {ratio} of the claimed σ"
+        median, rms = (_number(truth[f"local_structure_{k}_m"], ".4f") for k in ("median", "rms"))
+        yield "local structure", f"{median} m median, {rms} m RMS, {ratio} of the claimed σ"
 
 
 def print_inspection(found: dict[str, Any]) -> None:

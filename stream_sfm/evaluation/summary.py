@@ -51,6 +51,7 @@ def evaluate(
         if estimate.cov_pose is not None and rows[0] == 0:
             figures["nees_pose_mean"] = nees_pose_mean(e, estimate.cov_pose[rows], t)
     figures["local_structure_rms_m"] = structure.rms_m if structure else None
+    figures["local_structure_median_m"] = structure.median_m if structure else None
     figures["local_structure_error_over_sigma"] = structure.rms_over_sigma if structure else None
     figures["frames_compared"] = len(rows)
     return {key: _or_none(value) for key, value in figures.items()}

@@ -66,6 +66,7 @@ def test_a_comparison_takes_depths_as_they_come_and_keeps_none():
     assert (comparison.frames, comparison.points) == (1, 50)
     assert comparison.rms_m == pytest.approx(np.sqrt(np.mean((0.01 * points[:, 2]) ** 2)), rel=1e-6)
     assert comparison.rms_over_sigma > 1
+    assert comparison.median_m == pytest.approx(np.median(0.01 * points[:, 2]), rel=0.03)
 
 
 @pytest.mark.parametrize(

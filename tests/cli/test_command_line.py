@@ -1,0 +1,233 @@
+"""The commands as a user types them: exit codes, messages, one JSON object and nothing else."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stream_sfm.cli.main import COMMANDS, build_parser, main
+from stream_sfm.config import Config, read_config
+from tests.recording.make_logs import Spec, video, write_log
+from tests.wall_log import write_wall_log
+
+FAST = ["--method", "frame-to-frame"]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=6)
+
+
+def half(log: Path, to: Path) -> Path:
+    to.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    return to
+
+
+@pytest.mark.parametrize("command", ["", *(c.__name__.rsplit(".", 1)[1] for c in COMMANDS)])
+def test_every_command_has_help(command: str, capsys):
+    assert main([*command.split(), "--help"]) == 0
+    assert "usage: stream-sfm" in capsys.readouterr().out
+
+
+def test_help_answers_at_once():
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, "-m", "stream_sfm", "--help"], capture_output=True, text=True, timeout=60
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.returncode == 0
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.4
+
+
+def test_building_the_parser_imports_nothing_heavy():
+    script = (
+        "import sys; from stream_sfm.cli.main import build_parser; build_parser()\n"
+        "print([m for m in ('numpy', 'cv2', 'rich', 'mcap', 'msgspec', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["replay"],
+        ["replay", "x.mcap", "--max-frames", "0"],
+        ["replay", "x.mcap", "--stride", "two"],
+        ["replay", "x.mcap", "--start", "-1"],
+        ["replay", "x.mcap", "--end", "nan"],
+        ["replay", "x.mcap", "--start", "3", "--end", "2"],
+        ["replay", "x.mcap", "--set", "window.frames"],
+        ["replay", "x.mcap", "--set", "window.frames=0"],
+        ["replay", "x.mcap", "--set", "widow.frames=8"],
+        ["replay", "x.mcap", "--config", "missing.toml"],
+        ["config", "--set", "nonsense=1"],
+    ],
+)
+def test_wrong_use_is_2_with_a_message_and_no_traceback(arguments: list[str], capsys):
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err and "Traceback" not in said.err
+
+
+def test_an_unknown_method_is_2_and_names_the_known(log: Path, capsys, tmp_path: Path):
+    assert main(["replay", str(log), "--method", "magic", "--out", str(tmp_path / "o")]) == 2
+    said = capsys.readouterr().err
+    assert "magic" in said and "cross-frame" in said
+    assert not (tmp_path / "o").exists()
+
+
+def bad_logs(folder: Path, good: Path) -> dict[str, Path]:
+    (folder / "text.mcap").write_text("this is no log\n" * 10)
+    (folder / "empty.mcap").touch()
+    (folder / "head.mcap").write_bytes(good.read_bytes()[:200])
+    return {
+        "missing": folder / "missing.mcap",
+        "folder": folder,
+        "not MCAP": folder / "text.mcap",
+        "empty": folder / "empty.mcap",
+        "cut in the header": folder / "head.mcap",
+        "no image": write_log(folder / "a.mcap", Spec(left=(), right=())),
+        "one camera": write_log(folder / "b.mcap", Spec(right=())),
+        "no calibration": write_log(folder / "c.mcap", Spec(infos=(None, None))),
+        "other size": write_log(folder / "d.mcap", Spec(size=(128, 64))),
+        "video": video(folder / "e.mcap"),
+    }
+
+
+def test_logs_that_cannot_be_used_are_3_with_the_file_named_and_no_traceback(log: Path, tmp_path: Path, capsys):
+    for what, path in bad_logs(tmp_path, log).items():
+        assert main(["replay", str(path), "--out", str(tmp_path / "out"), "--json"]) == 3, what
+        said = capsys.readouterr()
+        assert said.out == "" and path.name in said.err and "Traceback" not in said.err, what
+        assert not (tmp_path / "out").exists(), what
+        assert main(["inspect", str(path)]) == 3, what
+        assert "Traceback" not in capsys.readouterr().err, what
+
+
+def test_a_topic_that_is_not_there_is_3_and_named(log: Path, capsys):
+    assert main(["replay", str(log), "--left", "/nowhere", "--right", "/camera/right/image"]) == 3
+    assert "/nowhere" in capsys.readouterr().err
+
+
+def test_json_is_one_object_and_nothing_else(log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "--json", *FAST]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["complete"] is True and summary["frames"]["estimated"] == 6
+    assert summary["out"] == str(tmp_path / "o")
+    assert summary["method"] == "frame-to-frame"
+    assert main(["inspect", str(log), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["pair"]["left"] == "/camera/left/image"
+
+
+def test_the_table_and_the_description_say_what_matters(log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-v", *FAST]) == 0
+    said = capsys.readouterr()
+    assert "6 estimated of 6 paired" in said.out and "final drift" in said.out
+    assert "frame 0: initialising" in said.err and "frame 1: ok" in said.err
+    assert main(["inspect", str(log)]) == 0
+    assert "/camera/left/image" in capsys.readouterr().out
+
+
+def test_quiet_is_quiet(log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-q", *FAST]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_cut_log_is_3_with_everything_written(log: Path, tmp_path: Path, capsys):
+    cut = half(log, tmp_path / "cut.mcap")
+    assert main(["replay", str(cut), "--out", str(tmp_path / "o"), "--json", *FAST]) == 3
+    said = capsys.readouterr()
+    summary = json.loads(said.out)
+    assert summary["complete"] is False and 2 <= summary["frames"]["estimated"] <= 5
+    assert "warning: " in said.err and "MB" in said.err
+    assert len(np.loadtxt(tmp_path / "o" / "trajectory.kitti")) == summary["frames"]["estimated"]
+
+
+def test_strict_makes_a_warning_count(tmp_path: Path):
+    log = write_wall_log(tmp_path / "gap.mcap", n=8, without_right=(2, 3, 4))
+    arguments = ["replay", str(log), "--out", str(tmp_path / "o"), *FAST]
+    assert main(arguments) == 0
+    assert main([*arguments, "--strict"]) == 3
+
+
+def test_without_out_a_folder_of_its_own_and_latest_points_to_it(log: Path, tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", str(log), "--max-frames", "2", "-q", *FAST]) == 0
+    (folder,) = [p for p in Path("runs").iterdir() if not p.is_symlink()]
+    assert folder.name.startswith("wall-")
+    assert Path("runs/latest").resolve() == folder.resolve()
+    assert (folder / "summary.json").exists()
+
+
+def test_settings_are_used_and_written(log: Path, tmp_path: Path):
+    (tmp_path / "c.toml").write_text("[window]\nframes = 5\n")
+    arguments = ["--config", str(tmp_path / "c.toml"), "--set", "robust.min_views=9", "--max-frames", "2"]
+    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-q", *arguments, *FAST]) == 0
+    used = read_config(tmp_path / "o" / "config.toml")
+    assert (used.window.frames, used.robust.min_views, used.method) == (5, 9, "frame-to-frame")
+
+
+def test_config_prints_what_config_takes(tmp_path: Path, capsys):
+    assert main(["config"]) == 0
+    (tmp_path / "c.toml").write_text(capsys.readouterr().out)
+    assert read_config(tmp_path / "c.toml") == Config()
+
+
+def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(log: Path, monkeypatch, capsys):
+    def broken(*_arguments, **_options):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr("stream_sfm.recording.inspect_log", broken, raising=False)
+    assert main(["inspect", str(log)]) == 1
+    said = capsys.readouterr().err
+    assert "ZeroDivisionError: a defect" in said and "please report" in said and "Traceback" not in said
+    assert main(["inspect", str(log), "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+    assert main(["--debug", "inspect", str(log)]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_is_130_with_everything_written(number, tmp_path: Path):
+    log = write_wall_log(tmp_path / "long.mcap", n=16, times=30, truth=False)
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stream_sfm", "replay", str(log), "--out", str(out), "--json", *FAST],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    )
+    deadline = time.monotonic() + 60
+    while not (out / "trajectory.tum.part").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(number)
+    said, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    summary = json.loads(said)
+    assert summary["complete"] is False
+    assert len(np.loadtxt(out / "trajectory.tum", ndmin=2)) == summary["frames"]["estimated"] > 0
+
+
+def test_the_reader_of_our_output_may_go(log: Path):
+    command = f"'{sys.executable}' -m stream_sfm config | head -n 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert done.stdout.startswith("#") and "Traceback" not in done.stderr
+
+
+def test_the_program_is_called_stream_sfm(capsys):
+    assert build_parser().prog == "stream-sfm"
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("stream-sfm ")

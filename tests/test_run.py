@@ -1,0 +1,251 @@
+"""A replay writes what the engine says, all of it, however the run ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import stream_sfm as sfm
+from stream_sfm.config import read_config
+from stream_sfm.recording import open_log
+from stream_sfm.recording.estimates import EstimatesWriter
+from stream_sfm.recording.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.recording.trajectory_files import read_tum
+from stream_sfm.run import ReplayInterrupted, new_run_folder, point_latest_to, replay
+
+from .wall_log import write_wall_log
+
+FILES = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml"}
+FAST = sfm.Config(method="frame-to-frame")
+SUMMARY_KEYS = {
+    "log", "method", "complete", "warnings", "frames", "duration_s", "path_length_m", "timing_ms", "frames_per_s",
+    "cpu_s", "peak_rss_mib", "ground_truth",
+}  # fmt: skip
+TRUTH_KEYS = {
+    "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
+    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", "local_structure_rms_m",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap")
+
+
+@pytest.fixture(scope="module")
+def replayed(log: Path, tmp_path_factory):
+    return replay(log, tmp_path_factory.mktemp("out") / "first")
+
+
+def messages(path: Path) -> list:
+    with open(path, "rb") as stream:
+        return [
+            (channel.topic, m.log_time, m.sequence, m.data)
+            for _, channel, m in make_reader(stream).iter_messages()
+            if channel.topic != "/stream_sfm/timing"
+        ]
+
+
+def test_a_replay_writes_the_five_files_and_nothing_else(replayed):
+    assert {p.name for p in replayed.out_dir.iterdir()} == FILES
+    summary = json.loads((replayed.out_dir / "summary.json").read_text())
+    assert summary == json.loads(json.dumps(replayed.summary))
+    assert set(summary) >= SUMMARY_KEYS
+    assert set(summary["ground_truth"]) >= TRUTH_KEYS
+    assert all(set(t) == {"p50", "p95", "max"} for t in summary["timing_ms"].values())
+    assert set(summary["timing_ms"]) == {"decode", "frontend", "estimator", "total"}
+    assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, dropped=0)
+    assert summary["complete"] and summary["warnings"] == []
+    assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
+
+
+def test_the_figures_are_those_of_a_good_run(replayed):
+    truth = replayed.summary["ground_truth"]
+    assert truth["ate_rmse_m"] < 0.01
+    assert truth["final_drift_percent"] < 5
+    assert truth["local_structure_rms_m"] < 0.05
+    assert truth["nees_pose_mean"] < 30
+    assert replayed.summary["duration_s"] == pytest.approx(11 * 0.05)
+
+
+def test_all_files_hold_the_same_poses(replayed):
+    out = replayed.out_dir
+    exact = read_trajectory(out / "estimates.mcap")
+    assert (exact.stamps_ns == replayed.trajectory.stamps_ns).all()
+    assert (exact.world_from_cam == replayed.trajectory.world_from_cam).all()
+    assert (exact.cov_pose == replayed.trajectory.cov_pose).all()
+    tum = read_tum(out / "trajectory.tum")
+    assert (tum.stamps_ns == exact.stamps_ns).all()
+    assert np.allclose(tum.world_from_cam, exact.world_from_cam, atol=1e-9)
+    kitti = np.loadtxt(out / "trajectory.kitti").reshape(-1, 3, 4)
+    assert np.allclose(kitti, exact.world_from_cam[:, :3], atol=1e-9)
+
+
+def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, log: Path, tmp_path: Path):
+    again = replay(log, tmp_path / "again")
+    first = messages(replayed.out_dir / "estimates.mcap")
+    assert messages(again.out_dir / "estimates.mcap") == first
+    for name in ("trajectory.tum", "trajectory.kitti", "config.toml"):
+        assert (again.out_dir / name).read_bytes() == (replayed.out_dir / name).read_bytes()
+
+    opened = open_log(log)
+    engine = sfm.Engine(opened.rig, sfm.Config())
+    writer = EstimatesWriter(tmp_path / "live.mcap", opened.rig, sfm.Config())
+    for frame in opened.frames():
+        live = sfm.StereoFrame(frame.stamp_ns, frame.left.copy(), frame.right.copy())
+        writer.write(engine.step(live))
+    writer.close()
+    assert messages(tmp_path / "live.mcap") == first
+
+
+def test_the_cloud_is_the_estimate(log: Path, tmp_path: Path):
+    seen = []
+    replay(log, tmp_path / "out", FAST, max_frames=3, on_frame=seen.append)
+    for estimate, cloud in zip(seen, read_clouds(tmp_path / "out" / "estimates.mcap"), strict=True):
+        assert (cloud.track_ids == estimate.track_ids).all()
+        assert np.allclose(cloud.points, estimate.points_in_cam, rtol=1e-6)
+
+
+def test_a_selection_is_counted_as_such(log: Path):
+    result = replay(log, None, FAST, start_s=0.1, end_s=0.4, stride=2)
+    assert result.out_dir is None
+    assert len(result.trajectory) == 4
+    assert result.summary["frames"]["paired"] == result.summary["frames"]["estimated"] == 4
+    assert result.summary["complete"]
+
+
+def test_missing_right_images_are_counted_and_not_fatal(tmp_path: Path):
+    log = write_wall_log(tmp_path / "gap.mcap", without_right=(4, 5, 6))
+    result = replay(log, None, FAST)
+    assert result.summary["frames"]["read"] == 12
+    assert result.summary["frames"]["estimated"] == 9
+    assert result.summary["complete"] and any("no partner" in w for w in result.summary["warnings"])
+
+
+def test_a_log_without_truth_has_no_figures_of_it(tmp_path: Path):
+    result = replay(write_wall_log(tmp_path / "bare.mcap", n=3, truth=False), None, FAST)
+    assert "ground_truth" not in result.summary
+
+
+def test_a_cut_log_is_estimated_as_far_as_it_goes(log: Path, tmp_path: Path):
+    data = log.read_bytes()
+    (tmp_path / "half.mcap").write_bytes(data[: len(data) // 2])
+    result = replay(tmp_path / "half.mcap", tmp_path / "out", FAST)
+    assert 3 <= result.summary["frames"]["estimated"] <= 7
+    assert result.summary["complete"] is False
+    assert any("in part only" in w for w in result.summary["warnings"])
+    assert len(list(read_estimates(tmp_path / "out" / "estimates.mcap"))) == len(result.trajectory)
+
+
+def test_a_log_that_cannot_be_used_leaves_no_folder(tmp_path: Path):
+    (tmp_path / "no.mcap").write_bytes(b"not a log")
+    with pytest.raises(sfm.LogError):
+        replay(tmp_path / "no.mcap", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_exception_in_the_caller_s_hands_loses_nothing(log: Path, tmp_path: Path):
+    def explode(estimate):
+        if estimate.frame_index == 2:
+            raise RuntimeError("the caller's own")
+
+    with pytest.raises(RuntimeError, match="the caller's own"):
+        replay(log, tmp_path / "out", FAST, on_frame=explode)
+    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["complete"] is False and summary["frames"]["estimated"] == 3
+    assert any("the caller's own" in w for w in summary["warnings"])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_after_the_frame_in_hand(number, log: Path, tmp_path: Path):
+    def interrupt(estimate):
+        if estimate.frame_index == 4:
+            os.kill(os.getpid(), number)
+
+    before = signal.getsignal(number)
+    with pytest.raises(ReplayInterrupted) as caught:
+        replay(log, tmp_path / "out", FAST, on_frame=interrupt)
+    assert signal.getsignal(number) == before
+    assert len(caught.value.result.trajectory) == 5
+    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
+    assert caught.value.result.summary["complete"] is False
+    assert any("interrupted after 5 frames" in w for w in caught.value.result.summary["warnings"])
+
+
+def test_a_folder_that_cannot_be_made_is_an_output_error(log: Path, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(sfm.OutputError, match="file"):
+        replay(log, tmp_path / "file" / "out", FAST)
+
+
+def test_a_failing_sink_does_not_take_the_others_with_it(log: Path, tmp_path: Path):
+    class Full:
+        def write(self, estimate):
+            if estimate.frame_index == 3:
+                raise sfm.OutputError("cannot write: no space left on device")
+
+        def close(self):
+            raise sfm.OutputError("cannot write: no space left on device")
+
+    with pytest.raises(sfm.OutputError, match="no space left"):
+        replay(log, tmp_path / "out", FAST, sinks=[Full()])
+    assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) >= 3
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["complete"] is False
+
+
+def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(log: Path, tmp_path: Path):
+    script = (
+        "import os, signal, sys; from stream_sfm.run import replay; from stream_sfm.config import Config\n"
+        "kill = lambda e: e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
+        "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), on_frame=kill)"
+    )
+    out = tmp_path / "out"
+    done = subprocess.run([sys.executable, "-c", script, str(log), str(out)], env=os.environ, timeout=120)
+    assert done.returncode == -signal.SIGKILL
+    assert len(list(read_estimates(out / "estimates.mcap.part"))) >= 10  # half a second holds ten frames
+    assert (out / "trajectory.tum.part").read_text().count("\n") == 12
+    replay(log, out, FAST)
+    assert {p.name for p in out.iterdir()} == FILES
+
+
+def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
+    script = (
+        "import sys; from stream_sfm.run import replay; from stream_sfm.config import read_config\n"
+        "c = read_config(None, ['method=\"frame-to-frame\"', 'frontend.max_tracks=40'])\n"
+        "s = replay(sys.argv[1], sys.argv[2], c).summary\n"
+        "print(s['frames']['estimated'], s['peak_rss_mib'])"
+    )
+    found = []
+    for times in (1, 20):
+        log = write_wall_log(tmp_path / f"wall{times}.mcap", n=16, times=times)
+        done = subprocess.run(
+            [sys.executable, "-c", script, str(log), str(tmp_path / f"out{times}")],
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=True,
+        )
+        found.append([float(x) for x in done.stdout.split()])
+    (few, small), (many, large) = found
+    assert (few, many) == (16, 16 * 10 + 14 * 10)
+    assert large - small < 30
+
+
+def test_run_folders_are_never_used_twice(tmp_path: Path):
+    first = new_run_folder("some/where/log.mcap", tmp_path / "runs")
+    assert first.name.startswith("log-") and not first.exists()
+    first.mkdir(parents=True)
+    second = new_run_folder("some/where/log.mcap", tmp_path / "runs")
+    assert second != first
+    second.mkdir()
+    for folder in (first, second):
+        point_latest_to(folder)
+        assert (tmp_path / "runs" / "latest").resolve() == folder.resolve()
