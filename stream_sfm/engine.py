@@ -48,7 +48,7 @@ class Engine:
         self._next_index += 1
         self._last_stamp_ns = frame.stamp_ns
         timings = {"rectify": t1 - t0, "frontend": t2 - t1, "estimator": t3 - t2}
-        return in_camera_axes(solution, observations, self.rectifier.rect_from_cam, timings)
+        return in_camera_axes(solution, observations, self.rectifier, timings)
 
     def _check(self, frame: StereoFrame) -> None:
         where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
@@ -70,15 +70,20 @@ class Engine:
 
 
 def in_camera_axes(
-    solution: Solution, observations: Observations, rect_from_cam: Array, timings_s: dict[str, float]
+    solution: Solution, observations: Observations, rectifier: Rectifier, timings_s: dict[str, float]
 ) -> FrameEstimate:
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
     The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹.
+    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B).
     """
-    r = rect_from_cam.T  # cam_from_rect
+    r = rectifier.rect_from_cam.T  # cam_from_rect
     c = np.eye(4)
-    c[:3, :3] = rect_from_cam
+    c[:3, :3] = rectifier.rect_from_cam
+    p = rectifier.projection
+    bias = solution.points_in_cam * (solution.points_in_cam[:, 2:] * observations.std_bias_px / (p.f_px * p.baseline_m))
+    cov_bias = bias[:, :, None] * bias[:, None, :]
+    world_r = solution.world_from_cam[:3, :3]
     c_inv = c.T
     r6 = np.zeros((6, 6))
     r6[:3, :3] = r6[3:, 3:] = r
@@ -98,9 +103,9 @@ def in_camera_axes(
         cov_pose=r6 @ solution.cov_pose @ r6.T,
         track_ids=solution.track_ids,
         points_in_cam=points(solution.points_in_cam),
-        cov_points=covariances(solution.cov_points),
+        cov_points=covariances(solution.cov_points + cov_bias),
         points_in_world=points(solution.points_in_world),
-        cov_points_in_world=covariances(solution.cov_points_in_world),
+        cov_points_in_world=covariances(solution.cov_points_in_world + world_r @ cov_bias @ world_r.T),
         window_frame_indices=solution.window_frame_indices,
         window_world_from_cam=c_inv @ solution.window_world_from_cam @ c,
         ended_ids=solution.ended_ids,

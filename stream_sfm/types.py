@@ -129,7 +129,7 @@ class Observations:
     front-end's own robust motion since the previous frame, a start value only, or None. `note` says what the
     front-end met ("image is black"), empty when nothing. `n_new` of the ids are new. `std_drift_px` (n,): how far
     the patch may have slid over its surface since the previous frame, for patches seen from a changing direction;
-    None where points are points.
+    None where points are points. `std_bias_px`: error of a point's disparity that all its views share.
     """
 
     frame_index: int
@@ -141,6 +141,7 @@ class Observations:
     note: str = ""
     n_new: int = 0
     std_drift_px: Array | None = None
+    std_bias_px: float = 0.0
 
 
 def _no_ids() -> NDArray[np.int64]:

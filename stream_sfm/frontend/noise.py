@@ -12,6 +12,9 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 
 _FLOOR_PX = 0.03  # interpolation and rectification tables
+# What left and right patch of one surface share with no other view: perspective beyond the affine warp, the lens model.
+# Such an error is the same in all views of a point; it moves the point, not the motion.
+BIAS_PX = 0.06
 _SLANT = 0.6  # see ViewNoise.drift
 _MEAN_TO_STD = 1.2533  # √(π/2): mean absolute difference to standard deviation, Gaussian
 _MEMORY_FRAMES = 20.0

@@ -18,7 +18,7 @@ from ..geometry.stereo import StereoProjection
 from ..types import Observations
 from .detect import detect
 from .epipolar import search_rows
-from .noise import ViewNoise
+from .noise import BIAS_PX, ViewNoise
 from .slant import disparity_slopes
 from .templates import TemplateAtlas
 from .tracks import Tracks
@@ -74,6 +74,7 @@ class FrontEnd:
             note=_note(left, right, len(self.tracks)),
             n_new=len(self.tracks) - kept,
             std_drift_px=np.concatenate([drift, np.zeros(len(z_new))]),
+            std_bias_px=BIAS_PX,
         )
 
     # -- old points -------------------------------------------------------------------------------------------
