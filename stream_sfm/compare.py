@@ -24,22 +24,13 @@ from .recording import StereoLog, StereoPair
 from .recording.images import GreyScaler, decode_grey
 from .recording.thumbnails import jpeg
 from .report.records import Comparison, FrontRecord, MethodRun, Snapshot
+from .run import Sink
 from .types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
 
 COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
 RETURN_LIMIT_BYTES = 256 * 2**20  # recorded bytes kept for the way back
 _SNAPSHOT_WIDTH = 560
 _GAP = 1.6  # of the usual time between frames
-
-
-class Sink:
-    """Where the estimates of one method go; the stub keeps nothing."""
-
-    def write(self, estimate: FrameEstimate) -> None:
-        """Take one frame."""
-
-    def close(self) -> None:
-        """Finish."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +44,10 @@ class Selection:
 
 
 class _Runner:
-    """One method: its estimator, its record, its sink."""
+    """One method: its estimator, its record, its sinks."""
 
-    def __init__(self, name: str, estimator: Estimator, run: MethodRun, sink: Sink) -> None:
-        self.name, self.estimator, self.run, self.sink = name, estimator, run, sink
+    def __init__(self, name: str, estimator: Estimator, run: MethodRun, sinks: list[Sink]) -> None:
+        self.name, self.estimator, self.run, self.sinks = name, estimator, run, sinks
 
     def solve(self, observations: Observations) -> tuple[Solution, float] | None:
         """The solution and seconds it took; None when the method has failed, now or before."""
@@ -77,34 +68,34 @@ def compare(
     methods: Sequence[str] = COMPARED,
     selection: Selection | None = None,
     there_and_back: bool | None = None,
-    make_sink: Callable[[str], Sink] | None = None,
+    make_sink: Callable[[str], list[Sink]] | None = None,
     health: dict[str, Any] | None = None,
-    progress: Callable[[int], None] | None = None,
+    on_frame: Callable[[FrameEstimate], None] | None = None,
 ) -> Comparison:
     """Run `methods` on the log.
 
     `there_and_back`: feed the frames backwards after the last one; None: where the log has no ground truth.
-    `make_sink(method)` gets each estimate of the way there. `progress` is told how many frames are done. Raises
-    LogError where no frame can be read, ConfigError for an unknown method.
+    The sinks of `make_sink(method)` get each estimate of the way there, `on_frame` one method's estimate a frame.
+    Raises LogError where no frame can be read, ConfigError for an unknown method.
     """
     for name in methods:
         if name not in METHODS:
             raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
     selection = selection or Selection()
-    pass_ = _Pass(log, config, methods, make_sink or (lambda _: Sink()))
+    pass_ = _Pass(log, config, methods, make_sink or (lambda _: []))
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
     kept: list[StereoPair] | None = [] if back else None
     kept_bytes = 0
     try:
         for pair, frame, seconds in _timed(log, selection):
-            pass_.forward(frame, seconds)
+            estimates = pass_.forward(frame, seconds)
             if kept is not None:
                 kept.append(pair)
                 kept_bytes += len(pair.left.data) + len(pair.right.data)
                 kept = kept if kept_bytes <= RETURN_LIMIT_BYTES else None
-            if progress is not None:
-                progress(pass_.next_index)
+            if on_frame is not None and estimates:
+                on_frame(next(iter(estimates.values())))
     finally:
         pass_.close()
     note = "not done: the log has ground truth" if not back else ""
@@ -141,7 +132,7 @@ class _Pass:
     """The state of one pass: a front-end, a runner a method, and what the report needs."""
 
     def __init__(
-        self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], Sink]
+        self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], list[Sink]]
     ) -> None:
         self.rectifier = Rectifier(log.rig)
         projection = self.projection = self.rectifier.projection
@@ -161,8 +152,8 @@ class _Pass:
         self.stamps: list[int] = []
         self._previous: Observations | None = None
 
-    def forward(self, frame: StereoFrame, decode_s: float) -> None:
-        """One frame of the way there."""
+    def forward(self, frame: StereoFrame, decode_s: float) -> dict[str, FrameEstimate]:
+        """One frame of the way there: the estimate of each method that goes on."""
         t0 = time.perf_counter()
         left, right = self.rectifier.rectify(frame.left, frame.right)
         t1 = time.perf_counter()
@@ -183,11 +174,12 @@ class _Pass:
                 continue
             solution, seconds = solved
             timings = shared | {"estimator": seconds}
-            estimate = in_camera_axes(solution, obs, self.rectifier.rect_from_cam, timings)
+            estimate = in_camera_axes(solution, obs, self.rectifier, timings)
             local[runner.name] = estimate
             runner.run.add(estimate)
             runner.run.reprojection_px.append(self._reprojection(solution, obs))
-            runner.sink.write(estimate)
+            for sink in runner.sinks:
+                sink.write(estimate)
             if runner.run.structure is not None:
                 runner.run.structure.add(estimate)
             if depth is not None and depth.shape == (self.camera.height, self.camera.width):
@@ -200,6 +192,7 @@ class _Pass:
             front.keep(self._snapshot(obs, left, right))
         self._previous = obs
         self.next_index += 1
+        return local
 
     def way_back(self, pairs: list[StereoPair]) -> str:
         """Feed the frames backwards, stamps mirrored at the last; returns what to say about it."""
@@ -213,14 +206,15 @@ class _Pass:
             for runner in self.runners:
                 solved = runner.solve(obs)
                 if solved is not None:
-                    estimate = in_camera_axes(solved[0], obs, self.rectifier.rect_from_cam, {})
+                    estimate = in_camera_axes(solved[0], obs, self.rectifier, {})
                     runner.run.back.append(estimate.world_from_cam)
         return f"{len(pairs)} frames there, {len(pairs) - 1} back"
 
     def close(self) -> None:
         """Finish the sinks."""
         for runner in self.runners:
-            runner.sink.close()
+            for sink in runner.sinks:
+                sink.close()
 
     def _note_gap(self, stamp_ns: int) -> None:
         self.stamps.append(stamp_ns)

@@ -216,9 +216,9 @@ def verdict(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
     """What the log says about EKF against cross-frame: a word for the style, and a plain sentence."""
     if not has_truth:
         return "open", (
-            "This log has no ground truth: nobody can say from it which method is right. What follows shows how far the "
-            "methods come back to their start when the frames are fed backwards, and how far they part from each "
-            "other."
+            "This log has no ground truth: nobody can say from it which method is right. What follows shows how "
+            "far the methods come back to their start when the frames are fed backwards, and how far they part "
+            "from each other."
         )
     ratio = content["ekf_over_cross_frame"]
     stopped = [f"{k.replace('_', '-')} {v['failure']}" for k, v in content["methods"].items() if v["failure"]]

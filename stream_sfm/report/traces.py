@@ -61,7 +61,8 @@ def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
 class Closure:
     """There and back: the pose of each frame on the way back against the same frame on the way there.
 
-    Rows from the turning point to the start: `frames`, `apart_m` travelled in between, `position_m`, `rotation_deg`.
+    Rows from the turning point to the start: `frames`, `apart_m` travelled in between, `position_m`,
+    `rotation_deg`.
     """
 
     frames: NDArray[np.int64]

@@ -1,0 +1,143 @@
+"""The paper's pictures for this log: stereo frames (Figure 2), tracks (3), needles (4), statuses."""
+
+import base64
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from ..types import Status
+from .charts import label
+from .records import Comparison, FrontRecord, MethodRun, Snapshot
+from .svg import WIDTH
+
+_MOST_LIVES = 1200
+_MOST_NEEDLES = 220
+
+
+def stereo_frames(front: FrontRecord) -> list[Markup]:
+    """Left and right image of a few frames, rectified."""
+    return [
+        Markup('<figure class="pair"><figcaption>Frame {}: left, right</figcaption>{}{}</figure>').format(
+            s.frame_index, _image(s.left_jpeg, f"frame {s.frame_index}, left"),
+            _image(s.right_jpeg, f"frame {s.frame_index}, right"),
+        )
+        for s in _few(front.snapshots, 3)
+    ]  # fmt: skip
+
+
+def needles(front: FrontRecord) -> list[Markup]:
+    """Stereo and temporal needles on the left image of a few frames."""
+    out = []
+    for s in _few([s for s in front.snapshots if len(s.temporal)] or front.snapshots, 2):
+        stereo = np.column_stack([s.stereo[:, 2:], s.stereo[:, :2]])  # from the right position to the point
+        for kind, lines in (
+            ("stereo: from the position in the right image", stereo),
+            ("temporal: from the frame before", s.temporal),
+        ):
+            if len(lines):
+                out.append(_needles(s, kind, lines))
+    return out
+
+
+def _needles(s: Snapshot, kind: str, lines: np.ndarray) -> Markup:
+    w, h = s.size
+    every = max(1, -(-len(lines) // _MOST_NEEDLES))
+    r = w / 220
+    marks = "".join(
+        f'<path d="M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}"/><circle cx="{c:.1f}" cy="{d:.1f}" r="{r:.1f}"/>'
+        for a, b, c, d in lines[::every]
+    )
+    return Markup(
+        '<figure class="needles"><figcaption>Frame {} · {} · {} points</figcaption>'
+        '<svg viewBox="0 0 {} {}" role="img"><image href="{}" width="{}" height="{}"/>'
+        '<g class="needle" style="stroke-width:{}">{}</g></svg></figure>'
+    ).format(s.frame_index, kind, len(lines), w, h, _uri(s.left_jpeg), w, h, f"{w / 400:.2f}", Markup(marks))
+
+
+def lives(front: FrontRecord) -> Markup:
+    """Figure 3: a line per point from its first to its last frame, in order of birth."""
+    spans = list(front.lives.values())
+    if not spans:
+        return Markup('<p class="none">No point was tracked.</p>')
+    every = max(1, -(-len(spans) // _MOST_LIVES))
+    drawn = spans[::every]
+    n, height = max(len(front.tracked) - 1, 1), 420
+    left, top, w, h = 56, 8, WIDTH * 2 - 68, height - 48
+    step = h / len(drawn)
+    path = "".join(
+        f"M{left + a / n * w:.1f} {top + (k + 0.5) * step:.1f}H{left + max(b, a + 0.15) / n * w:.1f}"
+        for k, (a, b) in enumerate(drawn)
+    )
+    ticks = "".join(
+        f'<text x="{left + f / n * w:.0f}" y="{height - 24}" class="tick mid">{f}</text>'
+        for f in sorted({round(n * k / 8) for k in range(9)})
+    )
+    rows = "".join(
+        f'<text x="{left - 6}" y="{top + h * k / 4 + 4:.0f}" class="tick end">{round(len(spans) * k / 4)}</text>'
+        for k in range(5)
+    )
+    note = f"{len(spans)} points" + (f", every {every}th drawn" if every > 1 else "")
+    return Markup(
+        '<figure class="wide"><figcaption><b>Record of tracking</b> <span>{}; a line from a point’s first to its '
+        'last frame</span></figcaption><svg viewBox="0 0 {} {}" role="img"><path class="lives" d="{}" '
+        'style="stroke-width:{}"/>{}{}<text x="{}" y="{}" class="label mid">frame</text>'
+        '<text x="13" y="{}" transform="rotate(-90 13 {})" class="label mid">points, by birth</text></svg></figure>'
+    ).format(
+        note, WIDTH * 2, height, path, f"{max(0.5, min(2.0, 0.8 * step)):.2f}", Markup(ticks), Markup(rows),
+        left + w // 2, height - 5, top + h // 2, top + h // 2,
+    )  # fmt: skip
+
+
+def timeline(c: Comparison) -> Markup:
+    """The status of every frame, a bar a method; jumps in time are marked."""
+    n, row, left, w = max(len(c.front.tracked), 1), 22, 150, WIDTH * 2 - 162
+    out = []
+    for k, run in enumerate(c.runs):
+        y = 4 + k * row
+        out.append(f'<text x="{left - 8}" y="{y + 12}" class="tick end">{escape(label(run.name))}</text>')
+        for status, first, last in _runs(run):
+            x, width = left + first / n * w, max((last - first + 1) / n * w, 1.0)
+            title = f"{status}, frames {first} to {last}" + (
+                f": {run.reasons[first]}" if run.reasons[first] else ""
+            )
+            out.append(
+                f'<rect class="s-{status}" x="{x:.1f}" y="{y}" width="{width:.1f}" height="15">'
+                f"<title>{escape(title)}</title></rect>"
+            )
+    height = 4 + len(c.runs) * row
+    out += [f'<path class="mark" d="M{left + g / n * w:.1f} 0V{height}"/>' for g in c.front.gaps]
+    out.append(f'<text x="{left}" y="{height + 14}" class="tick">0</text>')
+    out.append(f'<text x="{left + w}" y="{height + 14}" class="tick end">{n - 1}</text>')
+    out.append(f'<text x="{left + w // 2}" y="{height + 14}" class="label mid">frame</text>')
+    keys = Markup("").join(
+        Markup('<span class="key"><i class="s-{}"></i>{}</span>').format(s.value, s.value) for s in Status
+    )
+    return Markup(
+        '<figure class="wide"><figcaption><b>Status of every frame</b></figcaption><div class="legend">{}</div>'
+        '<svg viewBox="0 0 {} {}" role="img">{}</svg></figure>'
+    ).format(keys, WIDTH * 2, height + 20, Markup("".join(out)))
+
+
+def _runs(run: MethodRun) -> list[tuple[str, int, int]]:
+    result: list[tuple[str, int, int]] = []
+    for i, status in enumerate(run.statuses):
+        if result and result[-1][0] == status:
+            result[-1] = (status, result[-1][1], i)
+        else:
+            result.append((status, i, i))
+    return result
+
+
+def _few(snapshots: Sequence[Snapshot], most: int) -> list[Snapshot]:
+    if len(snapshots) <= most:
+        return list(snapshots)
+    return [snapshots[i] for i in np.linspace(0, len(snapshots) - 1, most).round().astype(int)]
+
+
+def _image(data: bytes, alt: str) -> Markup:
+    return Markup('<img src="{}" alt="{}">').format(_uri(data), alt)
+
+
+def _uri(data: bytes) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(data).decode()
