@@ -1,0 +1,29 @@
+"""Rerun: one sink for replays and for robots that run. Rerun itself is imported when a viewer is opened."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..types import StereoRig, Trajectory
+
+if TYPE_CHECKING:
+    from .sink import RerunSink
+
+__all__ = ["open_viewer"]
+
+
+def open_viewer(
+    rig: StereoRig,
+    rrd: str | Path | None = None,
+    view: bool = False,
+    ground_truth: Trajectory | None = None,
+    name: str = "live",
+) -> "RerunSink":
+    """A sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
+
+    `ground_truth` is drawn in the estimates' world, the poses of the first common frame laid upon each other;
+    `name` is what the viewer calls the recording. Raises ConfigError where no window can be opened, or neither is
+    asked for, OutputError where the file cannot be written.
+    """
+    from .sink import RerunSink
+
+    return RerunSink(rig, rrd, view, ground_truth, name)

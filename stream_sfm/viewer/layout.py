@@ -1,0 +1,88 @@
+"""What stands where in the viewer: entity paths, the blueprint, the colours."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from ..geometry.pose import Array
+
+CAMERA = "world/camera"
+SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
+TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
+ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
+DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
+TRACK_SERIES = ("tracked", "new", "used", "rejected")
+ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
+
+TAIL_COLOUR = (255, 255, 255, 150)
+
+# Share of the distance that σ of a point is: from dark blue over green to yellow (viridis), on a log scale.
+_SHARES = (1e-3, 1e-1)
+_STOPS = np.array([(72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
+                   (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
+
+
+def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint8]:
+    """(n, 3) uint8 by σ over distance of points (n, 3) with covariances (n, 3, 3)."""
+    sigma = np.sqrt(np.maximum(np.trace(cov_points, axis1=1, axis2=2), 0))
+    share = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
+    low, high = np.log(_SHARES)
+    place = (np.log(np.clip(share, *_SHARES)) - low) / (high - low) * (len(_STOPS) - 1)
+    first = np.minimum(place.astype(int), len(_STOPS) - 2)
+    rest = (place - first)[:, None]
+    return (_STOPS[first] * (1 - rest) + _STOPS[first + 1] * rest).astype(np.uint8)
+
+
+def blueprint() -> rrb.Blueprint:
+    """3-D view, the two images with tracks, drift, tracks and timing over time, the status log."""
+    whole_past = rrb.VisibleTimeRange(
+        "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+    )
+    space = rrb.Spatial3DView(
+        name="world: estimate orange, ground truth green; points: σ 0.1 % (blue) to 10 % (yellow) of distance",
+        origin="world",
+        contents=["$origin/**", f"- /{SIDES[0]}/tracks/**", f"- /{SIDES[1]}/**"],
+        overrides={TRAJECTORY: rrb.VisibleTimeRanges(whole_past)},
+        eye_controls=rrb.EyeControls3D(position=(-2.2, -2.6, -3.4), look_target=(0.4, 0.2, 2.0), eye_up=(0, -1, 0)),
+        line_grid=False,
+    )
+    images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image and tracks", origin=s) for s in SIDES]
+    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
+    series = [
+        rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
+        for name, origin in (
+            ("position, metres: error and claimed σ", DRIFT),
+            ("tracks", TRACKS),
+            ("time a frame, ms", TIMING),
+        )
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(space, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
+            rrb.Vertical(rrb.Horizontal(*images), *series, row_shares=[3, 2, 2, 2]),
+            column_shares=[5, 4],
+        ),
+        rrb.TimePanel(state="collapsed", timeline="frame", play_state="following"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def series_names(names: tuple[str, ...], colours: list[tuple[int, int, int]] | None = None) -> rr.SeriesLines:
+    """The legend of one entity that holds several series."""
+    return rr.SeriesLines(names=list(names), colors=colours)
+
+
+def styles() -> dict[str, rr.AsComponents]:
+    """What is drawn alike in each frame, sent once: colours and sizes an entity path."""
+    ui = rr.Radius.ui_points
+    return {
+        TRAJECTORY: rr.LineStrips3D.from_fields(colors=ESTIMATE_COLOUR, radii=ui(1.5)),
+        POINTS: rr.Points3D.from_fields(radii=ui(2.5)),
+        ELLIPSOID: rr.Ellipsoids3D.from_fields(
+            colors=ELLIPSOID_COLOUR, fill_mode=rr.components.FillMode.MajorWireframe
+        ),
+        **{f"{side}/tracks": rr.Points2D.from_fields(radii=ui(2.5)) for side in SIDES},
+        TAILS: rr.LineStrips2D.from_fields(colors=TAIL_COLOUR, radii=ui(0.7)),
+    }

@@ -1,0 +1,216 @@
+"""Estimates and images into Rerun, as they come.
+
+Images are handed on as recorded: compressed bytes are never decoded or encoded again here.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, OutputError
+from ..evaluation.projection import project_into_image
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..types import FrameEstimate, Status, StereoRig, Trajectory
+from . import layout
+
+Picture = NDArray[np.uint8] | bytes
+_LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
+_MAGIC = ((b"\x89PNG", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"RIFF", "image/webp"))
+_TRUTH_TOLERANCE_NS = 50_000_000
+_TAIL_FRAMES = 5  # how far back the tail of a track reaches
+
+
+class RerunSink:
+    """A `Sink`; `write` takes the images too. See `open_viewer` for the arguments and errors.
+
+    Takes the same time and memory a frame however long the run; the viewer holds what it is given up to its own
+    memory limit.
+    """
+
+    def __init__(
+        self, rig: StereoRig, rrd: str | Path | None, view: bool, ground_truth: Trajectory | None, name: str
+    ) -> None:
+        self._rig = rig
+        self._truth = ground_truth if ground_truth is not None and len(ground_truth) else None
+        self._world_from_truth: Array | None = None
+        self._previous: Array | None = None
+        self._status = ""
+        self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
+        self._stages: tuple[str, ...] = ()
+        self._stream = rr.RecordingStream("stream_sfm", recording_id=None)
+        self._open(rrd, view)
+        self._stream.set_log_time_enabled(False)
+        self._stream.send_recording_name(name)
+        self._describe()
+
+    def _open(self, rrd: str | Path | None, view: bool) -> None:
+        if rrd is None and not view:
+            raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
+        blueprint = layout.blueprint()
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if rrd is not None:
+            try:
+                Path(rrd).open("wb").close()
+            except OSError as error:
+                raise OutputError(f"cannot write {rrd}: {error.strerror}") from None
+            sinks.append(rr.FileSink(rrd))
+        if view:
+            if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+                raise ConfigError(
+                    "there is no display for a viewer: write a file with --rrd FILE and open it elsewhere"
+                )
+            try:
+                rr.spawn(connect=False)
+            except RuntimeError as error:
+                raise ConfigError(f"the viewer could not be started ({error}): use --rrd FILE") from None
+            sinks.append(rr.GrpcSink())
+        self._stream.set_sinks(*sinks, default_blueprint=blueprint)
+
+    def _describe(self) -> None:
+        """What does not change: axes, cameras, legends, the path of the ground truth is drawn when it is placed."""
+        log = self._stream.log
+        log("world", rr.ViewCoordinates.RDF, static=True)
+        for side, camera in zip(layout.SIDES, (self._rig.left, self._rig.right), strict=True):
+            pinhole = rr.Pinhole(
+                image_from_camera=camera.K,
+                resolution=(camera.width, camera.height),
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=3 * self._rig.baseline_m,
+            )
+            log(side, pinhole, static=True)
+        left_from_right = se3.inverse(self._rig.right_from_left)
+        log(layout.SIDES[1], _transform(left_from_right), static=True)
+        drift, colours = ["claimed σ"], [layout.ELLIPSOID_COLOUR]
+        if self._truth is not None:
+            drift, colours = ["claimed σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
+        log(layout.DRIFT, layout.series_names(tuple(drift), colours), static=True)
+        log(layout.TRACKS, layout.series_names(layout.TRACK_SERIES), static=True)
+        for path, style in layout.styles().items():
+            log(path, style, static=True)
+
+    def write(self, estimate: FrameEstimate, left: Picture | None = None, right: Picture | None = None) -> None:
+        """Show a frame; `left`, `right`: (h, w) uint8, or the compressed bytes as recorded."""
+        stream = self._stream
+        stream.set_time("frame", sequence=estimate.frame_index)
+        stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
+        for side, picture in zip(layout.SIDES, (left, right), strict=True):
+            if picture is not None:
+                stream.log(f"{side}/image", _picture(picture))
+        stream.log(layout.CAMERA, _transform(estimate.world_from_cam))
+        position = estimate.world_from_cam[:3, 3]
+        if self._previous is not None:
+            segment = np.stack([self._previous, position])[None].astype(np.float32)
+            stream.log(layout.TRAJECTORY, rr.LineStrips3D.from_fields(strips=segment))
+        self._previous = position
+        colours = layout.colours_of(estimate.points_in_cam, estimate.cov_points)
+        stream.log(layout.POINTS, rr.Points3D.from_fields(positions=estimate.points_in_cam, colors=colours))
+        self._ellipsoid(estimate.cov_pose[:3, :3])
+        self._tracks(estimate, colours)
+        self._series(estimate)
+        self._tell_status(estimate)
+
+    def close(self) -> None:
+        """Write out what is buffered. Raises OutputError where that fails."""
+        try:
+            self._stream.flush(timeout_sec=30)
+        except Exception as error:  # the library's own kinds of failure
+            raise OutputError(f"the recording for the viewer could not be finished: {error}") from None
+        finally:
+            self._stream.disconnect()
+
+    def _ellipsoid(self, cov_position: Array) -> None:
+        """3σ of the position, in the camera's axes, as the covariance of a right perturbation is."""
+        values, axes = np.linalg.eigh(cov_position)
+        axes[:, 0] *= np.sign(np.linalg.det(axes)) or 1.0
+        half_sizes = 3 * np.sqrt(np.maximum(values, 0))[None]
+        quaternion = se3.quat_xyzw_from_matrix(axes)[None]
+        shape = rr.Ellipsoids3D.from_fields(half_sizes=half_sizes, quaternions=quaternion)
+        self._stream.log(layout.ELLIPSOID, shape)
+
+    def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint8]) -> None:
+        """The points in both images as delivered, in the left one with a tail of where they were before."""
+        points_in_right = se3.transform(self._rig.right_from_left, estimate.points_in_cam)
+        front = (estimate.points_in_cam[:, 2] > 0) & (points_in_right[:, 2] > 0)
+        ids, colours = estimate.track_ids[front], colours[front]
+        pixels = (
+            project_into_image(self._rig.left, estimate.points_in_cam[front]),
+            project_into_image(self._rig.right, points_in_right[front]),
+        )
+        for side, now in zip(layout.SIDES, pixels, strict=True):
+            shown = rr.Points2D.from_fields(positions=(now + 0.5).astype(np.float32), colors=colours)
+            self._stream.log(f"{side}/tracks", shown)
+        places = [pixels[0]]
+        for past_ids, past in reversed(self._tail):
+            places.append(_where_known(past_ids, past, ids, places[-1]))
+        if len(places) > 1:
+            strips = (np.stack(places, axis=1) + 0.5).astype(np.float32)
+            self._stream.log(layout.TAILS, rr.LineStrips2D.from_fields(strips=strips))
+        order = np.argsort(ids)
+        self._tail.append((ids[order], pixels[0][order]))
+        del self._tail[:-_TAIL_FRAMES]
+
+    def _series(self, estimate: FrameEstimate) -> None:
+        log = self._stream.log
+        values = [float(np.sqrt(max(np.trace(estimate.cov_pose[:3, :3]), 0.0)))]
+        if self._truth is not None:
+            values.append(self._error_m(estimate))
+        log(layout.DRIFT, rr.Scalars(values))
+        log(layout.TRACKS, rr.Scalars([float(estimate.counts.get(name, 0)) for name in layout.TRACK_SERIES]))
+        stages = tuple(estimate.timings_ms)
+        if stages != self._stages:
+            self._stages = stages
+            log(layout.TIMING, layout.series_names(stages), static=True)
+        log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
+
+    def _error_m(self, estimate: FrameEstimate) -> float:
+        """Distance to the ground truth of this moment, NaN where there is none."""
+        truth = self._truth
+        assert truth is not None
+        at = int(np.searchsorted(truth.stamps_ns, estimate.stamp_ns))
+        around = [i for i in (at - 1, at) if 0 <= i < len(truth)]
+        nearest = min(around, key=lambda i: abs(int(truth.stamps_ns[i]) - estimate.stamp_ns))
+        if abs(int(truth.stamps_ns[nearest]) - estimate.stamp_ns) > _TRUTH_TOLERANCE_NS:
+            return float("nan")
+        pose = truth.world_from_cam[nearest]
+        if self._world_from_truth is None:
+            self._world_from_truth = estimate.world_from_cam @ se3.inverse(pose)
+            path = se3.transform(self._world_from_truth, truth.world_from_cam[:, :3, 3])
+            strip = rr.LineStrips3D(
+                path[None].astype(np.float32), colors=layout.TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0)
+            )
+            self._stream.log(layout.TRUTH, strip, static=True)
+        placed = self._world_from_truth @ pose
+        return float(np.linalg.norm(placed[:3, 3] - estimate.world_from_cam[:3, 3]))
+
+    def _tell_status(self, estimate: FrameEstimate) -> None:
+        text = f"{estimate.status}: {estimate.reason}" if estimate.reason else str(estimate.status)
+        if estimate.status != self._status:  # a reason holds numbers that change with every frame
+            self._status = estimate.status
+            self._stream.log(
+                layout.STATUS,
+                rr.TextLog(f"frame {estimate.frame_index}: {text}", level=_LEVELS[estimate.status]),
+            )
+
+
+def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64], otherwise: Array) -> Array:
+    """Rows of `pixels` (k, 2), of the ascending `ids` (k,), for `wanted` (n,); else the row of `otherwise`."""
+    if not len(ids):
+        return otherwise
+    at = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
+    return np.where((ids[at] == wanted)[:, None], pixels[at], otherwise)
+
+
+def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
+    if isinstance(picture, bytes):
+        kind = next((name for magic, name in _MAGIC if picture.startswith(magic)), None)
+        return rr.EncodedImage(contents=picture, media_type=kind)
+    return rr.Image(picture, color_model="L")
+
+
+def _transform(parent_from_child: Array) -> rr.Transform3D:
+    return rr.Transform3D(translation=parent_from_child[:3, 3], mat3x3=parent_from_child[:3, :3])
