@@ -1,6 +1,7 @@
 """`stream-sfm compare`: every method on the same observations, and the drift report."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(content: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from ..report.numbers import verdict
 
@@ -95,11 +96,11 @@ def _print(content: dict[str, Any], folder: Path) -> None:
         "growth_exponent": "growth",
         "ms_per_frame_p50": "ms a frame",
     }
-    table = Table("method", *columns.values())
+    table = Table(*(Column(name, no_wrap=True) for name in ("method", *columns.values())))
     for key, figures in content["methods"].items():
         cells = ("–" if figures[c] is None else f"{figures[c]:.4g}" for c in columns)
         table.add_row(key.replace("_", "-"), *cells)
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else 120)
     console.print(table)
     print(verdict(content, bool(content["frames_with_ground_truth"] > 1))[1])
     print(folder / "report.html")

@@ -1,6 +1,7 @@
 """The charts of the report, from the records of a comparison."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from markupsafe import Markup
@@ -46,6 +47,8 @@ def errors(traces: Traces, marks: list[int]) -> list[Markup]:
                 frames, distance, y = broken(t.frames, t.distance_m, y)
                 series.append(Series(label(name), distance if by_distance else frames, y, style(name)))
             what, unit = ("Rotation", "degrees") if rotation else ("Position", "m")
+            if not rotation and all(np.nanmax(s.y) < 0.1 for s in series):
+                series, unit = [replace(s, y=1e3 * s.y) for s in series], "mm"
             charts.append(
                 draw(
                     Chart(
@@ -124,7 +127,7 @@ def axes(t: Trace, name: str) -> list[Markup]:
             band = np.clip(band, -most, most)
         series = [Series(label(name), frames, cols[0], style(name), band=band)]
         kind = "Position" if k < 3 else "Rotation"
-        charts.append(draw(Chart(f"{kind} {axis}", "frame", unit, series, height=220)))
+        charts.append(draw(Chart(f"{kind} {axis}", "frame", unit, series, width=340, height=210)))
     return charts
 
 

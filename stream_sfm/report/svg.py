@@ -6,10 +6,12 @@ values under the pointer. Long series are thinned for drawing by keeping the ext
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 
 from ..geometry.pose import Array
 
@@ -23,8 +25,8 @@ class Series:
     """A line: `style` is its CSS class; NaN breaks it. `band` (2, n): low and high, shaded around it."""
 
     name: str
-    x: Array
-    y: Array
+    x: NDArray[Any]
+    y: NDArray[Any]
     style: str
     band: Array | None = None
     dots: bool = False
@@ -46,12 +48,12 @@ class Chart:
     levels: Sequence[tuple[float, str]] = ()
     marks: Sequence[float] = ()
     legend: bool = True
+    width: int = WIDTH
     height: int = HEIGHT
     flip_y: bool = False
-    extra: dict[str, str] = field(default_factory=dict)
 
 
-def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> Array:
+def thinned(x: NDArray[Any], y: NDArray[Any], most: int = MAX_POINTS) -> NDArray[np.intp]:
     """Indices of at most about `most` points that keep each bin's extremes, the ends, and breaks (NaN)."""
     n = len(x)
     if n <= most:
@@ -108,14 +110,16 @@ class _Axis:
         return [(v, f"{v:.{digits}f}".replace("-", "−")) for v in values]
 
     def _log_ticks(self, most: int) -> list[tuple[float, str]]:
-        result = []
-        wide = self.high - self.low > 2.2
-        for k in range(math.floor(self.low), math.ceil(self.high) + 1):
-            for m in (1,) if wide else (1, 2, 5):
-                if self.low <= k + math.log10(m) <= self.high:
-                    result.append((m * 10.0**k, f"{m * 10.0**k:g}"))
-        every = max(1, math.ceil(len(result) / most))
-        return result[::every]
+        decades = range(math.floor(self.low), math.ceil(self.high) + 1)
+        for digits in ((1,), (1, 2, 5), tuple(range(1, 10))):
+            found = [m * 10.0**k for k in decades for m in digits if self.low <= k + math.log10(m) <= self.high]
+            if len(found) >= 3:
+                break
+        else:  # less than a third of a decade: round values
+            low, high = 10**self.low, 10**self.high
+            step = _nice((high - low) / 4)
+            found = [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+        return [(v, f"{v:.4g}") for v in found[:: max(1, math.ceil(len(found) / most))]]
 
 
 def _nice(step: float) -> float:
@@ -131,7 +135,7 @@ def draw(chart: Chart) -> Markup:
     )
     if not usable:
         return Markup('<figure class="chart">{}<p class="none">Nothing to draw.</p></figure>').format(head)
-    width, height = WIDTH, chart.height
+    width, height = chart.width, chart.height
     xs = np.concatenate([np.asarray(s.x, float) for s in usable])
     ys = np.concatenate(
         [np.asarray(s.y, float) for s in usable]

@@ -1,0 +1,227 @@
+"""Compare: the same numbers as replay, the files, and reports of logs that are short of something."""
+
+import json
+import re
+import shutil
+import subprocess
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stream_sfm.cli.main import main
+from stream_sfm.compare import Selection, compare
+from stream_sfm.config import Config, read_config
+from stream_sfm.recording import StereoLog, open_log
+from stream_sfm.run import replay
+from stream_sfm.types import Trajectory
+from tests.recording.make_logs import Calib, K, Spec, right_calib, write_log
+
+SIZE = (256, 192)
+FIGURES = {
+    "ate_rmse_aligned_m",
+    "final_drift_percent",
+    "t_rel_percent",
+    "r_rel_deg_per_100m",
+    "nees_pose_mean",
+    "growth_exponent",
+    "ms_per_frame_p50",
+}
+FEW = "frontend.max_tracks=60"
+FAST = "cross-frame,ekf,frame-to-frame"
+
+
+def spec(frames: Any = range(12), **changes: Any) -> Spec:
+    k = K.copy()
+    k[:2, 2] = SIZE[0] / 2, SIZE[1] / 2
+    size = {"width": SIZE[0], "height": SIZE[1], "K": k}
+    p = np.c_[k, np.zeros(3)]
+    p_right = np.c_[k, right_calib().P[:, 3]]
+    frames = tuple(frames)
+    return Spec(
+        size=SIZE, infos=(Calib(**size, P=p), Calib(**size, P=p_right)), left=frames, right=frames, **changes
+    )
+
+
+def run(path: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
+    assert main(["compare", str(path), "--out", str(out), "--quiet", "--methods", FAST, "--set", FEW, *more]) == 0
+    return json.loads((out / "report.json").read_text()), (out / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any], str]:
+    folder = tmp_path_factory.mktemp("compare")
+    log = write_log(folder / "log.mcap", spec(range(26), truth=True))
+    return log, folder / "out", *run(log, folder / "out")
+
+
+@pytest.mark.parametrize("method", FAST.split(","))
+def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, method: str) -> None:
+    log, out, numbers, _ = whole
+    config = read_config(None, [f'method="{method}"', FEW])
+    truth = replay(log, tmp_path, config).summary["ground_truth"]
+    key = method.replace("-", "_")
+    figures = numbers["methods"][key]
+    assert set(figures) >= FIGURES
+    for name in FIGURES & set(truth):
+        assert figures[name] == truth[name], name
+    for name in ("trajectory.tum", "trajectory.kitti", "config.toml"):
+        assert (out / key / name).read_bytes() == (tmp_path / name).read_bytes(), name
+    summary = json.loads((out / key / "summary.json").read_text())
+    assert summary["method"] == method and summary["ground_truth"] == truth
+    assert (out / key / "estimates.mcap").exists()
+
+
+def test_the_error_is_evos(whole: Any) -> None:
+    pytest.importorskip("evo")
+    from evo.core import metrics, trajectory
+
+    log, out, numbers, _ = whole
+    tum = np.loadtxt(out / "ekf" / "trajectory.tum")
+    truth = open_log(log).ground_truth()
+    assert truth is not None
+    estimate = trajectory.PosePath3D(tum[:, 1:4], tum[:, [7, 4, 5, 6]])
+    reference = trajectory.PosePath3D(poses_se3=list(truth.world_from_cam))
+    estimate.align_origin(reference)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, estimate))
+    expected = ape.get_statistic(metrics.StatisticsType.rmse)
+    assert numbers["methods"]["ekf"]["ate_rmse_m"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_page_is_one_file(whole: Any) -> None:
+    _, _, _, html = whole
+    assert len(html) < 8e6
+    outside = re.findall(r'(?:src|href)="(?!data:|#)[^"]*"|url\(|@import|https?://(?!www\.w3\.org/2000/svg)', html)
+    assert outside == []
+    assert "growth" in html and "Record of tracking" in html
+
+
+def test_without_ground_truth_it_goes_there_and_back(tmp_path: Path) -> None:
+    numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
+    assert "no ground truth" in html and "12 frames there, 11 back" in html
+    for figures in numbers["methods"].values():
+        assert figures["ate_rmse_aligned_m"] is None
+        assert figures["there_and_back"]["end_position_m"] < 0.05  # of 2 × 0.55 m
+    # the way back must not leak into the results
+    assert len((tmp_path / "out" / "ekf" / "trajectory.tum").read_text().splitlines()) == 12
+
+
+def test_ground_truth_for_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(truth=True))
+    all_truth = open_log(log).ground_truth()
+    assert all_truth is not None
+    part = Trajectory(all_truth.stamps_ns[4:9], all_truth.world_from_cam[4:9])
+    monkeypatch.setattr(StereoLog, "ground_truth", lambda self: part)
+    numbers, html = run(log, tmp_path / "out")
+    assert numbers["frames_with_ground_truth"] == 5
+    assert "Ground truth covers 5 of 12 frames" in html and "No bands" in html
+    assert numbers["methods"]["ekf"]["nees_pose_mean"] is None
+
+
+def test_ground_truth_of_another_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(truth=True))
+    other = Trajectory(np.arange(3, dtype=np.int64), np.tile(np.eye(4), (3, 1, 1)))
+    monkeypatch.setattr(StereoLog, "ground_truth", lambda self: other)
+    numbers, html = run(log, tmp_path / "out")
+    assert numbers["frames_with_ground_truth"] == 0 and "at the stamp of no frame" in html
+
+
+def test_a_jump_in_time_is_said(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap", spec([*range(8), *range(20, 28)], truth=True))
+    numbers, html = run(log, tmp_path / "out")
+    assert numbers["gaps_before_frames"] == [8]
+    assert "Time jumps before frame 8" in html
+
+
+def test_topics_with_html_are_escaped(tmp_path: Path) -> None:
+    bad = "/<script>alert(1)</script>"
+    topics = (f"{bad}/left/image", f"{bad}/right/image")
+    infos = (f"{bad}/left/calibration", f"{bad}/right/calibration")
+    log = write_log(tmp_path / "log.mcap", spec(range(3), topics=topics, info_topics=infos))
+    _, html = run(log, tmp_path / "out")
+    assert "<script>alert" not in html and "&lt;script&gt;alert" in html
+
+
+def test_three_frames(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(truth=True))
+    numbers, html = run(log, tmp_path / "out", "--max-frames", "3")
+    assert "The log has 3 frames: too few" in html
+    assert numbers["methods"]["cross_frame"]["growth_exponent"] is None
+    assert numbers["ekf_over_cross_frame"] is None
+
+
+def test_one_method_that_fails_does_not_cost_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from stream_sfm.estimators.frame_to_frame import FrameToFrame
+
+    def broken(self: Any, observations: Any) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(FrameToFrame, "step", broken)
+    log = write_log(tmp_path / "log.mcap", spec(range(3), truth=True))
+    out = tmp_path / "out"
+    assert main(["compare", str(log), "--out", str(out), "--quiet", "--methods", FAST]) == 1
+    numbers = json.loads((out / "report.json").read_text())
+    assert numbers["methods"]["frame_to_frame"]["failure"] == "stopped at frame 0: singular"
+    assert numbers["methods"]["ekf"]["ate_rmse_aligned_m"] is not None
+    assert not numbers["complete"] and "stopped at frame 0" in (out / "report.html").read_text()
+
+
+def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(range(3)))
+    assert main(["compare", str(log), "--out", str(tmp_path / "out"), "--methods", "magic"]) == 2
+    assert "magic" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.compare.RETURN_LIMIT_BYTES", 10_000)
+    log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
+    found = compare(log, Config(), ("frame-to-frame",), Selection())
+    assert "not done" in found.return_note and not found.runs[0].back
+
+
+CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: the page is not opened in a browser")
+def test_chromium_opens_it_without_network_or_errors(whole: Any, tmp_path: Path) -> None:
+    """From file://, with a proxy of our own that counts every request; console messages go to stderr."""
+    _, out, _, _ = whole
+    asked: list[str] = []
+
+    class Proxy(SimpleHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            self.send_error(404)
+
+        do_CONNECT = do_GET
+
+        def log_message(self, *args: Any) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Proxy))
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        done = subprocess.run(
+            [
+                str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0",
+                "--disable-background-networking", "--disable-component-update", "--no-first-run",
+                f"--proxy-server=127.0.0.1:{server.server_port}", f"--user-data-dir={tmp_path}", "--dump-dom",
+                (out / "report.html").resolve().as_uri(),
+            ],
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+    assert done.returncode == 0
+    assert 'class="cursor"' in done.stdout  # the script has run to its end
+    assert "CONSOLE" not in done.stderr, [x for x in done.stderr.splitlines() if "CONSOLE" in x]
+    page_requests = [a for a in asked if not re.search(r"google|gstatic|gvt1", a)]  # the browser's own errands
+    assert page_requests == []
