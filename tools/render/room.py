@@ -80,11 +80,11 @@ def room_path(frames: int = 84, rate_hz: float = RATE_HZ) -> NDArray[np.float64]
     fine = np.linspace(0, 1, 4001)
     ramp = np.clip(fine / 0.12, 0, 1) * np.clip((1 - fine) / 0.12, 0, 1)
     speed = gaussian_filter1d(0.25 + 0.75 * ramp, 120)
-    turning = np.where((fine > 0.24) & (fine < 0.72), 1.0, 0.0) - 0.75 * ((fine > 0.80) & (fine < 0.97))
-    turning = gaussian_filter1d(turning, 130)
+    turning = np.where((fine > 0.20) & (fine < 0.76), 1.0, 0.0) - 0.75 * ((fine > 0.83) & (fine < 0.97))
+    turning = gaussian_filter1d(turning, 170)
     step = fine[1] - fine[0]
-    heading = np.deg2rad(4) + np.deg2rad(265) * np.cumsum(turning) * step
-    travelled_m = 4.3 * np.cumsum(speed) / np.sum(speed)
+    heading = np.deg2rad(4) + np.deg2rad(232) * np.cumsum(turning) * step
+    travelled_m = 4.05 * np.cumsum(speed) / np.sum(speed)
     x = START_M[0] + np.concatenate([[0], np.cumsum(np.cos(heading[:-1]) * np.diff(travelled_m))])
     y = START_M[1] + np.concatenate([[0], np.cumsum(np.sin(heading[:-1]) * np.diff(travelled_m))])
     seconds = t * (frames - 1) / rate_hz
