@@ -34,6 +34,7 @@ _FIGURES = (
     "scale_error_percent",
     "nees_pose_mean",
     "local_structure_rms_m",
+    "local_structure_median_m",
     "local_structure_error_over_sigma",
     "frames_compared",
     "growth_exponent",
@@ -55,6 +56,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
     truth_frames = 0
     if c.truth is not None and c.runs:
         truth_frames = max(len(matched(r.trajectory(), c.truth)[0]) if r.poses else 0 for r in c.runs)
+    ratios = _over_cross_frame(c)
     return {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
@@ -65,7 +67,8 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "frames_with_ground_truth": truth_frames,
         "gaps_before_frames": c.front.gaps,
         "methods": {run.key: method_numbers(run, c) for run in c.runs},
-        "ekf_over_cross_frame": _ekf_ratio(c),
+        "ekf_over_cross_frame": ratios.get("ekf"),
+        "error_over_cross_frame": ratios,
         "there_and_back": c.return_note,
         "divergence_from_cross_frame_m": _divergence(c),
         "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.local_difference]),
@@ -168,22 +171,24 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
     return result
 
 
-def _ekf_ratio(c: Comparison) -> dict[str, Any] | None:
-    """RMS relative error of the EKF over that of cross-frame, geometric mean over spans, with 95 % intervals."""
+def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
+    """RMS relative error of each method over that of cross-frame, geometric mean over spans, 95 % intervals."""
     by_name = {r.name: r for r in c.runs if not r.failure and r.poses}
-    if c.truth is None or not {"ekf", "cross-frame"} <= set(by_name):
-        return None
-    rows, true = matched(by_name["ekf"].trajectory(), c.truth)
+    reference = by_name.pop("cross-frame", None)
+    if c.truth is None or reference is None:
+        return {}
+    rows, true = matched(reference.trajectory(), c.truth)
     if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
-        return None
-    poses = [np.array(by_name[name].poses)[rows] for name in ("ekf", "cross-frame")]
-    found = paired_ratio(poses[0], poses[1], true.world_from_cam)
-    if found is None:
-        return None
-    return {
-        name: {"value": ratio.value, "ci95": interval(ratio)}
-        for name, ratio in zip(("position", "rotation"), found, strict=True)
-    }
+        return {}
+    result = {}
+    for run in by_name.values():
+        poses, base = (np.array(r.poses)[rows] for r in (run, reference))
+        if (found := paired_ratio(poses, base, true.world_from_cam)) is not None:
+            result[run.key] = {
+                name: {"value": ratio.value, "ci95": interval(ratio)}
+                for name, ratio in zip(("position", "rotation"), found, strict=True)
+            }
+    return result
 
 
 def _divergence(c: Comparison) -> dict[str, float]:
@@ -233,7 +238,13 @@ def verdict(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
         low, high = figures["ci95"]
         words.append(f"{name} error ×{figures['value']:.2f} [{low:.2f}, {high:.2f}]")
         sides.append(1 if low > 1 else -1 if high < 1 else 0)
-    detail = f"EKF over cross-frame, RMS over spans up to a quarter of the log: {', '.join(words)} (95 % interval)."
+    ahead = [
+        key.replace("_", "-")
+        for key, found in content["error_over_cross_frame"].items()
+        if all(figures["ci95"][1] < 1 for figures in found.values())
+    ]
+    also = f" Ahead of the cross-frame method here: {', '.join(ahead)}." if ahead else ""
+    detail = f"EKF over cross-frame, RMS over spans up to a quarter of the log: {', '.join(words)} (95 %).{also}"
     if min(sides) >= 0 and max(sides) == 1:
         return "larger", f"On this log the EKF drifts more than the cross-frame method. {detail}"
     if max(sides) <= 0 and min(sides) == -1:

@@ -52,6 +52,9 @@
       tip.style.top = `${event.pageY + 14}px`;
     });
   }
+  let closed = [];  // printing shows everything
+  addEventListener("beforeprint", () => { closed = [...document.querySelectorAll("details:not([open])")]; closed.forEach((d) => { d.open = true; }); });
+  addEventListener("afterprint", () => closed.forEach((d) => { d.open = false; }));
   for (const figure of document.querySelectorAll("figure.chart")) {
     const groups = figure.querySelectorAll("g[data-name]");
     figure.querySelectorAll(".legend .key").forEach((key, i) => key.addEventListener("click", () => {
