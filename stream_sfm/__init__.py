@@ -26,9 +26,10 @@ _PUBLIC = {
     "replay": "run",
 }
 
-__all__ = [*sorted(_PUBLIC), "__version__"]
+__all__ = [*sorted(_PUBLIC), "__version__", "viewer"]
 
 if TYPE_CHECKING:
+    from . import viewer
     from .config import Config, read_config
     from .engine import Engine
     from .errors import ConfigError, FrameError, InputError, LogError, OutputError, StreamSfmError
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "viewer":
+        return import_module(".viewer", __name__)
     if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f".{_PUBLIC[name]}", __name__), name)

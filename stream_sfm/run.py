@@ -11,20 +11,25 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from .accounting import Account, log_figures, peak_rss_mib
 from .config import Config, config_to_toml
 from .engine import Engine
 from .errors import ConfigError, FrameError, InputError, LogError, OutputError
 from .evaluation import StructureComparison, evaluate
-from .recording import StereoLog, open_log
+from .recording import ImageMessage, StereoLog, StereoPair, open_log
 from .recording.estimates import EstimatesWriter
 from .recording.part_file import PartFile
 from .recording.trajectory_files import KittiWriter, TumWriter
 from .types import FrameEstimate, StereoFrame, StereoRig, Trajectory
+
+if TYPE_CHECKING:
+    from .viewer.sink import Picture, RerunSink
 
 
 class Sink(Protocol):
@@ -70,18 +75,20 @@ def replay(
     stride: int = 1,
     on_frame: Callable[[FrameEstimate], None] | None = None,
     sinks: Sequence[Sink] = (),
+    viewer: "RerunSink | None" = None,
 ) -> ReplayResult:
     """Estimate the frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration` as in `open_log`; `start_s`, `end_s`, `max_frames`, `stride` as in
-    `StereoLog.frames`. `on_frame` sees each estimate; further `sinks` are closed at the end. Memory does not grow
+    `StereoLog.frames`. `on_frame` sees each estimate; further `sinks` and the `viewer`, which is
+    given the recorded images too, are closed at the end. Memory does not grow
     with the images of the log, only by some 600 bytes a frame. Raises ConfigError, LogError where not one frame
     could be estimated, OutputError, ReplayInterrupted.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
-    run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks))
-    frames = log.frames(start_s, end_s, max_frames, stride)
+    run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks), viewer)
+    frames = log.decoded(start_s, end_s, max_frames, stride)
     whole = start_s is None and end_s is None and max_frames is None and stride == 1
     with _signals_noted() as signals:
         problem = run.through(frames, on_frame, signals)
@@ -96,8 +103,15 @@ def replay(
 class _Replay:
     """The state of one replay."""
 
-    def __init__(self, log: StereoLog, out_dir: Path | None, config: Config, sinks: list[Sink]) -> None:
-        self.log, self.out_dir, self.config, self.sinks = log, out_dir, config, sinks
+    def __init__(
+        self,
+        log: StereoLog,
+        out_dir: Path | None,
+        config: Config,
+        sinks: list[Sink],
+        viewer: "RerunSink | None",
+    ) -> None:
+        self.log, self.out_dir, self.config, self.sinks, self.viewer = log, out_dir, config, sinks, viewer
         self.engine = Engine(log.rig, config)
         self.account = Account()
         self.structure: StructureComparison | None = StructureComparison(log.rig.left, log.depths())
@@ -107,7 +121,7 @@ class _Replay:
 
     def through(
         self,
-        frames: Iterator[StereoFrame],
+        frames: Iterator[tuple[StereoPair, StereoFrame]],
         on_frame: Callable[[FrameEstimate], None] | None,
         signals: list[int],
     ) -> BaseException | None:
@@ -115,10 +129,11 @@ class _Replay:
         try:
             while not signals:
                 began_s = time.perf_counter()
-                frame = next(frames, None)
+                item = next(frames, None)
                 decoded_s = time.perf_counter()
-                if frame is None:
+                if item is None:
                     break
+                pair, frame = item
                 try:
                     estimate = self.engine.step(frame)
                 except FrameError as error:
@@ -127,6 +142,8 @@ class _Replay:
                 self._write(estimate)
                 self.account.add(estimate, decoded_s - began_s, time.perf_counter() - began_s)
                 self._compare(estimate)
+                if self.viewer is not None:
+                    self.viewer.write(estimate, _picture(pair.left, frame.left), _picture(pair.right, frame.right))
                 if on_frame is not None:
                     on_frame(estimate)
         except InputError as error:
@@ -175,7 +192,7 @@ class _Replay:
     def finish(self, problem: BaseException | None, whole: bool, interrupted: bool) -> ReplayResult:
         """Close the sinks, evaluate, write the summary. Raises OutputError unless `problem` is worse already."""
         failures: list[Exception] = []
-        for sink in self.sinks:
+        for sink in self.sinks if self.viewer is None else [*self.sinks, self.viewer]:
             try:
                 sink.close()
             except Exception as error:
@@ -241,6 +258,11 @@ def check_selection(start_s: float | None, end_s: float | None) -> None:
     """Raises ConfigError where no frame can lie between."""
     if start_s is not None and end_s is not None and end_s < start_s:
         raise ConfigError(f"--end {end_s:g} lies before --start {start_s:g}")
+
+
+def _picture(recorded: ImageMessage, decoded: NDArray[np.uint8]) -> "Picture":
+    """For the viewer: compressed bytes as they were recorded; of a raw image the grey one."""
+    return recorded.data if recorded.compressed else decoded
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -23,6 +23,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--method", metavar="NAME", help="cross-frame (default), ekf, frame-to-frame")
     arguments.add_selection(parser)
     arguments.add_configuration(parser)
+    parser.add_argument("--rrd", metavar="FILE", help="write a recording for the Rerun viewer")
+    parser.add_argument("--view", action="store_true", help="show the run in the Rerun viewer")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, nothing else")
     parser.add_argument("-q", "--quiet", action="store_true", help="print errors only")
     parser.add_argument("-v", "--verbose", action="store_true", help="tell each change of status, and timings")
@@ -45,6 +47,11 @@ def run(args: argparse.Namespace) -> int:
     log = open_log(args.log, args.left, args.right, args.calibration)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
     interrupted = False
+    viewer = None
+    if args.rrd or args.view:
+        from ..viewer import open_viewer
+
+        viewer = open_viewer(log.rig, args.rrd, args.view, log.ground_truth(), log.path.stem)
     try:
         with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
             if args.verbose:
@@ -58,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
                 max_frames=args.max_frames,
                 stride=args.stride,
                 on_frame=tell,
+                viewer=viewer,
             )
     except ReplayInterrupted as stop:
         result, interrupted = stop.result, True

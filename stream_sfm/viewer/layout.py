@@ -14,6 +14,7 @@ ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
 ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
+SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)]
 
 TAIL_COLOUR = (255, 255, 255, 150)
 
@@ -44,7 +45,6 @@ def blueprint() -> rrb.Blueprint:
         origin="world",
         contents=["$origin/**", f"- /{SIDES[0]}/tracks/**", f"- /{SIDES[1]}/**"],
         overrides={TRAJECTORY: rrb.VisibleTimeRanges(whole_past)},
-        eye_controls=rrb.EyeControls3D(position=(-2.2, -2.6, -3.4), look_target=(0.4, 0.2, 2.0), eye_up=(0, -1, 0)),
         line_grid=False,
     )
     images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image and tracks", origin=s) for s in SIDES]

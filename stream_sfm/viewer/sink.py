@@ -89,7 +89,7 @@ class RerunSink:
         if self._truth is not None:
             drift, colours = ["claimed σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
         log(layout.DRIFT, layout.series_names(tuple(drift), colours), static=True)
-        log(layout.TRACKS, layout.series_names(layout.TRACK_SERIES), static=True)
+        log(layout.TRACKS, layout.series_names(layout.TRACK_SERIES, layout.SERIES_COLOURS), static=True)
         for path, style in layout.styles().items():
             log(path, style, static=True)
 
@@ -164,7 +164,7 @@ class RerunSink:
         stages = tuple(estimate.timings_ms)
         if stages != self._stages:
             self._stages = stages
-            log(layout.TIMING, layout.series_names(stages), static=True)
+            log(layout.TIMING, layout.series_names(stages, layout.SERIES_COLOURS[: len(stages)]), static=True)
         log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
 
     def _error_m(self, estimate: FrameEstimate) -> float:

@@ -30,7 +30,7 @@ def half(log: Path, to: Path) -> Path:
     return to
 
 
-@pytest.mark.parametrize("command", ["", *(c.__name__.rsplit(".", 1)[1] for c in COMMANDS)])
+@pytest.mark.parametrize("command", ["", *(c.__name__.rsplit(".", 1)[1].rstrip("_") for c in COMMANDS)])
 def test_every_command_has_help(command: str, capsys):
     assert main([*command.split(), "--help"]) == 0
     assert "usage: stream-sfm" in capsys.readouterr().out

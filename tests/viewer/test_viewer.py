@@ -1,0 +1,102 @@
+"""The viewer takes what a replay gives it, and costs nothing where nobody looks."""
+
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.cli.main import main
+
+rr = pytest.importorskip("rerun")
+
+LEFT = "world/camera/left"
+
+
+def _rig() -> sfm.StereoRig:
+    k = np.array([[100.0, 0, 64], [0, 100.0, 48], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[0, 3] = -0.2
+    return sfm.StereoRig(sfm.Camera(128, 96, k), sfm.Camera(128, 96, k), pose)
+
+
+def _images(n: int) -> tuple[np.ndarray, np.ndarray]:
+    wall = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 256, (96, 300), dtype=np.uint8), (0, 0), 1.2)
+    wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX)
+    return tuple(np.ascontiguousarray(wall[:, s : s + 128]) for s in (20 + 2 * n, 30 + 2 * n))
+
+
+def _run(rrd, compressed: bool):
+    engine, truth = sfm.Engine(_rig()), sfm.Trajectory(np.array([1]), np.eye(4)[None])
+    viewer = sfm.viewer.open_viewer(_rig(), rrd, ground_truth=truth)
+    for n in range(4):
+        left, right = _images(n)
+        estimate = engine.step(sfm.StereoFrame(1 + n * 10**8, left, right))
+        pictures = [cv2.imencode(".png", i)[1].tobytes() for i in (left, right)] if compressed else (left, right)
+        viewer.write(estimate, *pictures)
+    viewer.close()
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_a_recording_verifies(tmp_path, compressed):
+    path = tmp_path / "run.rrd"
+    _run(path, compressed)
+    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    data = path.read_bytes()
+    assert b"local_structure" in data and b"position_3_sigma" in data
+
+
+@pytest.mark.parametrize("suffix,kind", [(".png", "image/png"), (".jpg", "image/jpeg"), (".webp", "image/webp")])
+def test_recorded_bytes_are_handed_on_unchanged(suffix, kind):
+    from stream_sfm.viewer.sink import _picture
+
+    data = cv2.imencode(suffix, _images(0)[0])[1].tobytes()
+    shown = _picture(data)
+    assert bytes(np.asarray(shown.blob.as_arrow_array()[0].as_py(), np.uint8)) == data
+    assert shown.media_type.as_arrow_array()[0].as_py() == kind
+
+
+def test_without_a_file_or_window_there_is_no_viewer():
+    with pytest.raises(sfm.ConfigError, match="file to write"):
+        sfm.viewer.open_viewer(_rig())
+
+
+def test_a_window_needs_a_display(monkeypatch):
+    if not sys.platform.startswith("linux"):
+        pytest.skip("the display is told by the environment on Linux only")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(sfm.ConfigError, match="--rrd FILE"):
+        sfm.viewer.open_viewer(_rig(), view=True)
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(sfm.OutputError, match="nowhere"):
+        sfm.viewer.open_viewer(_rig(), tmp_path / "nowhere" / "run.rrd")
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    code = (
+        "import sys, stream_sfm, stream_sfm.cli.main, stream_sfm.viewer; "
+        "print({'rerun', 'filterpy', 'matplotlib', 'plotly', 'cv2'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_replay_writes_a_recording(tmp_path, capsys):
+    from stream_sfm.calibration import calibration_to_toml
+
+    (tmp_path / "c.toml").write_text(calibration_to_toml(_rig()))
+    for n in range(4):
+        for side, image in zip("lr", _images(n), strict=True):
+            cv2.imwrite(str(tmp_path / f"{side}{n}.png"), image)
+    log = tmp_path / "a.mcap"
+    globs = ["--left", str(tmp_path / "l*.png"), "--right", str(tmp_path / "r*.png")]
+    assert main(["import", "images", *globs, "--calibration", str(tmp_path / "c.toml"), str(log)]) == 0
+    rrd = tmp_path / "a.rrd"
+    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]) == 0
+    assert rrd.stat().st_size > sum(f.stat().st_size for f in tmp_path.glob("*.png"))
