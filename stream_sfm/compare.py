@@ -48,6 +48,7 @@ class _Runner:
 
     def __init__(self, name: str, estimator: Estimator, run: MethodRun, sinks: list[Sink]) -> None:
         self.name, self.estimator, self.run, self.sinks = name, estimator, run, sinks
+        self.where = ""
 
     def solve(self, observations: Observations) -> tuple[Solution, float] | None:
         """The solution and seconds it took; None when the method has failed, now or before."""
@@ -57,7 +58,7 @@ class _Runner:
         try:
             solution = self.estimator.step(observations)
         except np.linalg.LinAlgError as error:  # a defect of one method must not cost the others' results
-            self.run.failure = f"stopped at frame {observations.frame_index}: {error}"
+            self.run.failure = f"stopped at frame {observations.frame_index}{self.where}: {error}"
             return None
         return solution, time.perf_counter() - began
 
@@ -198,6 +199,8 @@ class _Pass:
         """Feed the frames backwards, stamps mirrored at the last; returns what to say about it."""
         scaler = GreyScaler()
         turn_ns = self.stamps[-1]
+        for runner in self.runners:
+            runner.where = " (on the way back)"
         for pair in reversed(pairs[:-1]):
             images = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
             left, right = self.rectifier.rectify(*images)

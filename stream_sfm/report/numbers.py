@@ -89,7 +89,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
 def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
     """The figures of one method. Those against ground truth are None when it stopped before the last frame."""
     figures: dict[str, Any] = dict.fromkeys(_FIGURES)
-    if c.truth is not None and run.poses and not run.failure:
+    if c.truth is not None and _arrived(run, c):
         figures |= evaluate(run.trajectory(), c.truth, run.structure)
         figures |= _relative(run.trajectory(), c.truth)
     shared = np.array(c.front.rectify_ms) + np.array(c.front.frontend_ms)
@@ -118,6 +118,11 @@ def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
             else None,
         },
     }
+
+
+def _arrived(run: MethodRun, c: Comparison) -> bool:
+    """Whether the method went through all frames of the way there; one that failed on the way back did."""
+    return 0 < len(run.poses) == len(c.front.tracked)
 
 
 def quantiles(values: Any) -> dict[str, float] | None:
@@ -173,7 +178,7 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
 
 def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
     """RMS relative error of each method over that of cross-frame, geometric mean over spans, 95 % intervals."""
-    by_name = {r.name: r for r in c.runs if not r.failure and r.poses}
+    by_name = {r.name: r for r in c.runs if _arrived(r, c)}
     reference = by_name.pop("cross-frame", None)
     if c.truth is None or reference is None:
         return {}
@@ -193,7 +198,7 @@ def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
 
 def _divergence(c: Comparison) -> dict[str, float]:
     """RMS distance of each method's positions from cross-frame's (or the first method's), metres."""
-    runs = [r for r in c.runs if r.poses and not r.failure]
+    runs = [r for r in c.runs if _arrived(r, c)]
     if not runs:
         return {}
     reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
