@@ -18,9 +18,9 @@ SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)
 
 TAIL_COLOUR = (255, 255, 255, 150)
 
-# Share of the distance that σ of a point is: from dark blue over green to yellow (viridis), on a log scale.
+# Share of the distance that σ of a point is: from blue over green to yellow, on a log scale.
 _SHARES = (1e-3, 1e-1)
-_STOPS = np.array([(72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
+_STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def styles() -> dict[str, rr.AsComponents]:
     ui = rr.Radius.ui_points
     return {
         TRAJECTORY: rr.LineStrips3D.from_fields(colors=ESTIMATE_COLOUR, radii=ui(1.5)),
-        POINTS: rr.Points3D.from_fields(radii=ui(2.5)),
+        POINTS: rr.Points3D.from_fields(radii=ui(3.0)),
         ELLIPSOID: rr.Ellipsoids3D.from_fields(
             colors=ELLIPSOID_COLOUR, fill_mode=rr.components.FillMode.MajorWireframe
         ),
