@@ -15,7 +15,7 @@ import numpy as np
 
 from .config import Config
 from .engine import in_camera_axes
-from .errors import ConfigError
+from .errors import ConfigError, InputError
 from .estimators import METHODS, make_estimator
 from .evaluation.structure import StructureComparison, structure_errors
 from .frontend.rectify import Rectifier
@@ -24,7 +24,7 @@ from .recording import StereoLog, StereoPair
 from .recording.images import GreyScaler, decode_grey
 from .recording.thumbnails import jpeg
 from .report.records import Comparison, FrontRecord, MethodRun, Snapshot
-from .run import Sink
+from .run import Sink, _signals_noted
 from .types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
 
 COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
@@ -88,19 +88,30 @@ def compare(
     back = truth is None if there_and_back is None else there_and_back
     kept: list[StereoPair] | None = [] if back else None
     kept_bytes = 0
-    try:
-        for pair, frame, seconds in _timed(log, selection):
-            estimates = pass_.forward(frame, seconds)
-            if kept is not None:
-                kept.append(pair)
-                kept_bytes += len(pair.left.data) + len(pair.right.data)
-                kept = kept if kept_bytes <= RETURN_LIMIT_BYTES else None
-            if on_frame is not None and estimates:
-                on_frame(next(iter(estimates.values())))
-    finally:
-        pass_.close()
+    problems: list[str] = []
+    with _signals_noted() as signals:
+        try:
+            for pair, frame, seconds in _timed(log, selection):
+                estimates = pass_.forward(frame, seconds)
+                if kept is not None:
+                    kept.append(pair)
+                    kept_bytes += len(pair.left.data) + len(pair.right.data)
+                    kept = kept if kept_bytes <= RETURN_LIMIT_BYTES else None
+                if on_frame is not None and estimates:
+                    on_frame(next(iter(estimates.values())))
+                if signals:
+                    problems.append(f"interrupted after {pass_.next_index} frames")
+                    break
+        except InputError as error:
+            if not pass_.next_index:
+                raise
+            problems.append(str(error))
+        finally:
+            pass_.close()
     note = "not done: the log has ground truth" if not back else ""
-    if kept is not None:
+    if problems and back:
+        note = f"not done: {problems[0]}"
+    elif kept is not None:
         note = pass_.way_back(kept)
     elif back:
         note = f"not done: the recorded images are more than {RETURN_LIMIT_BYTES // 2**20} MiB"
@@ -113,8 +124,9 @@ def compare(
         truth=truth,
         health=health or {},
         local_difference=pass_.local_difference,
-        warnings=list(dict.fromkeys(log.stats.warnings)),
-        complete=log.stats.complete,
+        warnings=list(dict.fromkeys([*log.stats.warnings, *problems])),
+        complete=log.stats.complete and not problems,
+        interrupted=bool(signals),
         return_note=note,
     )
 

@@ -1,8 +1,10 @@
 """Compare: the same numbers as replay, the files, and reports of logs that are short of something."""
 
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
 import threading
 from functools import partial
@@ -182,6 +184,20 @@ def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
     found = compare(log, Config(), ("frame-to-frame",), Selection())
     assert "not done" in found.return_note and not found.runs[0].back
+
+
+def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
+    from stream_sfm.comparison_files import compare_into
+
+    def stop(estimate: Any) -> None:
+        if estimate.frame_index == 4:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    log = open_log(write_log(tmp_path / "log.mcap", spec()))
+    found, numbers = compare_into(log, tmp_path / "out", Config(), ("frame-to-frame",), on_frame=stop)
+    assert found.interrupted and not numbers["complete"] and numbers["frames"] == 5
+    assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
+    assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
 
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)

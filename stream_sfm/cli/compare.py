@@ -9,6 +9,7 @@ from . import arguments
 
 EXIT_DEFECT = 1
 EXIT_INCOMPLETE = 3
+EXIT_INTERRUPTED = 130
 
 
 def add_parser(subparsers: Any) -> None:
@@ -76,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
     elif not args.quiet:
         output.print_notes("warning", comparison.warnings)
         _print(content, folder)
+    if comparison.interrupted:
+        return EXIT_INTERRUPTED
     if any(r.failure for r in comparison.runs):
         return EXIT_DEFECT
     return 0 if comparison.complete else EXIT_INCOMPLETE

@@ -124,7 +124,7 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         where = ", ".join(str(g) for g in c.front.gaps[:8])
         notes.append(f"Time jumps before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
     if not c.complete:
-        notes.append("The log could not be read whole.")
+        notes.append(f"Not all of the log is in this report{': ' + c.warnings[-1] if c.warnings else ''}.")
     notes += [f"{charts.label(r.name)}: {r.failure}." for r in c.runs if r.failure]
     for run in c.runs:
         lost = run.statuses.count("lost")

@@ -141,4 +141,5 @@ class Comparison:
     local_difference: list[tuple[int, float]] = field(default_factory=list)  # frame, RMS CC − WC local points, m
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
+    interrupted: bool = False
     return_note: str = ""
