@@ -7,7 +7,6 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import pose as se3
-
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
 N = 24
@@ -42,6 +41,18 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
     off_wall = se3.transform(wall_from_cam, last.points_in_cam)[:, 2]
     assert np.median(np.abs(off_wall)) < 0.02
     assert np.abs(last.world_from_cam[:3, :3] @ last.world_from_cam[:3, :3].T - np.eye(3)).max() < 1e-12
+
+
+def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
+    """New points enter beside and behind the oldest camera of the window; they are ordinary points."""
+    wall, stereo = Wall(6), rig()
+    poses = [se3.exp([0, 0, 1.6 - 0.1 * n, 0, 0, 0.002 * n]) for n in range(24)]
+    engine = sfm.Engine(stereo, sfm.Config())
+    estimates = [engine.step(wall.frame(stereo, pose, n)) for n, pose in enumerate(poses)]
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])
+    truth = se3.inverse(poses[0]) @ poses[-1]
+    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ truth)
+    assert np.linalg.norm(error[:3]) < 0.01 * 2.3 and np.linalg.norm(error[3:]) < 0.004
 
 
 def test_every_estimate_is_complete(frames, engine) -> None:

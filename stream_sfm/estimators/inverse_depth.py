@@ -1,9 +1,10 @@
-"""Points as q = (X/Z, Y/Z, 1/Z) in a reference camera, and the linearised stereo views of many frames at once.
+"""Points as q = (X/Z, Y/Z, 1/Z) in the camera that first saw them, and the linearised stereo views of many frames.
 
-In this chart a stereo view from the reference camera is linear, so a Gaussian over q stays honest for far points,
-and a point at infinity is an ordinary one. Homogeneous points are (q₁, q₂, 1, q₃); a frame s with pose
-X_s = cam_s_from_ref sees P = X_s (q₁, q₂, 1, q₃)ᵀ. A pose moves as Exp(ξ) X_s (left), which is the right
-perturbation −ξ of ref_from_cam_s. All arrays are batched: F frames, P points, no loops over either.
+In this chart a stereo view is nearly linear, so a Gaussian over q stays honest for far points, a point at infinity
+is an ordinary one, and a point beside or behind today's camera stays one too. Homogeneous points in the reference
+camera are C (q₁, q₂, 1, q₃)ᵀ, with C = ref_from_chart a known pose, a choice of coordinates and no part of the
+state; a frame s with pose X_s = cam_s_from_ref sees P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose moves as Exp(ξ) X_s (left),
+which is the right perturbation −ξ of ref_from_cam_s. All arrays are batched: F frames, P points, no loops.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,11 @@ MIN_DEPTH = 1e-3
 def homogeneous_from_q(q: Array) -> Array:
     """(…, 4) from (…, 3)."""
     return np.stack([q[..., 0], q[..., 1], np.ones(q.shape[:-1]), q[..., 2]], axis=-1)
+
+
+def in_reference(charts: Array, q: Array) -> Array:
+    """Homogeneous points (P, 4) in the reference camera of q (P, 3) in charts ref_from_chart (P, 4, 4)."""
+    return (charts @ homogeneous_from_q(q)[..., None])[..., 0]
 
 
 def q_from_homogeneous(points: Array) -> Array:
@@ -68,13 +74,13 @@ class Linearised:
 
 
 def view_residuals(
-    projection: StereoProjection, cams_from_ref: Array, q: Array, z: Array, info: Array
+    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
 ) -> tuple[Array, Array, Array]:
     """In-camera homogeneous points (F, P, 4), residuals (F, P, 4), squared norms (F, P); unseen views give 0.
 
     `z` (F, P, 4) holds any number where `info` (F, P, 4, 4) is zero; it must be finite.
     """
-    in_cam = homogeneous_from_q(q)[None] @ np.swapaxes(cams_from_ref, 1, 2)
+    in_cam = in_reference(charts, q)[None] @ np.swapaxes(cams_from_ref, 1, 2)
     behind = in_cam[..., 2] < MIN_DEPTH
     in_cam[..., 2] = np.where(behind, MIN_DEPTH, in_cam[..., 2])
     r = z - projection.project_homogeneous(in_cam)
@@ -82,15 +88,17 @@ def view_residuals(
     return in_cam, r, chi2
 
 
-def linearise(projection: StereoProjection, cams_from_ref: Array, q: Array, z: Array, info: Array) -> Linearised:
+def linearise(
+    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
+) -> Linearised:
     """Gauss-Newton normal equations of all views (Schur form of bundle adjustment, Triggs et al. 2000, sec. 6)."""
-    in_cam, r, chi2 = view_residuals(projection, cams_from_ref, q, z, info)
+    in_cam, r, chi2 = view_residuals(projection, cams_from_ref, charts, q, z, info)
     a = projection.jacobian_homogeneous(in_cam)
     aw = np.swapaxes(a, -1, -2) @ info
     n = aw @ a
     g = (aw @ r[..., None])[..., 0]
     gp = pose_jacobian(in_cam)
-    m = cams_from_ref[:, None, :, CHART]
+    m = cams_from_ref[:, None] @ charts[:, :, CHART]
     ngm = n @ m
     gpt = np.swapaxes(gp, -1, -2)
     mt = np.swapaxes(m, -1, -2)
@@ -105,11 +113,12 @@ def linearise(projection: StereoProjection, cams_from_ref: Array, q: Array, z: A
 
 
 def gradients(
-    projection: StereoProjection, cams_from_ref: Array, q: Array, z: Array, info: Array
+    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
 ) -> tuple[Array, Array]:
     """Only the right-hand sides of `linearise`: for poses (F, 6) and points (P, 3)."""
-    in_cam, r, _ = view_residuals(projection, cams_from_ref, q, z, info)
+    in_cam, r, _ = view_residuals(projection, cams_from_ref, charts, q, z, info)
     aw = np.swapaxes(projection.jacobian_homogeneous(in_cam), -1, -2) @ info
     g = aw @ r[..., None]
     g_pose = (np.swapaxes(pose_jacobian(in_cam), -1, -2) @ g).sum(1)[..., 0]
-    return g_pose, (np.swapaxes(cams_from_ref[:, None, :, CHART], -1, -2) @ g).sum(0)[..., 0]
+    in_ref = (np.swapaxes(cams_from_ref, 1, 2)[:, None] @ g).sum(0)
+    return g_pose, (np.swapaxes(charts[:, :, CHART], 1, 2) @ in_ref)[..., 0]

@@ -13,6 +13,7 @@ from ..geometry.pose import Array
 from .inverse_depth import (
     CHART,
     homogeneous_from_q,
+    in_reference,
     metric_jacobian,
     pose_jacobian,
     q_from_homogeneous,
@@ -49,30 +50,27 @@ class Reading:
 
 
 def read_structure(
-    system, ids: NDArray[np.int64], q: Array, world_from_ref: Array, cam_from_ref: Array, newest: int
+    system, ids: NDArray[np.int64], charts: Array, q: Array, world_from_ref: Array, cam_from_ref: Array, newest: int
 ) -> Reading:
     """The reading from the window's factored system; `newest` is the row of the newest frame, −1 for the reference."""
     cov_qq, cov_qx, cov_qw, cov_x, cov_w, cov_xw = _joint_covariances(system, newest)
-    in_ref = homogeneous_from_q(q)
+    in_ref = in_reference(charts, q)
     in_cam = in_ref @ cam_from_ref.T
-    in_cam[:, 2] = np.maximum(in_cam[:, 2], 1e-3)
+    in_cam[:, 2] = np.maximum(in_cam[:, 2], 1e-3)  # of points behind this camera, which are not shown in it
+    finite = q[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(cov_qq[:, 2, 2])
 
     k = q_jacobian(in_cam)
-    m = k @ cam_from_ref[:, CHART]
+    m = k @ cam_from_ref @ charts[:, :, CHART]
     kg = k @ pose_jacobian(in_cam)
     cov_q = _propagated(m, cov_qq, kg, cov_x, cov_qx)
     q_in_cam = q_from_homogeneous(in_cam)
-    finite = q_in_cam[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(cov_q[:, 2, 2])
-    finite &= q[:, 2] > 1e-9
-    rho = np.where(finite, q_in_cam[:, 2], 1.0)
-    here = homogeneous_from_q(np.concatenate([q_in_cam[:, :2], rho[:, None]], axis=1))
+    here = _with_rho(homogeneous_from_q(q_in_cam), finite)
     d = metric_jacobian(here)[..., CHART]
 
-    rho_ref = np.where(finite, q[:, 2], 1.0)
-    there = homogeneous_from_q(np.concatenate([q[:, :2], rho_ref[:, None]], axis=1))
+    there = _with_rho(in_ref, finite)
     points_in_ref = there[:, :3] / there[:, 3:]
     r_w = world_from_ref[:3, :3]
-    jq = r_w @ metric_jacobian(there)[..., CHART]
+    jq = r_w @ metric_jacobian(there) @ charts[:, :, CHART]
     jw = r_w @ np.concatenate([np.broadcast_to(np.eye(3), (len(q), 3, 3)), -se3.skew(points_in_ref)], axis=2)
 
     ad = se3.adjoint(cam_from_ref)
@@ -89,6 +87,13 @@ def read_structure(
         cov_points_in_world=_propagated(jq, cov_qq, jw, cov_w, cov_qw),
         finite=finite,
     )
+
+
+def _with_rho(points: Array, finite: NDArray[np.bool_]) -> Array:
+    """Homogeneous points (n, 4) whose last coordinate is 1 where the depth is not known: numbers without meaning."""
+    points = points.copy()
+    points[~finite, 3] = 1.0
+    return points
 
 
 def _propagated(jq: Array, cov_qq: Array, jy: Array, cov_y: Array, cov_qy: Array) -> Array:

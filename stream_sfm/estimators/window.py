@@ -23,8 +23,9 @@ from .inverse_depth import (
     Linearised,
     gradients,
     homogeneous_from_q,
+    in_reference,
     linearise,
-    q_from_homogeneous,
+    q_jacobian,
     view_residuals,
 )
 from .linear import Cholesky
@@ -63,6 +64,7 @@ class CrossFrame:
         self.frames: list[_Frame] = []
         self.ids = np.empty(0, np.int64)  # every point of the state, ascending
         self.q = np.empty((0, 3))
+        self.charts = np.empty((0, 4, 4))  # ref_from_chart of each point
         self.world_from_ref = np.eye(4)
         self.reading: Reading | None = None
         self.strikes: dict[int, int] = {}
@@ -80,6 +82,12 @@ class CrossFrame:
         self._forget_strikes(observations.track_ids)
         if self.prior is None:
             return self._start(observations, views)
+        try:
+            return self._advance(observations, views)
+        except np.linalg.LinAlgError:
+            return self._lose(observations, "the points that are left do not determine the motion")
+
+    def _advance(self, observations: Observations, views: _Frame) -> Solution:
         if len(self.frames) == self.config.window.frames:
             self._absorb_oldest()
         motion, reason = self._robust_motion(observations)
@@ -112,9 +120,12 @@ class CrossFrame:
         self.frames, self.strikes = [], {}
         self.ids, self.world_from_ref = solution.track_ids, solution.world_from_cam
         self.q = self._q_of_views(observations.z_px[births])
-        lin = linearise(self.projection, np.eye(4)[None], self.q, views.z[None, births], views.info[None, births])
+        self.charts = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
+        here = np.eye(4)[None]
+        z, info = views.z[None, births], views.info[None, births]
+        lin = linearise(self.projection, here, self.charts, self.q, z, info)
         prior = Prior.of_world(solution.world_from_cam, solution.cov_pose)
-        self.prior = prior.with_views(self.ids, self.q, self.world_from_ref, lin.v, lin.g_point)
+        self.prior = prior.with_views(self.ids, self.charts, self.q, self.world_from_ref, lin.v, lin.g_point)
         self._optimise()
         self._read()
         return solution
@@ -182,27 +193,36 @@ class CrossFrame:
         )
         prior = prior.without(~np.isin(prior.ids, np.union1d(later, frame.ids[seen]))).in_camera(x)
         ids = np.union1d(prior.ids, frame.ids[seen])
-        every = q_from_homogeneous(homogeneous_from_q(self.q) @ x.T)  # the state, in the new reference camera
-        q = every[np.searchsorted(self.ids, ids)]
+        at = np.searchsorted(self.ids, ids)
+        self.charts = se3.orthonormalised(x @ self.charts)  # from here on in the new reference camera
+        charts, q = self.charts[at], self.q[at]
         z, info = _rows(ids, frame)
-        lin = linearise(self.projection, np.eye(4)[None], q, z[None], info[None])
+        lin = linearise(self.projection, np.eye(4)[None], charts, q, z[None], info[None])
         self.world_from_ref = prior.world_from_ref
         if len(frame.var_drift):
             known = np.isin(prior.ids, frame.ids)
-            var = np.zeros((len(prior.ids), 3))
-            var[known] = frame.var_drift[np.searchsorted(frame.ids, prior.ids[known])]
-            prior = prior.with_drift(var)
-        self.prior = prior.with_views(ids, q, self.world_from_ref, lin.v, lin.g_point).without(~np.isin(ids, later))
-        kept = np.isin(self.ids, np.union1d(later, self.prior.ids))
-        self.ids, self.q = self.ids[kept], every[kept]
+            here = in_reference(prior.charts[known], prior.q[known])
+            chart_from_here = np.linalg.inv(q_jacobian(here) @ prior.charts[known][:, :, CHART])
+            drift = frame.var_drift[np.searchsorted(frame.ids, prior.ids[known])]
+            cov = np.zeros((len(prior.ids), 3, 3))
+            cov[known] = (chart_from_here * drift[:, None, :]) @ np.swapaxes(chart_from_here, 1, 2)
+            prior = prior.with_drift(cov)
+        prior = prior.with_views(ids, charts, q, self.world_from_ref, lin.v, lin.g_point)
+        self.prior = prior.without(~np.isin(ids, later))
+        self._keep(np.isin(self.ids, np.union1d(later, self.prior.ids)))
         back = se3.inverse(x)
         for f in self.frames:
             f.cam_from_ref = se3.orthonormalised(f.cam_from_ref @ back)
         self._drop_unseen()
 
-    def _of_prior(self) -> tuple[NDArray[np.int64], Array, Array]:
+    def _of_prior(self) -> tuple[NDArray[np.int64], Array, Array, Array]:
         assert self.prior is not None
-        return self.prior.ids, self.q[np.searchsorted(self.ids, self.prior.ids)], self.world_from_ref
+        at = np.searchsorted(self.ids, self.prior.ids)
+        return self.prior.ids, self.charts[at], self.q[at], self.world_from_ref
+
+    def _keep(self, rows: NDArray) -> None:
+        """Points (mask or order) that stay in the state."""
+        self.ids, self.q, self.charts = self.ids[rows], self.q[rows], self.charts[rows]
 
     def _enter(self, views: _Frame, observations: Observations) -> None:
         """The newest frame joins the window; points not yet in the state are triangulated from it."""
@@ -214,10 +234,10 @@ class CrossFrame:
         new = ~known & stereo & ~banned
         views.info[np.isin(views.ids, self.rejected) | banned | (~known & ~new)] = 0
         back = se3.inverse(views.cam_from_ref)
-        q_new = q_from_homogeneous(homogeneous_from_q(self._q_of_views(observations.z_px[new])) @ back.T)
-        ids = np.concatenate([self.ids, views.ids[new]])
-        order = np.argsort(ids)
-        self.ids, self.q = ids[order], np.concatenate([self.q, q_new])[order]
+        self.ids = np.concatenate([self.ids, views.ids[new]])
+        self.q = np.concatenate([self.q, self._q_of_views(observations.z_px[new])])
+        self.charts = np.concatenate([self.charts, np.broadcast_to(back, (int(new.sum()), 4, 4))])
+        self._keep(np.argsort(self.ids))
         self.frames.append(views)
 
     def _strike(self, track_id: int) -> None:
@@ -242,7 +262,7 @@ class CrossFrame:
         assert self.prior is not None
         used = np.concatenate([self.prior.ids, *(f.ids[f.info[:, 2, 2] > 0] for f in self.frames)])
         keep = np.isin(self.ids, used)
-        self.ids, self.q = self.ids[keep], self.q[keep]
+        self._keep(keep)
         for f in self.frames:
             f.info[~np.isin(f.ids, self.ids)] = 0
 
@@ -273,11 +293,11 @@ class CrossFrame:
         """
         assert self.prior is not None
         cams, z, info = self._views()
-        lin = linearise(self.projection, cams, self.q, z, info)
+        lin = linearise(self.projection, cams, self.charts, self.q, z, info)
         self.system = _System(self.prior, self.ids, lin)
         g_pose, g_point, iterations = lin.g_pose, lin.g_point, 0
         while True:
-            gradient = self.prior.gradient(self._of_prior()[1], self.world_from_ref)
+            gradient = self.prior.gradient(*self._of_prior()[2:])
             dx, dq, dw, decrease = self.system.step(g_pose, g_point, gradient)
             cams = se3.exp(dx) @ cams
             self.q = self.q + dq
@@ -285,7 +305,7 @@ class CrossFrame:
             iterations += 1
             if decrease < 1e-2 or iterations == self.config.window.max_iterations:
                 break
-            g_pose, g_point = gradients(self.projection, cams, self.q, z, info)
+            g_pose, g_point = gradients(self.projection, cams, self.charts, self.q, z, info)
         for f, cam in zip(self.frames, cams, strict=True):
             f.cam_from_ref = se3.orthonormalised(cam)
         self.world_from_ref = se3.orthonormalised(self.world_from_ref)
@@ -294,7 +314,7 @@ class CrossFrame:
     def _gate(self) -> bool:
         """Drop views of the window that the joint minimum contradicts; True when there were any."""
         cams, z, info = self._views()
-        chi2 = view_residuals(self.projection, cams, self.q, z, info)[2]
+        chi2 = view_residuals(self.projection, cams, self.charts, self.q, z, info)[2]
         bad = chi2 > self.gate
         for f, row in zip(self.frames, bad, strict=True):
             for track_id in self.ids[row]:
@@ -308,7 +328,9 @@ class CrossFrame:
     def _read(self) -> Reading:
         cam_from_ref = self.frames[-1].cam_from_ref if self.frames else np.eye(4)
         newest = len(self.frames) - 1
-        self.reading = read_structure(self.system, self.ids, self.q, self.world_from_ref, cam_from_ref, newest)
+        self.reading = read_structure(
+            self.system, self.ids, self.charts, self.q, self.world_from_ref, cam_from_ref, newest
+        )
         return self.reading
 
     def _report(self, observations: Observations, motion: Resection, iterations: int) -> Solution:

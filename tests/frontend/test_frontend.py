@@ -11,7 +11,6 @@ from stream_sfm.frontend.rectify import Rectifier
 from stream_sfm.frontend.tracker import FrontEnd
 from stream_sfm.geometry import pose as se3
 from stream_sfm.types import Camera, StereoRig
-
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
 
