@@ -207,10 +207,7 @@ def write_image(log: LogWriter, profile: str, topic: str, time: int, grey: np.nd
         )
     else:
         header = struct.pack("<III", 0, sec, nsec) + _text("left")
-        if step:
-            body = struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step)
-        else:
-            body = _text(name)
+        body = struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step) if step else _text(name)
         kind = "Image" if step else "CompressedImage"
         log.ros1(topic, f"sensor_msgs/{kind}", header + body + struct.pack("<I", len(data)) + data, time)
 

@@ -1,0 +1,266 @@
+"""logs/room.mcap is what logs/README.md says, and its pictures, depth, poses and calibration agree.
+
+The geometry is checked without the renderer: depth carries pixels of one image into another by calibration and
+pose, and what is left between the two pictures must be noise, not a shift.
+"""
+
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from stream_sfm.geometry import pose as se3
+from stream_sfm.types import Camera, StereoRig
+
+ROOT = Path(__file__).parents[1]
+ROOM = ROOT / "logs" / "room.mcap"
+FRAMES, DEPTHS, SECONDS = 84, 9, 9
+GAIN_RIGHT = 0.98
+
+
+@pytest.fixture(scope="module")
+def log():
+    """topic -> messages, and (topic, stamp) -> message."""
+    by_topic = defaultdict(list)
+    with ROOM.open("rb") as file:
+        for _, channel, record, message in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            stamp_ns = message.timestamp.seconds * 10**9 + message.timestamp.nanos
+            assert record.log_time == stamp_ns
+            by_topic[channel.topic].append((stamp_ns, message))
+    return dict(by_topic)
+
+
+@pytest.fixture(scope="module")
+def rig(log):
+    """From K, D, R, P alone, as a reader of the log has to do it."""
+    cameras, rectifying = [], []
+    for side in ("left", "right"):
+        message = log[f"/camera/{side}/calibration"][0][1]
+        k = np.array(message.K).reshape(3, 3)
+        cameras.append(Camera(message.width, message.height, k, tuple(message.D), message.distortion_model))
+        rectifying.append(np.array(message.R).reshape(3, 3))
+    p_right = np.array(log["/camera/right/calibration"][0][1].P).reshape(3, 4)
+    r_left, r_right = rectifying
+    pose = se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ [p_right[0, 3] / p_right[0, 0], 0, 0])
+    return StereoRig(*cameras, pose)
+
+
+def decoded(message):
+    return cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def poses(log):
+    q = [m.pose.orientation for _, m in log["/ground_truth/pose"]]
+    t = [m.pose.position for _, m in log["/ground_truth/pose"]]
+    return se3.from_rotation_translation(
+        se3.matrix_from_quat_xyzw([(a.x, a.y, a.z, a.w) for a in q]), [(a.x, a.y, a.z) for a in t]
+    )
+
+
+def lens(points_in_cam, camera: Camera):
+    return cv2.projectPoints(points_in_cam, np.zeros(3), np.zeros(3), camera.K, np.array(camera.D))[0].reshape(
+        -1, 2
+    )
+
+
+def pixels_in(camera: Camera, target_from_left, left: Camera, depth_m):
+    """Raw pixels of `camera` that see what the raw left pixels see; second opinion on the lens: OpenCV's."""
+    u, v = np.meshgrid(np.arange(left.width, dtype=float), np.arange(left.height, dtype=float))
+    raw = np.stack([u, v], axis=-1).reshape(-1, 2)
+    rays = np.zeros_like(raw)
+    for _ in range(12):
+        rays += (raw - lens(np.c_[rays, np.ones(len(rays))], left)) / left.K[0, 0]
+    points = np.c_[rays, np.ones(len(rays))] * depth_m.reshape(-1, 1)
+    points = se3.transform(target_from_left, points)
+    return lens(points, camera).reshape(*depth_m.shape, 2), points[:, 2].reshape(depth_m.shape)
+
+
+def visible_twice(seen, depth_in_target, valid):
+    """Pixels not hidden in the other view (z-buffer of 3×3 px splats), away from edges of depth."""
+    h, w = valid.shape
+    x, y = np.rint(seen[..., 0]).astype(int), np.rint(seen[..., 1]).astype(int)
+    inside = valid & (x > 3) & (y > 3) & (x < w - 4) & (y < h - 4)
+    nearest = np.full((h, w), np.inf)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            np.minimum.at(nearest, (y[inside] + dy, x[inside] + dx), depth_in_target[inside])
+    front = inside.copy()
+    front[inside] = depth_in_target[inside] < 1.03 * nearest[y[inside], x[inside]]
+    steps = cv2.morphologyEx(depth_in_target.astype(np.float32), cv2.MORPH_GRADIENT, np.ones((5, 5)))
+    return cv2.erode((front & (steps < 0.3)).astype(np.uint8), np.ones((5, 5))).astype(bool)
+
+
+def residual_shift(reference, other, seen, keep):
+    """Least-squares shift (2,), pixels, with its standard error, mean and robust spread of the residual."""
+    warped = cv2.remap(other.astype(np.float32), *np.moveaxis(seen.astype(np.float32), -1, 0), cv2.INTER_CUBIC)
+    residual = warped - reference
+    soft = cv2.GaussianBlur((warped + reference) / 2, (0, 0), 0.7)
+    gx, gy = cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=1 / 8)
+    r, g = residual[keep].astype(float), np.stack([gx[keep], gy[keep]], axis=1).astype(float)
+    spread = 1.4826 * np.median(np.abs(r - np.median(r)))
+    usual = np.abs(r) < 6 * spread
+    r, g = r[usual], g[usual]
+    information = g.T @ g
+    return (
+        np.linalg.solve(information, g.T @ r),
+        np.sqrt(np.diag(np.linalg.inv(information))) * r.std(),
+        r.mean(),
+        spread,
+    )
+
+
+def with_depth(log):
+    left, right = dict(log["/camera/left/image"]), dict(log["/camera/right/image"])
+    stamps = [stamp for stamp, _ in log["/camera/left/image"]]
+    for stamp, message in log["/ground_truth/depth"]:
+        depth_m = decoded(message) * 1e-4
+        yield stamps.index(stamp), depth_m, decoded(left[stamp]), decoded(right[stamp])
+
+
+def test_topics_counts_and_size(log):
+    counts = {topic: len(messages) for topic, messages in log.items()}
+    assert counts == {
+        "/camera/left/image": FRAMES,
+        "/camera/right/image": FRAMES,
+        "/camera/left/calibration": SECONDS,
+        "/camera/right/calibration": SECONDS,
+        "/ground_truth/pose": FRAMES,
+        "/ground_truth/depth": DEPTHS,
+    }
+    assert sum(path.stat().st_size for path in (ROOT / "logs").glob("*.mcap")) < 6e6
+    stamps = np.array([stamp for stamp, _ in log["/camera/left/image"]])
+    assert np.all(np.diff(stamps) == 100_000_000)
+    for topic in ("/camera/right/image", "/ground_truth/pose"):
+        assert [stamp for stamp, _ in log[topic]] == stamps.tolist()
+
+
+def test_images_are_grey_and_of_the_calibrated_size(log, rig):
+    for side in ("left", "right"):
+        for _, message in log[f"/camera/{side}/image"][::20]:
+            image = decoded(message)
+            assert image.shape == (rig.left.height, rig.left.width)
+            assert image.dtype == np.uint8
+            assert 20 < image.std() < 60
+
+
+def test_ground_truth_starts_at_the_world_and_moves_smoothly(log):
+    world_from_cam = poses(log)
+    np.testing.assert_allclose(world_from_cam[0], np.eye(4), atol=1e-12)
+    steps = se3.log(se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])
+    length = np.linalg.norm(steps[:, :3], axis=1)
+    turn = np.rad2deg(np.linalg.norm(steps[:, 3:], axis=1))
+    assert 3.5 < length.sum() < 5
+    assert turn.sum() > 90  # it goes around corners
+    assert length.max() < 0.07
+    assert turn.max() < 3.5
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.012
+
+
+def test_calibration_rectifies_as_opencv_does(log, rig):
+    """The rig read back from R and P gives the same R and P by cv2.stereoRectify."""
+    pose = rig.right_from_left
+    expected = cv2.stereoRectify(
+        rig.left.K,
+        np.array(rig.left.D),
+        rig.right.K,
+        np.array(rig.right.D),
+        (rig.left.width, rig.left.height),
+        pose[:3, :3].copy(),
+        pose[:3, 3:].copy(),
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
+    )
+    for i, side in enumerate(("left", "right")):
+        message = log[f"/camera/{side}/calibration"][0][1]
+        np.testing.assert_allclose(np.array(message.R).reshape(3, 3), expected[i], atol=1e-9)
+        np.testing.assert_allclose(np.array(message.P).reshape(3, 4), expected[2 + i], rtol=1e-6, atol=1e-6)
+    vergence_deg = np.rad2deg(np.linalg.norm(se3.log_so3(pose[:3, :3])))
+    assert 1 < vergence_deg < 3
+    assert 0.1 < rig.baseline_m < 0.3
+    assert not np.allclose(rig.left.K, rig.right.K)
+    assert all(any(camera.D) for camera in (rig.left, rig.right))
+
+
+def test_depth_carries_left_into_right(log, rig):
+    """No shift between the left image and the right one warped by depth: < 0.01 px in the mean of all frames."""
+    shifts, errors, kept = [], [], []
+    for _, depth_m, left, right in with_depth(log):
+        seen, depth_in_right = pixels_in(rig.right, rig.right_from_left, rig.left, depth_m)
+        keep = visible_twice(seen, depth_in_right, depth_m > 0)
+        shift, error, mean, spread = residual_shift(
+            left.astype(np.float32), right / np.float32(GAIN_RIGHT), seen, keep
+        )
+        assert abs(mean) < 0.3  # grey levels
+        assert spread < 5
+        shifts.append(shift)
+        errors.append(error)
+        kept.append(keep.mean())
+    shifts, errors = np.array(shifts), np.array(errors)
+    print(kept, shifts, errors)
+    assert min(kept) > 0.5
+    assert np.abs(shifts).max() < 0.03
+    assert np.all(np.abs(shifts.mean(axis=0)) < 0.01)
+
+
+@pytest.mark.parametrize("ahead", [1, 4])
+def test_depth_and_pose_carry_a_frame_through_time(log, rig, ahead):
+    """The same with a later left image; the bounds are wider since the texture is seen at another scale."""
+    images, world_from_cam = log["/camera/left/image"], poses(log)
+    shifts = []
+    for i, depth_m, left, _ in with_depth(log):
+        if i + ahead >= FRAMES:
+            continue
+        later_from_left = se3.inverse(world_from_cam[i + ahead]) @ world_from_cam[i]
+        seen, depth_later = pixels_in(rig.left, later_from_left, rig.left, depth_m)
+        keep = visible_twice(seen, depth_later, depth_m > 0)
+        later = decoded(images[i + ahead][1])
+        shift, error, mean, spread = residual_shift(left.astype(np.float32), later, seen, keep)
+        print(i, keep.mean(), shift, error, mean, spread)
+        assert abs(mean) < 0.3
+        assert spread < 6
+        shifts.append(shift)
+    shifts = np.array(shifts)
+    assert np.abs(shifts).max() < 0.03
+    assert np.all(np.abs(shifts.mean(axis=0)) < 0.01)
+
+
+def test_corners_can_be_tracked_and_matched(log):
+    """Every picture offers corners, and most of them are found again a frame later."""
+    images = [decoded(message) for _, message in log["/camera/left/image"]]
+    for i in range(0, FRAMES - 1, 10):
+        corners = cv2.goodFeaturesToTrack(images[i], 500, 0.003, 9)
+        assert len(corners) > 250
+        options = {"winSize": (15, 15), "maxLevel": 4}
+        there, found, _ = cv2.calcOpticalFlowPyrLK(images[i], images[i + 1], corners, None, **options)
+        back, found_back, _ = cv2.calcOpticalFlowPyrLK(images[i + 1], images[i], there, None, **options)
+        returned = np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5
+        assert np.mean(returned & (found.ravel() == 1) & (found_back.ravel() == 1)) > 0.6
+
+
+def test_the_renderer_still_makes_this_scene(log, rig):
+    """The committed log is of the committed renderer: rig, path and depth agree, the picture resembles it."""
+    sys.path.insert(0, str(ROOT / "tools"))
+    try:
+        import render
+    finally:
+        sys.path.remove(str(ROOT / "tools"))
+    ours = render.room_rig()
+    np.testing.assert_allclose(ours.right_from_left, rig.right_from_left, atol=1e-9)
+    path = render.room_path()
+    np.testing.assert_allclose(path, poses(log), atol=1e-9)
+    scene = render.room_scene(texel_m=0.01)
+    i, depth_m, left, _ = list(with_depth(log))[3]
+    shot = render.render_stereo(scene, ours, path[i])
+    known = depth_m > 0
+    assert known.mean() > 0.99
+    np.testing.assert_allclose(shot.depth_m[known], depth_m[known], atol=6e-5)
+    again = render.render_stereo(scene, ours, path[i])
+    np.testing.assert_array_equal(again.right, shot.right)
+    assert np.corrcoef(shot.left.ravel(), left.ravel())[0, 1] > 0.5  # other texels, same furniture
