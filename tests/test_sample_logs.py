@@ -6,6 +6,7 @@ pose, and what is left between the two pictures must be noise, not a shift.
 
 import sys
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -70,13 +71,21 @@ def lens(points_in_cam, camera: Camera):
     )
 
 
+@cache
+def raw_rays(width: int, height: int, k: tuple, d: tuple):
+    """Rays (n, 2) of all raw pixels: OpenCV's lens turned round by Newton's method."""
+    camera = Camera(width, height, np.reshape(k, (3, 3)), d)
+    raw = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
+    rays = (raw - camera.K[:2, 2]) / camera.K[0, 0]
+    for _ in range(8):
+        rays += (raw - lens(np.c_[rays, np.ones(len(rays))], camera)) / camera.K[0, 0]
+    assert np.abs(raw - lens(np.c_[rays, np.ones(len(rays))], camera)).max() < 1e-6
+    return rays
+
+
 def pixels_in(camera: Camera, target_from_left, left: Camera, depth_m):
-    """Raw pixels of `camera` that see what the raw left pixels see; second opinion on the lens: OpenCV's."""
-    u, v = np.meshgrid(np.arange(left.width, dtype=float), np.arange(left.height, dtype=float))
-    raw = np.stack([u, v], axis=-1).reshape(-1, 2)
-    rays = np.zeros_like(raw)
-    for _ in range(12):
-        rays += (raw - lens(np.c_[rays, np.ones(len(rays))], left)) / left.K[0, 0]
+    """Raw pixels of `camera` that see what the raw left pixels see, and their depth there."""
+    rays = raw_rays(left.width, left.height, tuple(left.K.ravel()), left.D)
     points = np.c_[rays, np.ones(len(rays))] * depth_m.reshape(-1, 1)
     points = se3.transform(target_from_left, points)
     return lens(points, camera).reshape(*depth_m.shape, 2), points[:, 2].reshape(depth_m.shape)
@@ -98,7 +107,7 @@ def visible_twice(seen, depth_in_target, valid):
 
 
 def residual_shift(reference, other, seen, keep):
-    """Least-squares shift (2,), pixels, with its standard error, mean and robust spread of the residual."""
+    """Least-squares shift (2,), pixels, mean and robust spread of the residual, grey levels."""
     warped = cv2.remap(other.astype(np.float32), *np.moveaxis(seen.astype(np.float32), -1, 0), cv2.INTER_CUBIC)
     residual = warped - reference
     soft = cv2.GaussianBlur((warped + reference) / 2, (0, 0), 0.7)
@@ -107,13 +116,15 @@ def residual_shift(reference, other, seen, keep):
     spread = 1.4826 * np.median(np.abs(r - np.median(r)))
     usual = np.abs(r) < 6 * spread
     r, g = r[usual], g[usual]
-    information = g.T @ g
-    return (
-        np.linalg.solve(information, g.T @ r),
-        np.sqrt(np.diag(np.linalg.inv(information))) * r.std(),
-        r.mean(),
-        spread,
-    )
+    return np.linalg.solve(g.T @ g, g.T @ r), r.mean(), spread
+
+
+def assert_no_shift(shifts):
+    """Each frame to 0.015 px (a shift's own error is 0.002 to 0.005 px), the mean within its standard error."""
+    shifts = np.array(shifts)
+    standard_error = shifts.std(axis=0, ddof=1) / np.sqrt(len(shifts))
+    assert np.abs(shifts).max() < 0.015
+    assert np.all(np.abs(shifts.mean(axis=0)) < np.minimum(3.5 * standard_error, 0.005))
 
 
 def with_depth(log):
@@ -189,29 +200,22 @@ def test_calibration_rectifies_as_opencv_does(log, rig):
 
 
 def test_depth_carries_left_into_right(log, rig):
-    """No shift between the left image and the right one warped by depth: < 0.01 px in the mean of all frames."""
-    shifts, errors, kept = [], [], []
+    """No shift between the left image and the right one warped by depth (measured: 0.0016 px in the mean)."""
+    shifts = []
     for _, depth_m, left, right in with_depth(log):
         seen, depth_in_right = pixels_in(rig.right, rig.right_from_left, rig.left, depth_m)
         keep = visible_twice(seen, depth_in_right, depth_m > 0)
-        shift, error, mean, spread = residual_shift(
-            left.astype(np.float32), right / np.float32(GAIN_RIGHT), seen, keep
-        )
+        shift, mean, spread = residual_shift(left.astype(np.float32), right / np.float32(GAIN_RIGHT), seen, keep)
         assert abs(mean) < 0.3  # grey levels
         assert spread < 5
+        assert keep.mean() > 0.5
         shifts.append(shift)
-        errors.append(error)
-        kept.append(keep.mean())
-    shifts, errors = np.array(shifts), np.array(errors)
-    print(kept, shifts, errors)
-    assert min(kept) > 0.5
-    assert np.abs(shifts).max() < 0.03
-    assert np.all(np.abs(shifts.mean(axis=0)) < 0.01)
+    assert_no_shift(shifts)
 
 
 @pytest.mark.parametrize("ahead", [1, 4])
 def test_depth_and_pose_carry_a_frame_through_time(log, rig, ahead):
-    """The same with a later left image; the bounds are wider since the texture is seen at another scale."""
+    """The same with a later left image, by the ground-truth poses."""
     images, world_from_cam = log["/camera/left/image"], poses(log)
     shifts = []
     for i, depth_m, left, _ in with_depth(log):
@@ -221,14 +225,11 @@ def test_depth_and_pose_carry_a_frame_through_time(log, rig, ahead):
         seen, depth_later = pixels_in(rig.left, later_from_left, rig.left, depth_m)
         keep = visible_twice(seen, depth_later, depth_m > 0)
         later = decoded(images[i + ahead][1])
-        shift, error, mean, spread = residual_shift(left.astype(np.float32), later, seen, keep)
-        print(i, keep.mean(), shift, error, mean, spread)
+        shift, mean, spread = residual_shift(left.astype(np.float32), later, seen, keep)
         assert abs(mean) < 0.3
         assert spread < 6
         shifts.append(shift)
-    shifts = np.array(shifts)
-    assert np.abs(shifts).max() < 0.03
-    assert np.all(np.abs(shifts.mean(axis=0)) < 0.01)
+    assert_no_shift(shifts)
 
 
 def test_corners_can_be_tracked_and_matched(log):
