@@ -13,13 +13,17 @@ from mcap.reader import make_reader
 
 import stream_sfm as sfm
 from stream_sfm.config import read_config
+from stream_sfm.importers.common import calibration_messages
 from stream_sfm.recording import open_log
 from stream_sfm.recording.estimates import EstimatesWriter
 from stream_sfm.recording.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.recording.log_writer import StereoLogWriter
 from stream_sfm.recording.trajectory_files import read_tum
 from stream_sfm.run import ReplayInterrupted, new_run_folder, point_latest_to, replay
 
 from .wall_log import write_wall_log
+
+ROOM = Path(__file__).parents[1] / "logs" / "room.mcap"
 
 FILES = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml"}
 FAST = sfm.Config(method="frame-to-frame")
@@ -216,26 +220,32 @@ def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(log: Path, tmp
 
 
 def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
-    script = (
-        "import sys; from stream_sfm.run import replay; from stream_sfm.config import read_config\n"
-        "c = read_config(None, ['method=\"frame-to-frame\"', 'frontend.max_tracks=40'])\n"
-        "s = replay(sys.argv[1], sys.argv[2], c).summary\n"
-        "print(s['frames']['estimated'], s['peak_rss_mib'])"
-    )
+    """room.mcap, and the same 20 times over: there and back, so that it is one long motion."""
+    longer = tmp_path / "room20.mcap"
+    room = open_log(ROOM)
+    pairs = list(room.pairs())
+    turns = [pairs if turn % 2 == 0 else pairs[-2:0:-1] for turn in range(20)]
+    n = 0
+    with StereoLogWriter(longer, calibration_messages(room.rig)) as writer:
+        for pair in (pair for turn in turns for pair in turn):
+            for side, image in enumerate((pair.left, pair.right)):
+                writer.image(side, n * 100_000_000, bytes(image.data), image.encoding)
+            n += 1
+    script = "import sys; from stream_sfm.run import replay; s = replay(sys.argv[1], sys.argv[2]).summary; "
+    script += "print(s['frames']['estimated'], s['frames']['lost'], s['peak_rss_mib'])"
     found = []
-    for times in (1, 20):
-        log = write_wall_log(tmp_path / f"wall{times}.mcap", n=16, times=times)
+    for log in (ROOM, longer):
         done = subprocess.run(
-            [sys.executable, "-c", script, str(log), str(tmp_path / f"out{times}")],
+            [sys.executable, "-c", script, str(log), str(tmp_path / log.stem)],
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=500,
             check=True,
         )
         found.append([float(x) for x in done.stdout.split()])
-    (few, small), (many, large) = found
-    assert (few, many) == (16, 16 * 10 + 14 * 10)
+    (few, _, small), (many, lost, large) = found
+    assert (few, many, lost) == (len(pairs), n, 0)
     assert large - small < 30
 
 

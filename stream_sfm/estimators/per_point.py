@@ -77,9 +77,17 @@ class CrossFrameWC:
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see types.Estimator."""
-        obs = observations
         if self._covariances is None:
-            return self._start(obs)
+            return self._start(observations)
+        try:
+            return self._advance(observations)
+        except np.linalg.LinAlgError:
+            predicted, cov_predicted = self._motion.predict(observations.stamp_ns)
+            self._forget()
+            reason = "the points that are left do not determine the motion"
+            return outcome.solution_without_points(observations, Status.LOST, reason, predicted, cov_predicted)
+
+    def _advance(self, obs: Observations) -> Solution:
         predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
         in_world = self._in_world()
         shared, known, rows = np.intersect1d(self._ids, obs.track_ids, True, True)
@@ -212,6 +220,9 @@ class CrossFrameWC:
     def _leave(self) -> Array:
         """The oldest frame turns into priors of its points. Returns the new reference from the old one."""
         frame = self._window.pop(0)
+        # one side alone would leave the depth of a point without prior open
+        known = np.isin(frame.ids, self._ids[self._has_prior()])
+        frame = frame.only(known | np.isfinite(frame.z_px).all(axis=1))
         rows = np.flatnonzero(np.isin(self._ids, frame.ids) | self._has_prior())
         priors = PointPriors(self._priors.mean[rows], self._priors.information[rows])
         mean, information, new_from_ref = self._new_priors(frame, rows, priors)
