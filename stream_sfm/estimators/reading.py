@@ -20,6 +20,7 @@ from .inverse_depth import (
     q_jacobian,
 )
 from .linear import symmetric
+from .system import System
 
 # A point whose inverse depth is not known to a third has no Gaussian in metres; it is used but not reported.
 _MIN_DEPTH_SIGMAS = 3.0
@@ -50,7 +51,13 @@ class Reading:
 
 
 def read_structure(
-    system, ids: NDArray[np.int64], charts: Array, q: Array, world_from_ref: Array, cam_from_ref: Array, newest: int
+    system: System,
+    ids: NDArray[np.int64],
+    charts: Array,
+    q: Array,
+    world_from_ref: Array,
+    cam_from_ref: Array,
+    newest: int,
 ) -> Reading:
     """The reading from the window's factored system; `newest` is the row of the newest frame, −1 for the reference."""
     cov_qq, cov_qx, cov_qw, cov_x, cov_w, cov_xw = _joint_covariances(system, newest)
@@ -103,7 +110,7 @@ def _propagated(jq: Array, cov_qq: Array, jy: Array, cov_y: Array, cov_qy: Array
     return symmetric(cov)
 
 
-def _joint_covariances(system, newest: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+def _joint_covariances(system: System, newest: int) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Blocks of the inverse: qq (P, 3, 3), q with the newest pose (P, 3, 6), q with the world (P, 3, 6), newest pose
     (6, 6), world (6, 6), newest pose with world (6, 6). The reference camera itself (newest −1) has no error."""
     sigma = system.chol.inverse()

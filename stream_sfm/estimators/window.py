@@ -20,7 +20,6 @@ from ..geometry.stereo import StereoProjection, information_of_views
 from ..types import Observations, Solution, Status
 from .inverse_depth import (
     CHART,
-    Linearised,
     gradients,
     homogeneous_from_q,
     in_reference,
@@ -28,11 +27,11 @@ from .inverse_depth import (
     q_jacobian,
     view_residuals,
 )
-from .linear import Cholesky
 from .motion_prior import MotionPrior, robust_start
 from .outcome import few_views, open_map, solution_without_points, status_of
 from .prior import Prior
 from .reading import Reading, read_structure
+from .system import System
 
 _STRIKES = 6  # a track rejected so often is never used again; one rejection at its second view is enough
 
@@ -294,7 +293,7 @@ class CrossFrame:
         assert self.prior is not None
         cams, z, info = self._views()
         lin = linearise(self.projection, cams, self.charts, self.q, z, info)
-        self.system = _System(self.prior, self.ids, lin)
+        self.system = System(self.prior, self.ids, lin)
         g_pose, g_point, iterations = lin.g_pose, lin.g_point, 0
         while True:
             gradient = self.prior.gradient(*self._of_prior()[2:])
@@ -365,52 +364,6 @@ class CrossFrame:
             nis=motion.chi2,
             nis_dof=motion.dof,
         )
-
-
-class _System:
-    """The factored normal equations: [poses 6F | prior points 3N | world 6] dense, other points eliminated."""
-
-    def __init__(self, prior: Prior, ids: NDArray[np.int64], lin: Linearised) -> None:
-        frames, points = lin.c.shape[:2]
-        self.in_prior = np.isin(ids, prior.ids)
-        self.frames, self.n_prior = frames, len(prior.ids)
-        a, b = 6 * frames, 6 * frames + 3 * self.n_prior
-        cross = lin.c.transpose(0, 2, 1, 3)  # (F, 6, P, 3)
-        h = np.zeros((b + 6, b + 6))
-        for s in range(frames):
-            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
-        h[a:, a:] = prior.information
-        blocks = h[a:b, a:b].reshape(self.n_prior, 3, self.n_prior, 3)
-        diagonal = np.arange(self.n_prior)
-        blocks[diagonal, :, diagonal, :] += lin.v[self.in_prior]
-        h[:a, a:b] = cross[:, :, self.in_prior].reshape(a, 3 * self.n_prior)
-        h[a:b, :a] = h[:a, a:b].T
-        self.new_inverse = np.linalg.inv(lin.v[~self.in_prior])
-        self.cross_new = np.swapaxes(
-            cross[:, :, ~self.in_prior].reshape(a, points - self.n_prior, 3), 0, 1
-        )  # (Pn, 6F, 3)
-        self.gain = self.cross_new @ self.new_inverse  # (Pn, 6F, 3)
-        flat = (a, 3 * (points - self.n_prior))
-        h[:a, :a] -= self.gain.transpose(1, 0, 2).reshape(flat) @ self.cross_new.transpose(1, 0, 2).reshape(flat).T
-        self.chol = Cholesky(h)
-
-    def step(self, g_pose: Array, g_point: Array, prior_gradient: Array) -> tuple[Array, Array, Array, float]:
-        """Steps of poses (F, 6), points (P, 3), world (6,), and the decrease gᵀδ that they promise."""
-        a, n = 6 * self.frames, self.n_prior
-        g_new = g_point[~self.in_prior]
-        right = np.concatenate([g_pose.ravel(), prior_gradient])
-        right[a : a + 3 * n] += g_point[self.in_prior].ravel()
-        full = right.copy()
-        right[:a] -= (self.gain @ g_new[..., None]).sum(0)[:, 0]
-        delta = self.chol.solve(right)
-        dx = delta[:a]
-        dq = np.empty_like(g_point)
-        dq[self.in_prior] = delta[a : a + 3 * n].reshape(n, 3)
-        dq[~self.in_prior] = (self.new_inverse @ (g_new - np.einsum("pxk,x->pk", self.cross_new, dx))[..., None])[
-            ..., 0
-        ]
-        decrease = float(full @ delta + (g_new * dq[~self.in_prior]).sum())
-        return dx.reshape(-1, 6), dq, delta[a + 3 * n :], decrease
 
 
 def _rows(ids: NDArray[np.int64], frame: _Frame) -> tuple[Array, Array]:

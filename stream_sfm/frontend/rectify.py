@@ -50,27 +50,29 @@ class Rectifier:
         self.projection = StereoProjection(f, cx[0], cx[1], cy, rig.baseline_m, width, height)
         self._maps = [_maps(c, r, f, cx[i], cy) for i, (c, r) in enumerate(zip(cameras, rotations, strict=True))]
         self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
-        if self._maps[0] is not None:
-            seen = cv2.remap(np.full((height, width), 255, np.uint8), *self._maps[0], cv2.INTER_LINEAR)
-            self.valid = seen == 255
+        self.valid &= self._rectified(np.full((height, width), 255, np.uint8), 0) == 255
 
     def rectify(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Left and right images (h, w) uint8, rectified; the same arrays where nothing has to move."""
-        return [
-            image if maps is None else cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR)
-            for image, maps in zip((left, right), self._maps, strict=True)
-        ]
+        return [self._rectified(left, 0), self._rectified(right, 1)]
+
+    def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+        maps = self._maps[side]
+        return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
+
+
+def _distortion(camera: Camera) -> tuple[bool, Array]:
+    """Whether the lens is a fisheye (also one whose coefficients are all zero), and its coefficients for OpenCV."""
+    fisheye = camera.distortion_model == "equidistant"
+    return fisheye, np.array(camera.D if any(camera.D) else (0.0,) * 4)
 
 
 def _extent(camera: Camera, rotation: Array) -> Array:
     """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
     w, h = camera.width - 1.0, camera.height - 1.0
     pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
-    d = np.array(camera.D) if any(camera.D) else None
-    if camera.distortion_model == "equidistant" and d is not None:
-        rays = cv2.fisheye.undistortPoints(pixels[:, None], camera.K, d)[:, 0]
-    else:
-        rays = cv2.undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    fisheye, d = _distortion(camera)
+    rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
     rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
     # a lens of 180° and more reaches behind the rectified plane; the focal share bounds what is kept of it
     rays = rays[:, :2] / np.maximum(rays[:, 2:], 0.2)
@@ -80,13 +82,9 @@ def _extent(camera: Camera, rotation: Array) -> Array:
 def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tuple | None:
     k = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
     size = (camera.width, camera.height)
-    d = np.array(camera.D) if any(camera.D) else None
-    make = (
-        cv2.fisheye.initUndistortRectifyMap
-        if camera.distortion_model == "equidistant" and d is not None
-        else (cv2.initUndistortRectifyMap)
-    )
-    u, v = make(camera.K, d, rotation, k, size, cv2.CV_32FC1)
+    fisheye, d = _distortion(camera)
+    module = cv2.fisheye if fisheye else cv2
+    u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k, size, cv2.CV_32FC1)
     grid_v, grid_u = np.mgrid[: size[1], : size[0]]
     if max(np.abs(u - grid_u).max(), np.abs(v - grid_v).max()) < 1e-2:
         return None

@@ -13,7 +13,9 @@ from ..geometry.pose import Array
 
 _PRIOR_SLOPE = 0.15  # px of disparity per px of image
 _MAX_SLOPE = 0.5
-_SIGNIFICANT = 13.8  # χ²(2), 0.999: a slope that the patches do not clearly show costs more noise than it saves bias
+_SIGNIFICANT = (
+    13.8  # χ²(2), 0.999: a slope that the patches do not clearly show costs more noise than it saves bias
+)
 _ITERATIONS = 6
 
 

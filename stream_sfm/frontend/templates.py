@@ -35,7 +35,7 @@ class TemplateAtlas:
 
     def store(self, image: NDArray[np.uint8], points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> Array:
         """Cut patches around whole pixels (n, 2); returns their gradient matrices H (n, 2, 2), grey²."""
-        padded = cv2.copyMakeBorder(image, *[self.half] * 4, cv2.BORDER_REPLICATE)
+        padded = np.pad(image, self.half, mode="edge")
         gradients = np.empty((len(slots), 2, 2))
         r = self.radius
         inner = slice(self.half - r - 1, self.half + r + 2)
@@ -90,7 +90,9 @@ class TemplateAtlas:
             out.append((image, chunk, centres.astype(np.float32)))
         return out
 
-    def align(self, mosaics: list[tuple], image: NDArray[np.uint8], starts_px: Array) -> tuple[Array, Array, Array]:
+    def align(
+        self, mosaics: list[tuple], image: NDArray[np.uint8], starts_px: Array
+    ) -> tuple[Array, NDArray[np.bool_], Array]:
         """Positions (n, 2) of the templates in an image, whether each converged (n,), mean grey difference (n,)."""
         n = len(starts_px)
         at, ok, error = np.array(starts_px, dtype=float), np.zeros(n, bool), np.full(n, np.inf)

@@ -55,7 +55,7 @@ class FrontEnd:
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
         """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
         sigma = self.config.smoothing_px
-        pair = _Pair(*(cv2.GaussianBlur(i, (0, 0), sigma) if sigma > 0 else i for i in (left, right)))
+        pair = _Pair(_smoothed(left, sigma), _smoothed(right, sigma))
         motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
         dt = (stamp_ns - self.stamp_ns) / 1e9
         if len(self.tracks):
@@ -136,8 +136,8 @@ class FrontEnd:
             minEigThreshold=1e-5,
         )
         followed = status[:, 0] > 0  # the rest of what comes back is not initialised
-        at = np.where(followed[:, None], at[:, 0], start).astype(float)
-        return at, followed & self._inside(at)
+        positions: Array = np.where(followed[:, None], np.asarray(at)[:, 0], start).astype(np.float64)
+        return positions, followed & self._inside(positions)
 
     def _motion(self, z: Array, start: Array, std_px: float) -> tuple[Array, NDArray[np.bool_]] | None:
         """Motion since the last frame from left views alone, and the tracks that agree with it."""
@@ -205,8 +205,8 @@ class FrontEnd:
         right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
         ok &= np.linalg.norm(right - start, axis=1) < 2.0 + (2.0 if pair.left.shape[1] > 800 else 0.0)
         slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
-        sheared = facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)
-        mosaics = self.atlas.mosaics(free, np.linalg.inv(sheared), pair.left.shape)
+        sheared: Array = facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)
+        mosaics = self.atlas.mosaics(free, np.asarray(np.linalg.inv(sheared), np.float64), pair.left.shape)
         right, aligned, error = self.atlas.align(mosaics, pair.right, right)
         ok &= aligned
         ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
@@ -237,13 +237,18 @@ class FrontEnd:
         p, level = self.projection, 0
         left, right = pair.left, pair.right
         while left.shape[1] > 640:
-            left, right, level = cv2.pyrDown(left), cv2.pyrDown(right), level + 1
+            left, right = np.asarray(cv2.pyrDown(left), np.uint8), np.asarray(cv2.pyrDown(right), np.uint8)
+            level += 1
         scale = 0.5**level
         far = p.cx_left_px - p.cx_right_px
         near = far + self.config.max_disparity_share * p.width
         span = (int(np.floor(far * scale)) - 1, int(np.ceil(near * scale)))
-        found, unique = search_rows(left, right, corners * scale, span)
+        found, unique = search_rows(left, right, np.asarray(corners * scale, np.float64), span)
         return found / scale, unique
+
+
+def _smoothed(image: Image, sigma_px: float) -> Image:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8) if sigma_px > 0 else image
 
 
 def _note(left: Image, right: Image, tracked: int) -> str:
