@@ -24,7 +24,7 @@ from .recording import StereoLog, StereoPair
 from .recording.images import GreyScaler, decode_grey
 from .recording.thumbnails import jpeg
 from .report.records import Comparison, FrontRecord, MethodRun, Snapshot
-from .run import Sink, _signals_noted
+from .run import Sink, signals_noted
 from .types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
 
 COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
@@ -89,7 +89,7 @@ def compare(
     kept: list[StereoPair] | None = [] if back else None
     kept_bytes = 0
     problems: list[str] = []
-    with _signals_noted() as signals:
+    with signals_noted() as signals:
         try:
             for pair, frame, seconds in _timed(log, selection):
                 estimates = pass_.forward(frame, seconds)

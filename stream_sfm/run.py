@@ -90,7 +90,7 @@ def replay(
     run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks), viewer)
     frames = log.decoded(start_s, end_s, max_frames, stride)
     whole = start_s is None and end_s is None and max_frames is None and stride == 1
-    with _signals_noted() as signals:
+    with signals_noted() as signals:
         problem = run.through(frames, on_frame, signals)
         result = run.finish(problem, whole, interrupted=bool(signals))
     if signals:
@@ -272,7 +272,7 @@ def _write_text(path: Path, text: str) -> None:
 
 
 @contextmanager
-def _signals_noted() -> Iterator[list[int]]:
+def signals_noted() -> Iterator[list[int]]:
     """Within, the first SIGINT or SIGTERM is put into the list instead of being acted on; a second one acts.
 
     Signals can be handled in the main thread only; elsewhere the list stays empty.

@@ -77,6 +77,20 @@ def test_something_else_moving_in_a_third_of_the_image_does_little_harm() -> Non
     assert np.sqrt(np.mean(squares[True]) / np.mean(squares[False])) < 1.5
 
 
+def test_a_view_that_jumps_at_every_frame_is_lost_and_found_without_a_fault(frames, engine) -> None:
+    for n, frame in enumerate(frames[:14]):
+        shift = 0 if n % 2 else 90
+        e = engine.step(sfm.StereoFrame(frame.stamp_ns, np.roll(frame.left, shift, 0), np.roll(frame.right, shift, 0)))
+        assert np.isfinite(e.cov_pose).all() and np.isfinite(e.world_from_cam).all()
+
+
+def test_a_sudden_fourfold_darkness_is_survived(frames, engine) -> None:
+    for n, frame in enumerate(frames[:18]):
+        dim = 1 if n < 8 else 4
+        e = engine.step(sfm.StereoFrame(frame.stamp_ns, frame.left // dim, frame.right // dim))
+    assert e.status == sfm.Status.OK
+
+
 def test_every_estimate_is_complete(frames, engine) -> None:
     for frame in frames[:12]:
         e = engine.step(frame)

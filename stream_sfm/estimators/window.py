@@ -33,6 +33,7 @@ from .prior import Prior
 from .reading import Reading, read_structure
 from .system import System
 
+_DIVERGED = 1e3  # a step that promises more than this, and more than the last one, leads away from the minimum
 _STRIKES = 6  # a track rejected so often is never used again; one rejection at its second view is enough
 
 
@@ -294,10 +295,13 @@ class CrossFrame:
         cams, z, info = self._views()
         lin = linearise(self.projection, cams, self.charts, self.q, z, info)
         self.system = System(self.prior, self.ids, lin)
-        g_pose, g_point, iterations = lin.g_pose, lin.g_point, 0
+        g_pose, g_point, iterations, before = lin.g_pose, lin.g_point, 0, np.inf
         while True:
             gradient = self.prior.gradient(*self._of_prior()[2:])
             dx, dq, dw, decrease = self.system.step(g_pose, g_point, gradient)
+            if not decrease < max(before, _DIVERGED):
+                raise np.linalg.LinAlgError("Gauss-Newton diverges")
+            before = decrease
             cams = se3.exp(dx) @ cams
             self.q = self.q + dq
             self.world_from_ref = self.world_from_ref @ se3.exp(dw)

@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 
 from ..geometry.pose import Array
 
+_DIM_SHARE = 0.02  # of the image's strongest corner: what always counts as one
+
 
 def detect(
     image: NDArray[np.uint8],
@@ -19,13 +21,15 @@ def detect(
 
     Strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994). The image is cut into cells of
     about one wanted point each; a cell's corners are ranked, and all first ranks come before all second ranks.
-    `allowed` (h, w) bool; `min_response` as `cv2.cornerMinEigenVal` gives it.
+    `allowed` (h, w) bool; `min_response` as `cv2.cornerMinEigenVal` gives it, less in images without contrast.
     """
     if wanted <= 0:
         return np.empty((0, 2), np.intp)
     height, width = image.shape
     response = cv2.cornerMinEigenVal(image, 5, ksize=3)
     radius = round(distance_px)
+    # a dark image has all its contrast, and all its corners, scaled down
+    min_response = min(min_response, _DIM_SHARE * float(response.max()))
     near = 2 * (radius // 3) + 1
     peak = response >= cv2.dilate(response, np.ones((near, near), np.uint8))
     free = allowed.astype(np.uint8)
