@@ -22,9 +22,10 @@ from .adjustment import point_in_cam_jacobian
 from .motion_prior import MotionPrior, robust_start
 from .triangulation import triangulated, usable_births
 
-# The pose before its update is unknown: its prior has this many times the covariance that the views will give it.
-# More would only cost digits (the update subtracts numbers that large).
-_FREE = 1e4
+# The pose before its update is unknown: its prior has this many times the covariance that the views will give it, and
+# of the drift so far (or each frame would pretend to know a little of where it is in the world). More would only cost
+# digits: the update subtracts numbers that large.
+_FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
 class Ekf:
@@ -59,7 +60,8 @@ class Ekf:
             return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, ended)
         world_from_resected = se3.orthonormalised(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
-        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, _FREE * found.cov_pose)
+        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
+        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, free)
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
