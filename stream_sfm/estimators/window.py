@@ -269,11 +269,8 @@ class CrossFrame:
     def _q_of_views(self, z: Array) -> Array:
         """q of stereo views (n, 4) in the camera that saw them."""
         p = self.projection
-        disparity = (z[:, 0] - p.cx_left_px) - (z[:, 2] - p.cx_right_px)
         v = 0.5 * (z[:, 1] + z[:, 3])
-        return np.stack(
-            [(z[:, 0] - p.cx_left_px) / p.f_px, (v - p.cy_px) / p.f_px, disparity / (p.f_px * p.baseline_m)], axis=1
-        )
+        return np.stack([(z[:, 0] - p.cx_left_px) / p.f_px, (v - p.cy_px) / p.f_px, p.inverse_depth(z)], axis=1)
 
     # -- the minimum ------------------------------------------------------------------------------------------
 

@@ -212,7 +212,7 @@ class FrontEnd:
         ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
         cov = self.noise.covariance(gradients, facing, error, error)
         z = np.concatenate([left, right], axis=1)
-        rho = ((z[:, 0] - p.cx_left_px) - (z[:, 2] - p.cx_right_px)) / (p.f_px * p.baseline_m)
+        rho = p.inverse_depth(z)
         var_rho = (cov[:, 0, 0] + cov[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
         ok &= rho > -2 * np.sqrt(var_rho)
         n = int(ok.sum())

@@ -80,7 +80,7 @@ class Tracks:
         """Points put where they were seen; the inverse depth by a scalar Kalman update where the right side is seen."""
         p = projection
         scale = p.f_px * p.baseline_m
-        rho = ((z_px[:, 0] - p.cx_left_px) - (z_px[:, 2] - p.cx_right_px)) / scale
+        rho = p.inverse_depth(z_px)
         var = (cov_px[:, 0, 0] + cov_px[:, 2, 2] - 2 * cov_px[:, 0, 2]) / scale**2
         seen = np.isfinite(rho)
         # a tenth of the variance more each frame forgets depths that were carried by a wrong motion

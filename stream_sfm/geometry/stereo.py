@@ -69,6 +69,11 @@ class StereoProjection:
         with np.errstate(divide="ignore"):
             return self.f_px * self.baseline_m / disparity
 
+    def inverse_depth(self, z_px: Array) -> Array:
+        """1/Z (…), 1/m, from the disparity of z (…, 4); 0 at infinity, NaN where the right side is missing."""
+        disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
+        return disparity / (self.f_px * self.baseline_m)
+
     def triangulate(self, z_px: Array) -> Array:
         """Points (…, 3) of stereo views (…, 4): exact when the two rows agree, their mean otherwise."""
         depth = self.depth_m(z_px)
