@@ -38,9 +38,16 @@ _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_mode
 def read_calibration(path: str | Path) -> StereoRig:
     """The rig in a calibration file (format: see the module). Raises ConfigError naming file and key."""
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = Path(path).read_bytes()
     except OSError as error:
         raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
+    return parse_calibration(content, path)
+
+
+def parse_calibration(content: bytes, path: str | Path) -> StereoRig:
+    """The rig in the `content` of a calibration file; `path` names it. Raises as `read_calibration`."""
+    try:
+        data = tomllib.loads(content.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"calibration {path} is not TOML: {error}") from None
     _known(path, "the top", data, {"left", "right", "right_from_left"})

@@ -137,24 +137,50 @@ def print_inspection(found: dict[str, Any]) -> None:
 
 
 def _inspection_rows(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    pair, frames, rig, check = (found[k] for k in ("pair", "frames", "rig", "calibration_check"))
-    yield "file", f"{found['size_bytes'] / 1e6:.2f} MB, {'whole' if found['complete'] else 'damaged or cut off'}"
+    pair, images, frames, rig, check = (found[k] for k in ("pair", "images", "frames", "rig", "calibration_check"))
+    whole = "whole" if found["complete"] else "damaged or cut off"
+    index = "indexed" if found["indexed"] else "without an index"
+    length = f", {found['duration_s']:.2f} s" if found["duration_s"] is not None else ""
+    yield "file", f"{found['size_bytes'] / 1e6:.2f} MB, {whole}, {index}{length}"
     if pair:
-        yield "stereo pair", f"{pair['left']} and {pair['right']} ({pair['reason']})"
+        yield "stereo pair", f"{pair['left']} and {pair['right']}: {pair['reason']}"
+    if images:
+        kinds = " and ".join(
+            dict.fromkeys(f"{'×'.join(map(str, i['size'] or '?'))} {i['encoding']}" for i in images.values())
+        )
+        yield "images", kinds
     if frames:
-        rate = f", {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
-        unpaired = frames["unpaired_left"] + frames["unpaired_right"]
-        yield "stereo frames", f"{frames['paired']}{rate}, {frames['gap_count']} gaps, {unpaired} images unpaired"
+        rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
+        exactly = f"{frames['paired_exactly']} by equal stamps"
+        yield (
+            "stereo frames",
+            f"{frames['paired']}{rate}, {exactly}, median offset {_number(frames['median_offset_ms'])} ms",
+        )
+        yield (
+            "left over",
+            f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images without a partner",
+        )
+        gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:5]]
+        more = f" and {frames['gap_count'] - 5} more" if frames["gap_count"] > 5 else ""
+        yield "gaps", "; ".join(gaps) + more if gaps else "none"
     if rig:
-        yield "images", f"{rig['width']}×{rig['height']}, {'' if rig['rectified_images'] else 'not '}rectified"
+        yield (
+            "calibration",
+            f"{rig['source']}; for {'rectified' if rig['rectified_images'] else 'unrectified'} images",
+        )
         yield (
             "rig",
-            f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, "
-            f"vergence {rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
+            f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
+            f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
         )
-    if check:
-        yield "calibration check", ", ".join(f"{k} {_number(v, '.3g')}" for k, v in check.items())
-    yield "ground truth", found["ground_truth"] or "none"
+    if check and check["vertical_px"] is not None:
+        yield (
+            "calibration check",
+            f"{check['matches']} matched corners: rows differ by {check['vertical_px']:+.2f} ± "
+            f"{check['vertical_spread_px']:.2f} px, median disparity {check['median_disparity_px']:.1f} px",
+        )
+    depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
+    yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
 
 
 def print_notes(kind: str, notes: list[str], console: Console | None = None) -> None:

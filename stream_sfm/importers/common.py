@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import ConfigError, InputError
 from ..frontend.rectify import Rectifier
 from ..geometry.pose import Array
-from ..recording.images import image_size
+from ..recording.images import image_size, sniff_format
 from ..recording.log_writer import StereoLogWriter
 from ..recording.messages import CalibrationMessage, ImageMessage
 from ..types import Camera, StereoRig
@@ -24,7 +24,6 @@ _MODELS = {
     "rational_polynomial": "rational_polynomial",
     "equidistant": "kannala_brandt",
 }
-_MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +89,7 @@ def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read image {path}: {error.strerror}") from None
-    encoding = next((name for magic, name in _MAGIC if data.startswith(magic)), None)
+    encoding = sniff_format(data)
     if encoding is None:
         raise InputError(f"{path} is no PNG, JPEG or WebP image: convert the images to PNG first")
     size = image_size(ImageMessage(str(path), 0, "", True, encoding, data))

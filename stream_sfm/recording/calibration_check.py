@@ -1,16 +1,21 @@
 """Does the calibration fit the images? Matched corners must lie on one row once lens and vergence are taken out."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.pose import Array
-from ..types import Camera, StereoFrame, StereoRig
+from ..types import Camera, StereoRig
 
 _MIN_MATCHES = 40
 _FEATURES = 1500
+_WINDOW_PX = (15, 15)
+
+Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +32,20 @@ class CalibrationCheck:
     negative_share: float
     median_disparity_px: float
 
+    @property
+    def row_error_px(self) -> float:
+        """How far matched corners are from lying on one row; infinite where there are too few."""
+        return float(np.nan_to_num(np.hypot(self.vertical_px, self.vertical_spread_px), nan=np.inf))
 
-def check_calibration(rig: StereoRig, frames: Iterable[StereoFrame]) -> CalibrationCheck:
+
+def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
     """Match corners between left and right without using the calibration, then look where it puts them."""
     rotation_left, rotation_right = _rectifying_rotations(rig)
     focal_px = float(rig.left.K[0, 0])
     rows: list[Array] = []
     disparities: list[Array] = []
-    for frame in frames:
-        left_px, right_px = _matches(frame)
+    for images in frames:
+        left_px, right_px = _matches(*images)
         if len(left_px) < 8:
             continue
         left = _rectified(rig.left, rotation_left, left_px)
@@ -59,49 +69,42 @@ def check_calibration(rig: StereoRig, frames: Iterable[StereoFrame]) -> Calibrat
     return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))
 
 
-def findings(rig: StereoRig, check: CalibrationCheck) -> tuple[list[str], list[str]]:
-    """(problems, warnings): what makes stereo impossible, and what makes it worse. Each says what to change."""
-    problems, warnings = [], []
-    for name, camera in (("left", rig.left), ("right", rig.right)):
-        cx, cy = camera.K[0, 2], camera.K[1, 2]
-        if abs(cx / camera.width - 0.5) > 0.25 or abs(cy / camera.height - 0.5) > 0.25:
-            problems.append(
-                f"the {name} principal point ({cx:.0f}, {cy:.0f}) is far from the centre of {camera.width}×"
-                f"{camera.height} images: K seems to belong to images of about {2 * cx:.0f}×{2 * cy:.0f}; scale K "
-                "with the images"
-            )
-    if not np.isfinite(check.vertical_px):
-        warnings.append(f"the calibration could not be checked: only {check.matches} corners match left to right")
-        return problems, warnings
-    if check.negative_share > 0.5:
-        problems.append(
-            f"{100 * check.negative_share:.0f} % of the matches have negative disparity: left and right are "
-            "swapped; swap them with --left and --right"
-        )
-    if abs(check.vertical_px) > 2 or check.vertical_spread_px > 3:
-        problems.append(
-            f"matched corners differ by {check.vertical_px:+.2f} ± {check.vertical_spread_px:.2f} px in their row: "
-            "the calibration does not belong to these images"
-        )
-    elif abs(check.vertical_px) > 0.5 or check.vertical_spread_px > 1.2:
-        warnings.append(
-            f"matched corners differ by {check.vertical_px:+.2f} ± {check.vertical_spread_px:.2f} px in their row: "
-            "the calibration is not accurate, or the cameras are not triggered together"
-        )
-    return problems, warnings
+def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: CalibrationCheck) -> tuple[int, float]:
+    """(0, 1 or −1: the number of frames by which right images ought to be taken later, their row error in px).
+
+    `runs`: images of frames that follow each other, paired as `check` had them. Only a clear difference counts,
+    which takes motion across the rows.
+    """
+    runs = [list(run) for run in runs]
+    shifted = {
+        1: [(a[0], b[1]) for run in runs for a, b in pairwise(run)],
+        -1: [(b[0], a[1]) for run in runs for a, b in pairwise(run)],
+    }
+    errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
+    best = min(errors, key=lambda shift: errors[shift])
+    if errors[best] < 0.5 * check.row_error_px and check.row_error_px > 0.5:
+        return best, errors[best]
+    return 0, check.row_error_px
 
 
-def _matches(frame: StereoFrame) -> tuple[Array, Array]:
+def _matches(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
     orb = cv2.ORB.create(_FEATURES)
-    left_keys, left_words = orb.detectAndCompute(frame.left, None)
-    right_keys, right_words = orb.detectAndCompute(frame.right, None)
+    left_keys, left_words = orb.detectAndCompute(left, None)
+    right_keys, right_words = orb.detectAndCompute(right, None)
     if left_words is None or right_words is None:
         return np.empty((0, 2)), np.empty((0, 2))
     found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left_words, right_words)
     found = [m for m in found if m.distance < 40]
-    left = np.array([left_keys[m.queryIdx].pt for m in found], dtype=float).reshape(-1, 2)
-    right = np.array([right_keys[m.trainIdx].pt for m in found], dtype=float).reshape(-1, 2)
-    return left, right
+    if not found:
+        return np.empty((0, 2)), np.empty((0, 2))
+    left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
+    coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
+    # ORB's corners are whole pixels of their scale; the patch around them is found to a tenth of one
+    fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
+        left, right, left_px, coarse_px.copy(), winSize=_WINDOW_PX, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < 3)
+    return left_px[good].astype(float), fine_px[good].astype(float)
 
 
 def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..types import Trajectory
-from .images import UndecodableImage, decode_grey
+from .depth_images import decode_depth_m
+from .images import UndecodableImage
 from .messages import MessageDecoder, PoseMessage, UndecodableMessage
 from .records import Damage, LogFile
 from .survey import Survey
 
-DEPTH_TOPIC = "/ground_truth/depth"
-_DEPTH_UNIT_M = 1e-4
+_DEPTH_TOPICS = ("/ground_truth/depth", "/ground_truth/depth/compressedDepth")  # the second by image_transport
 _TRUTH = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon", re.IGNORECASE)
 _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z])", re.IGNORECASE)
 
 
 def truth_topic(survey: Survey) -> str | None:
     """The topic of ground-truth poses, None where there is none."""
-    topics = [t for t, count in survey.of_kind("pose").items() if _TRUTH.search(t) and count != 0]
+    topics = [t for t, count in survey.of_kind("pose", "transform").items() if _TRUTH.search(t) and count != 0]
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
 
 
@@ -57,16 +57,20 @@ def read_truth(file: LogFile, topic: str, camera_frame: str, warnings: list[str]
     return Trajectory(np.array(stamps, dtype=np.int64), np.stack([poses[s].parent_from_child for s in stamps]))
 
 
-def read_depths(file: LogFile, warnings: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:
-    """(stamp_ns, depth (h, w) float32, metres, NaN where unknown) of each image on `DEPTH_TOPIC`."""
+def depth_topic(survey: Survey) -> str | None:
+    """The topic of depth images, None where there is none."""
+    images = survey.of_kind("image")
+    return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
+
+
+def read_depths(file: LogFile, topic: str, warnings: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    """(stamp_ns, depth (h, w) float32, metres, NaN where unknown) of each image on `topic`."""
     decoder = MessageDecoder(file.path)
-    for message in file.messages(Damage(), frozenset([DEPTH_TOPIC])):
+    for message in file.messages(Damage(), frozenset([topic])):
         try:
             image = decoder.image(message)
-            raw = decode_grey(image)
+            depth_m = decode_depth_m(image)
         except (UndecodableMessage, UndecodableImage) as error:
             warnings.append(f"a depth image is passed over: {error}")
             continue
-        if raw.dtype != np.uint16:
-            raise LogError(f"{file.path}: topic {DEPTH_TOPIC}: depth must be 16-bit in units of 0.1 mm")
-        yield image.stamp_ns, np.where(raw > 0, raw * np.float32(_DEPTH_UNIT_M), np.float32(np.nan))
+        yield image.stamp_ns, depth_m

@@ -89,8 +89,11 @@ def check_encoding(message: ImageMessage, path: object) -> None:
     if not message.compressed:
         name = message.encoding.lower()
         if name not in _PLAIN and name not in _LUMA_BYTE and name not in _LUMA_PLANE:
-            raise LogError(f"{where}: image encoding {message.encoding!r} is not known; known are {_known()}")
-    elif _sniff(message.data) is None and not re.search(r"png|jpe?g|webp", message.encoding.lower()):
+            raise LogError(
+                f"{where}: image encoding {message.encoding!r} is not known; known are mono8, mono16, rgb8, bgr8, "
+                "rgba8, bgra8 (8 or 16 bits), bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24, i420: record one of them"
+            )
+    elif sniff_format(message.data) is None and not re.search(r"png|jpe?g|webp", message.encoding.lower()):
         raise LogError(
             f"{where}: compressed images in format {message.encoding!r} are not read, only png, jpeg and webp; "
             "record the images so, or raw"
@@ -99,11 +102,8 @@ def check_encoding(message: ImageMessage, path: object) -> None:
         raise LogError(f"{where} holds depth images, not a camera: name the topic with --left or --right")
 
 
-def _known() -> str:
-    return "mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer_*, yuv422, yuyv, uyvy, nv12, nv21"
-
-
-def _sniff(data: bytes) -> str | None:
+def sniff_format(data: bytes) -> str | None:
+    """png, jpeg or webp by the first bytes of a compressed image, None where they are of none of these."""
     return next((name for magic, name in _MAGIC if data.startswith(magic)), None)
 
 
@@ -133,9 +133,23 @@ def _decode_compressed(message: ImageMessage) -> Grey:
 
 def _decode_raw(message: ImageMessage) -> Grey:
     name = message.encoding.lower()
-    width, height = message.width, message.height
     bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
-    row = width * channels * bits // 8
+    rows = raw_rows(message, channels * bits // 8)
+    if name in _LUMA_BYTE:
+        return np.ascontiguousarray(rows[:, _LUMA_BYTE[name] :: 2])
+    pixels: Any = np.ascontiguousarray(rows)
+    if bits == 16:
+        pixels = pixels.view(">u2" if message.big_endian else "<u2").astype(np.uint16)
+    if conversion is not None:
+        shape = (message.height, message.width, channels)
+        pixels = cv2.cvtColor(pixels.reshape(shape) if channels > 1 else pixels, conversion)
+    return pixels
+
+
+def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
+    """The bytes of a raw image, (h, w · pixel_bytes) uint8, without what pads its rows. Raises UndecodableImage."""
+    width, height = message.width, message.height
+    row = width * pixel_bytes
     step = message.step or row
     if width <= 0 or height <= 0 or step < row or len(message.data) < step * (height - 1) + row:
         raise UndecodableImage(
@@ -143,15 +157,7 @@ def _decode_raw(message: ImageMessage) -> Grey:
             f"{step} bytes a row"
         )
     data = np.frombuffer(message.data, np.uint8)
-    image = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
-    if name in _LUMA_BYTE:
-        return np.ascontiguousarray(image[:, _LUMA_BYTE[name] :: 2])
-    pixels: Any = np.ascontiguousarray(image)
-    if bits == 16:
-        pixels = pixels.view(">u2" if message.big_endian else "<u2").astype(np.uint16)
-    if conversion is not None:
-        pixels = cv2.cvtColor(pixels.reshape(height, width, channels) if channels > 1 else pixels, conversion)
-    return pixels
+    return np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
 
 
 class GreyScaler:

@@ -1,25 +1,28 @@
 """What is in a log, which pair would be used and why, and whether a replay would work: for `stream-sfm inspect`."""
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..calibration import read_calibration
 from ..errors import LogError
-from ..types import StereoFrame, StereoRig
-from .calibration_check import check_calibration, findings
-from .ground_truth import DEPTH_TOPIC, truth_topic
+from ..types import StereoRig
+from . import findings
+from .calibration_check import CalibrationCheck, Images, better_shift, check_calibration
+from .ground_truth import depth_topic, truth_topic
 from .images import GreyScaler, UndecodableImage, decode_grey, image_size
+from .messages import ImageMessage
 from .pair_reader import PairReader, StereoPair
 from .records import Damage, LogFile
 from .rig import check_sides
-from .stereo_log import choose_cameras, rig_of
+from .rig_finder import find_rig
+from .stereo_log import choose_cameras
 from .survey import Survey, survey_log
 from .topics import PairChoice, is_rectified
 
-_CHECKED_FRAMES = 5
+_CHECKED_PLACES = 4  # in the log, two frames that follow each other at each
 _LISTED_GAPS = 20
 
 
@@ -35,45 +38,14 @@ def inspect_log(
     `warnings` what makes it worse. Keys whose content could not be found out are None. Raises LogError only
     where the file is no log at all, ConfigError for a calibration file.
     """
-    file = LogFile(path)
-    damage = Damage()
-    survey = survey_log(file, damage)
-    header = file.header()
-    problems: list[str] = []
-    warnings: list[str] = []
-    result: dict[str, Any] = {
+    inspection = _Inspection(LogFile(path))
+    inspection.look(left, right, calibration)
+    return {
         "log": str(path),
-        "size_bytes": file.size,
-        "profile": header.profile if header else None,
-        "library": header.library if header else None,
-        "indexed": file.index is not None,
-        "complete": damage.complete,
-        "duration_s": (survey.end_ns - survey.start_ns) / 1e9 if survey.whole and survey.topics else None,
-        "topics": _topics(survey),
-        "ground_truth": truth_topic(survey),
-        "ground_truth_depth": DEPTH_TOPIC if DEPTH_TOPIC in survey.topics else None,
-        "pair": None,
-        "images": None,
-        "frames": None,
-        "rig": None,
-        "calibration_check": None,
+        **inspection.result,
+        "problems": list(dict.fromkeys(inspection.problems)),
+        "warnings": list(dict.fromkeys(inspection.warnings)),
     }
-    choice: PairChoice | None = None
-    try:
-        choice = choose_cameras(file, survey, left, right)
-    except LogError as error:
-        problems.append(str(error))
-        warnings += damage.notes
-    if choice is not None:
-        result["pair"] = asdict(choice)
-        rig = _rig(file, survey, choice, calibration, problems)
-        samples = _read_pairs(file, survey, choice, result, problems, warnings)
-        if rig is not None:
-            result["rig"] = describe_rig(rig) | {"rectified_images": is_rectified(choice.left)}
-            _check(file, rig, samples, result, problems, warnings)
-    result["problems"] = _unique(problems)
-    result["warnings"] = _unique(warnings)
-    return result
 
 
 def describe_rig(rig: StereoRig) -> dict[str, Any]:
@@ -91,6 +63,139 @@ def describe_rig(rig: StereoRig) -> dict[str, Any]:
     }
 
 
+class _Inspection:
+    """One look at a log; what is found gathers in `result`, `problems` and `warnings`."""
+
+    def __init__(self, file: LogFile) -> None:
+        self.file = file
+        self.problems: list[str] = []
+        self.warnings: list[str] = []
+        damage = Damage()
+        self.survey = survey = survey_log(file, damage)
+        self.notes = damage.notes
+        header = file.header()
+        self.result: dict[str, Any] = {
+            "size_bytes": file.size,
+            "profile": header.profile if header else None,
+            "library": header.library if header else None,
+            "indexed": file.index is not None,
+            "complete": damage.complete,
+            "duration_s": (survey.end_ns - survey.start_ns) / 1e9 if survey.whole and survey.topics else None,
+            "topics": _topics(survey),
+            "ground_truth": truth_topic(survey),
+            "ground_truth_depth": depth_topic(survey),
+            "pair": None,
+            "images": None,
+            "frames": None,
+            "rig": None,
+            "calibration_check": None,
+        }
+
+    def look(self, left: str | None, right: str | None, calibration: str | Path | StereoRig | None) -> None:
+        """The pair, its frames, its calibration, and whether these fit."""
+        try:
+            choice = choose_cameras(self.file, self.survey, left, right)
+        except LogError as error:
+            self.problems.append(str(error))
+            self.warnings += self.notes
+            return
+        self.result["pair"] = asdict(choice)
+        rig: StereoRig | None = None
+        try:
+            found = find_rig(self.file, self.survey, choice, calibration)
+            rig = found.rig
+            facts = {"source": found.source, "rectified_images": is_rectified(choice.left)}
+            self.result["rig"] = facts | describe_rig(rig)
+        except LogError as error:
+            self.problems.append(str(error))
+        runs = self._read_pairs(choice)
+        if rig is not None and self._sizes_fit(rig, runs):
+            self._check(rig, choice, runs)
+
+    def _read_pairs(self, choice: PairChoice) -> list[list[StereoPair]]:
+        """Read all pairs for the figures of time; returns a few runs of two that follow each other."""
+        reader = PairReader(self.file, choice.left, choice.right)
+        every = max(2, (self.survey.topics[choice.left].count or 1) // _CHECKED_PLACES)
+        stamps_ns: list[int] = []
+        offsets_ns: list[int] = []
+        runs: list[list[StereoPair]] = [[] for _ in range(_CHECKED_PLACES)]
+        try:
+            for pair in reader.pairs():
+                place, within = divmod(len(stamps_ns), every)
+                if within < 2 and place < _CHECKED_PLACES:
+                    runs[place].append(pair)
+                stamps_ns.append(pair.stamp_ns)
+                offsets_ns.append(pair.right.stamp_ns - pair.left.stamp_ns)
+        except LogError as error:
+            self.problems.append(str(error))
+        self.result["complete"] = self.result["complete"] and reader.stats.complete
+        self.warnings += reader.stats.warnings
+        counts = {k: v for k, v in asdict(reader.stats).items() if k not in ("warnings", "complete", "bytes_total")}
+        self.result["frames"] = counts | _timing(stamps_ns, offsets_ns)
+        if gaps := self.result["frames"]["gap_count"]:
+            longest_s = self.result["frames"]["longest_gap_s"]
+            self.warnings.append(f"{gaps} gaps between stereo frames, the longest {longest_s:.2f} s")
+        if runs[0]:
+            first = runs[0][0]
+            self.result["images"] = {"left": _describe_image(first.left), "right": _describe_image(first.right)}
+        return [run for run in runs if run]
+
+    def _sizes_fit(self, rig: StereoRig, runs: list[list[StereoPair]]) -> bool:
+        for message in (m for run in runs for pair in run for m in (pair.left, pair.right)):
+            size = image_size(message)
+            if size is not None and (problem := findings.size_problem(size, rig)) is not None:
+                self.problems.append(f"{self.file.path}: topic {message.topic}: {problem}")
+                return False
+        return True
+
+    def _check(self, rig: StereoRig, choice: PairChoice, runs: list[list[StereoPair]]) -> None:
+        """What the images say of the calibration and of the stamps."""
+        decoded = [list(self._decoded(run)) for run in runs]
+        if runs and not any(decoded):
+            self.problems.append(f"{self.file.path}: none of the sampled image pairs can be decoded")
+        check = check_calibration(rig, [images for run in decoded for images in run])
+        self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
+        if np.isnan(check.negative_share):
+            try:
+                check_sides(self.file.path, rig)
+            except LogError as error:
+                self.problems.append(str(error))
+        problems = [findings.side_problem(rig, check, choice)]
+        for more_problems, more_warnings in (findings.scale_findings(rig), findings.row_findings(check)):
+            problems += more_problems
+            self.warnings += more_warnings
+        if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
+            problems = [of_stamps]  # what else the rows say follows from it
+        self.problems += [f"{self.file.path}: {problem}" for problem in problems if problem]
+
+    def _check_stamps(
+        self, rig: StereoRig, choice: PairChoice, decoded: list[list[Images]], check: CalibrationCheck
+    ) -> str | None:
+        """Adds a warning where the stamps of the two sides differ; a problem if the neighbouring frame fits better."""
+        offset_ms, rate_hz = (self.result["frames"][k] for k in ("median_offset_ms", "rate_hz"))
+        if not offset_ms or not rate_hz:
+            return None
+        warning = findings.offset_warning(offset_ms, 1e3 / rate_hz, choice.right)
+        if warning is None:
+            return None
+        shift, row_error_px = better_shift(rig, decoded, check)
+        if shift:
+            true_ms = offset_ms + shift * 1e3 / rate_hz
+            return findings.shift_problem(shift, row_error_px, check, true_ms, choice.right)
+        self.warnings.append(warning)
+        return None
+
+    def _decoded(self, run: list[StereoPair]) -> Iterator[Images]:
+        scaler = GreyScaler()
+        for pair in run:
+            try:
+                left, right = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
+            except UndecodableImage as error:
+                self.warnings.append(f"an image cannot be decoded: {error}")
+            else:
+                yield left, right
+
+
 def _topics(survey: Survey) -> list[dict[str, Any]]:
     span_s = (survey.end_ns - survey.start_ns) / 1e9
     return [
@@ -106,118 +211,29 @@ def _topics(survey: Survey) -> list[dict[str, Any]]:
     ]
 
 
-def _rig(
-    file: LogFile,
-    survey: Survey,
-    choice: PairChoice,
-    calibration: str | Path | StereoRig | None,
-    problems: list[str],
-) -> StereoRig | None:
-    try:
-        if calibration is None:
-            return rig_of(file, survey, choice)
-        rig = calibration if isinstance(calibration, StereoRig) else read_calibration(calibration)
-        check_sides(file.path, rig)
-        return rig
-    except LogError as error:
-        problems.append(str(error))
-        return None
-
-
-def _read_pairs(
-    file: LogFile,
-    survey: Survey,
-    choice: PairChoice,
-    result: dict[str, Any],
-    problems: list[str],
-    warnings: list[str],
-) -> list[StereoPair]:
-    """Read all pairs for the figures of time, and keep a few for the check."""
-    reader = PairReader(file, choice.left, choice.right)
-    expected = survey.topics[choice.left].count or 1
-    every = max(1, expected // _CHECKED_FRAMES)
-    stamps: list[int] = []
-    offsets: list[int] = []
-    samples: list[StereoPair] = []
-    try:
-        for pair in reader.pairs():
-            if len(stamps) % every == 0 and len(samples) < _CHECKED_FRAMES:
-                samples.append(pair)
-            stamps.append(pair.stamp_ns)
-            offsets.append(pair.right.stamp_ns - pair.left.stamp_ns)
-    except LogError as error:
-        problems.append(str(error))
-    stats = reader.stats
-    result["complete"] = result["complete"] and stats.complete
-    warnings += stats.warnings
-    frames = {k: v for k, v in asdict(stats).items() if k not in ("warnings", "complete", "bytes_total")}
-    periods_s = np.diff(np.array(stamps, dtype=np.int64)) / 1e9
+def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
+    """Rate and gaps of the pairs, and how much later the right stamps are than the left ones."""
+    periods_s = np.diff(np.array(stamps_ns, dtype=np.int64)) / 1e9
     period_s = float(np.median(periods_s)) if len(periods_s) else None
-    frames["rate_hz"] = 1 / period_s if period_s else None
-    frames["span_s"] = (stamps[-1] - stamps[0]) / 1e9 if stamps else None
-    frames["median_offset_ms"] = float(np.median(offsets)) / 1e6 if offsets else None
     gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > 1.6 * period_s]
-    frames["gap_count"] = len(gaps)
-    frames["gaps"] = [
-        {"after_s": (stamps[i] - stamps[0]) / 1e9, "length_s": float(periods_s[i])} for i in gaps[:_LISTED_GAPS]
-    ]
-    result["frames"] = frames
-    if gaps:
-        longest = max(float(periods_s[i]) for i in gaps)
-        warnings.append(f"{len(gaps)} gaps between stereo frames, the longest {longest:.2f} s")
-    offset_ms = frames["median_offset_ms"]
-    if offset_ms is not None and period_s and abs(offset_ms) > max(1.0, 20 * period_s):
-        warnings.append(
-            f"the stamps of right images differ from the left ones by {offset_ms:+.1f} ms: if the cameras are not "
-            "triggered together, moving scenes do not fit; if they are, correct the stamps"
-        )
-    if samples:
-        result["images"] = {
-            side: {
-                "encoding": m.encoding,
-                "frame_id": m.frame_id,
-                "size": list(size) if (size := image_size(m)) else None,
-                "bytes": len(m.data),
-            }
-            for side, m in (("left", samples[0].left), ("right", samples[0].right))
-        }
-    return samples
+    return {
+        "rate_hz": 1 / period_s if period_s else None,
+        "span_s": (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else None,
+        "median_offset_ms": float(np.median(offsets_ns)) / 1e6 if offsets_ns else None,
+        "gap_count": len(gaps),
+        "longest_gap_s": float(max(periods_s[gaps])) if gaps else None,
+        "gaps": [
+            {"after_s": (stamps_ns[i] - stamps_ns[0]) / 1e9, "length_s": float(periods_s[i])}
+            for i in gaps[:_LISTED_GAPS]
+        ],
+    }
 
 
-def _check(
-    file: LogFile,
-    rig: StereoRig,
-    samples: list[StereoPair],
-    result: dict[str, Any],
-    problems: list[str],
-    warnings: list[str],
-) -> None:
-    scaler = GreyScaler()
-    frames: list[StereoFrame] = []
-    for pair in samples:
-        sizes = {image_size(pair.left), image_size(pair.right)}
-        calibrated = (rig.left.width, rig.left.height)
-        if (wrong := next((s for s in sizes if s is not None and s != calibrated), None)) is not None:
-            problems.append(
-                f"{file.path}: images are {wrong[0]}×{wrong[1]}, the calibration is for {calibrated[0]}×"
-                f"{calibrated[1]} (scale {wrong[0] / calibrated[0]:.3g} × {wrong[1] / calibrated[1]:.3g}): "
-                "give the calibration of these images with --calibration FILE"
-            )
-            return
-        try:
-            frames.append(
-                StereoFrame(pair.stamp_ns, *scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right)))
-            )
-        except UndecodableImage as error:
-            warnings.append(f"an image cannot be decoded: {error}")
-    if samples and not frames:
-        problems.append(f"{file.path}: none of {len(samples)} sampled image pairs can be decoded")
-    check = check_calibration(rig, frames)
-    result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # NaN is no JSON
-    more_problems, more_warnings = findings(rig, check)
-    problems += [f"{file.path}: {p}" for p in more_problems]
-    warnings += more_warnings
-
-
-def _unique(texts: list[str]) -> list[str]:
-    return list(dict.fromkeys(texts))
+def _describe_image(message: ImageMessage) -> dict[str, Any]:
+    size = image_size(message)
+    return {
+        "encoding": message.encoding,
+        "frame_id": message.frame_id,
+        "size": list(size) if size else None,
+        "bytes": len(message.data),
+    }

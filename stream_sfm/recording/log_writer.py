@@ -22,7 +22,7 @@ from .messages import CalibrationMessage
 
 _CALIBRATION_PERIOD_NS = 1_000_000_000
 SIDES = ("left", "right")
-FRAME_IDS = ("camera_left", "camera_right")
+FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
 
 
 class StereoLogWriter:

@@ -9,21 +9,24 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
-from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 
 from ..errors import LogError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from .records import LogMessage
-from .ros1 import ros1_decoder
+from .ros import ros_decoder
 
-_PACKAGES = ("foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf")
+_PACKAGES = (
+    "foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf",
+    "ffmpeg_image_transport_msgs", "theora_image_transport",
+)  # fmt: skip
 _KINDS = {
     "RawImage": "image", "Image": "image", "CompressedImage": "image", "CompressedVideo": "video",
+    "FFMPEGPacket": "video", "Packet": "video",
     "CameraCalibration": "calibration", "CameraInfo": "calibration",
     "PoseInFrame": "pose", "PoseStamped": "pose", "PoseWithCovarianceStamped": "pose", "Odometry": "pose",
-    "FrameTransform": "pose", "FrameTransforms": "pose", "TransformStamped": "pose", "TFMessage": "pose",
-    "tfMessage": "pose",
+    "FrameTransform": "transform", "FrameTransforms": "transform", "TransformStamped": "transform",
+    "TFMessage": "transform", "tfMessage": "transform",
 }  # fmt: skip
 
 
@@ -77,7 +80,7 @@ class PoseMessage:
 
 
 def kind_of(schema: Schema | None) -> str:
-    """image, video, calibration, pose, or empty for everything else."""
+    """image, video, calibration, pose, transform, or empty for everything else."""
     if schema is None:
         return ""
     parts = schema.name.replace("/", ".").split(".")
@@ -90,7 +93,6 @@ class MessageDecoder:
     def __init__(self, path: Any) -> None:
         self._path = path
         self._protobuf = ProtobufFactory()
-        self._ros2 = Ros2Factory()
         self._decoders: dict[int, Callable[[bytes], Any]] = {}
 
     def _decode(self, message: LogMessage) -> Any:
@@ -110,19 +112,18 @@ class MessageDecoder:
         if schema is None:
             raise LogError(f"{where} has no schema, so its messages cannot be read")
         try:
-            for factory in (self._protobuf, self._ros2):
-                decoder = factory.decoder_for(channel.message_encoding, schema)
-                if decoder is not None:
-                    return decoder
             if channel.message_encoding == "json":
                 return json.loads
-            if channel.message_encoding == "ros1" and schema.encoding == "ros1msg":
-                return ros1_decoder(schema.name, schema.data.decode("utf-8", "replace"))
-        except Exception as error:
-            raise LogError(f"{where}: its schema {schema.name} cannot be read ({error})") from None
+            decoder = self._protobuf.decoder_for(channel.message_encoding, schema)
+            decoder = decoder or ros_decoder(channel.message_encoding, schema)
+            if decoder is not None:
+                return decoder
+        except Exception as error:  # a broken definition raises what its library raises
+            problem = f"{error}".splitlines()[0] if f"{error}" else type(error).__name__
+            raise LogError(f"{where}: its schema {schema.name} cannot be read ({problem})") from None
         raise LogError(
             f"{where}: messages in {channel.message_encoding!r} with a {schema.encoding!r} schema are not read; "
-            "read are protobuf, json, cdr with ros2msg, and ros1 with ros1msg"
+            "read are protobuf, json, cdr with ros2msg or ros2idl, and ros1 with ros1msg"
         )
 
     def image(self, message: LogMessage) -> ImageMessage:

@@ -67,6 +67,7 @@ class Index:
     start_ns: int
     end_ns: int
     chunk_channels: dict[int, frozenset[int]]
+    attachment_count: int
 
 
 class LogFile:
@@ -210,6 +211,8 @@ class LogFile:
 
     def attachments(self, damage: Damage, max_bytes: int = 2**20) -> Iterator[Attachment]:
         """The attachments of at most `max_bytes`, in file order."""
+        if self.index is not None and self.index.attachment_count == 0:
+            return
         with self._open() as stream:
             stream.seek(len(MAGIC))
             while (framed := self._next(stream, damage)) is not None:
@@ -279,7 +282,8 @@ class LogFile:
         listed = {
             c.chunk_start_offset: frozenset(c.message_index_offsets) for c in chunks if c.message_index_offsets
         }
-        return Index(schemas, channels, counts, statistics.message_start_time, statistics.message_end_time, listed)
+        span_ns = statistics.message_start_time, statistics.message_end_time
+        return Index(schemas, channels, counts, *span_ns, listed, statistics.attachment_count)
 
     def header(self) -> Header | None:
         """The header record, None where it is damaged."""

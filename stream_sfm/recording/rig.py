@@ -2,7 +2,8 @@
 
 P belongs to the rectified images: P[3] = −f·baseline for the right camera. R turns camera axes into rectified
 axes. So a point X of the left camera is in the right one R_rᵀ (R_l X + t) with t = (Tx, Ty, 0), Tx = P[3]/P[0].
-Images that are rectified already (by the name of their topic) are pinholes with P and neither D nor R.
+Images that are rectified already (by the name of their topic) are pinholes with P and neither D nor R. A pose of
+the right camera that comes from elsewhere takes the place of R and P[3].
 """
 
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from ..errors import ConfigError, LogError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
-from ..types import Camera, StereoRig
+from ..types import DISTORTION_COEFFICIENTS, Camera, StereoRig
 from .messages import CalibrationMessage
 
 _MODELS = {
@@ -20,39 +21,49 @@ _MODELS = {
     "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "kannala_brandt": "equidistant", "fisheye": "equidistant", "none": "none",
 }  # fmt: skip
-_CURE = "give the calibration with --calibration FILE"
+CURE = "give the calibration with --calibration FILE"
+
+
+def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
+    """True where P of both cameras is there and says how far they stand apart."""
+    filled = all(m.P[0, 0] > 0 and m.P[1, 1] > 0 for m in (left, right))
+    return filled and bool((_offset(right) != _offset(left)).any())
 
 
 def rig_from_messages(
-    path: Path, left: CalibrationMessage, right: CalibrationMessage, rectified: bool
+    path: Path,
+    left: CalibrationMessage,
+    right: CalibrationMessage,
+    rectified: bool,
+    right_from_left: Array | None = None,
 ) -> StereoRig:
-    """The rig; raises LogError naming the file, the topic and what to do."""
-    for message in (left, right):
-        if not message.P[0, 0] > 0 or not message.P[1, 1] > 0:
-            raise LogError(
-                f"{path}: topic {message.topic} has no projection matrix P, which holds the baseline; {_CURE}"
-            )
-    offset = _offset(right) - _offset(left)
+    """The rig, its pose from R and P unless `right_from_left` (4, 4) is given.
+
+    Raises LogError naming the file, the topic and what to do.
+    """
     try:
-        if rectified:
-            right_from_left = se3.from_rotation_translation(np.eye(3), offset)
-        else:
-            r_left, r_right = _rotation(path, left), _rotation(path, right)
+        if right_from_left is None:
+            offset = _offset(right) - _offset(left)
+            r_left, r_right = (np.eye(3) if rectified else _rotation(path, m) for m in (left, right))
             right_from_left = se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
-        rig = StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
+        return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
-        raise LogError(f"{path}: topics {left.topic} and {right.topic}: {error}; or {_CURE}") from None
-    check_sides(path, rig)
-    return rig
+        raise LogError(f"{path}: topics {left.topic} and {right.topic}: {error}; or {CURE}") from None
+
+
+def right_is_left(rig: StereoRig) -> float | None:
+    """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
+    x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
+    return float(-x) if x < 0 and abs(x) > abs(y) else None
 
 
 def check_sides(path: Path, rig: StereoRig) -> None:
     """Raises LogError where the right camera stands to the left of the left one."""
-    x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
-    if x < 0 and abs(x) > abs(y):
+    if (distance_m := right_is_left(rig)) is not None:
         raise LogError(
-            f"{path}: by its calibration the right camera stands {-x:.4g} m to the left of the left one: left and "
-            f"right are swapped (swap them with --left and --right), or the sign of P[3] is wrong; {_CURE}"
+            f"{path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left one: "
+            "left and right are swapped (swap them with --left and --right), or the sign of P[3] is wrong; "
+            f"`stream-sfm inspect` tells which from the images; {CURE}"
         )
 
 
@@ -64,31 +75,38 @@ def _rotation(path: Path, message: CalibrationMessage) -> Array:
     if not message.R.any():
         return np.eye(3)
     if not np.allclose(message.R @ message.R.T, np.eye(3), atol=1e-3) or np.linalg.det(message.R) < 0:
-        raise LogError(f"{path}: topic {message.topic}: R is no rotation matrix: {message.R.tolist()}; {_CURE}")
+        raise LogError(f"{path}: topic {message.topic}: R is no rotation matrix: {message.R.tolist()}; {CURE}")
     pose: Array = se3.orthonormalised(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]
 
 
 def _camera(path: Path, message: CalibrationMessage, rectified: bool) -> Camera:
     if rectified:
-        return Camera(message.width, message.height, message.P[:3, :3], (), "none")
-    if not any(message.D):
-        return Camera(message.width, message.height, message.K, (), "none")
+        k = message.P[:3, :3] if message.P[0, 0] > 0 else message.K
+        return Camera(message.width, message.height, k, (), "none")
     model, coefficients = _MODELS.get(message.distortion_model), message.D
-    if model == "plumb_bob" and len(coefficients) > 5:
-        model = "rational_polynomial"  # some drivers send eight coefficients under the older name
-    if model == "rational_polynomial":
-        if any(coefficients[8:]):
-            raise LogError(
-                f"{path}: topic {message.topic}: {len(coefficients)} distortion coefficients (thin prism or tilt) "
-                "are not supported, only the first eight of rational_polynomial; rectify the images first"
-            )
-        coefficients = (*coefficients, *[0.0] * 8)[:8]
-    if model is None:
+    if model is None and any(coefficients):
         raise LogError(
             f"{path}: topic {message.topic}: distortion model {message.distortion_model!r} is not known; known are "
-            f"plumb_bob, rational_polynomial, equidistant (kannala_brandt); {_CURE}"
+            f"plumb_bob, rational_polynomial, equidistant (kannala_brandt); {CURE}"
         )
-    if model == "none":
-        coefficients = ()
-    return Camera(message.width, message.height, message.K, coefficients, model)
+    if model == "plumb_bob" and any(coefficients[5:]):
+        model = "rational_polynomial"  # some drivers send eight coefficients under the older name
+    # a fisheye whose coefficients are all zero is one still
+    if model is None or model == "none" or (model != "equidistant" and not any(coefficients)):
+        return Camera(message.width, message.height, message.K, (), "none")
+    return Camera(message.width, message.height, message.K, _fitted(path, message, model), model)
+
+
+def _fitted(path: Path, message: CalibrationMessage, model: str) -> tuple[float, ...]:
+    """The coefficients in a number that the model takes: drivers leave zeros out, or fill up with them."""
+    counts, sent = DISTORTION_COEFFICIENTS[model], message.D
+    if len(sent) in counts:
+        return sent
+    count = next((n for n in counts if n > 0 and not any(sent[n:])), None)
+    if count is None:
+        raise LogError(
+            f"{path}: topic {message.topic}: {len(sent)} distortion coefficients are not supported, only the first "
+            f"{max(counts)} of {model} (no thin prism, no tilt); rectify the images first, or {CURE}"
+        )
+    return (*sent, *[0.0] * count)[:count]

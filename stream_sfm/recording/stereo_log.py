@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import read_calibration
 from ..errors import LogError
 from ..types import StereoFrame, StereoRig, Trajectory
-from .ground_truth import DEPTH_TOPIC, read_depths, read_truth, truth_topic
+from .ground_truth import depth_topic, read_depths, read_truth, truth_topic
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .records import Damage, LogFile
-from .rig import check_sides, rig_from_messages
-from .survey import Survey, read_calibration_messages, survey_log
-from .topics import PairChoice, choose_calibration, choose_pair, is_rectified
+from .rig import check_sides
+from .rig_finder import find_rig
+from .survey import Survey, survey_log
+from .topics import PairChoice, choose_pair
 
 
 def open_log(
@@ -35,11 +35,8 @@ def open_log(
     damage = Damage()
     survey = survey_log(file, damage)
     choice = choose_cameras(file, survey, left, right, damage.notes)
-    if calibration is None:
-        rig = rig_of(file, survey, choice)
-    else:
-        rig = calibration if isinstance(calibration, StereoRig) else read_calibration(calibration)
-        check_sides(file.path, rig)
+    rig = find_rig(file, survey, choice, calibration).rig
+    check_sides(file.path, rig)
     return StereoLog(file, survey, choice, rig)
 
 
@@ -59,23 +56,6 @@ def choose_cameras(
             f"{file.path} holds no message that can be read ({file.size} bytes){''.join(f'; {n}' for n in notes)}"
         )
     return choose_pair(file.path, images, left, right)
-
-
-def rig_of(file: LogFile, survey: Survey, choice: PairChoice) -> StereoRig:
-    """The rig from the calibration messages that belong to the two cameras. Raises LogError."""
-    calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
-    topics = []
-    for side, image_topic in enumerate((choice.left, choice.right)):
-        topic = choose_calibration(image_topic, side, calibrations)
-        if topic is None:
-            listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
-            raise LogError(
-                f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
-            )
-        topics.append(topic)
-    decoder = MessageDecoder(file.path)
-    messages = read_calibration_messages(file, survey, (topics[0], topics[1]), decoder)
-    return rig_from_messages(file.path, *messages, rectified=is_rectified(choice.left))
 
 
 class StereoLog:
@@ -192,9 +172,9 @@ class StereoLog:
         return read_truth(self._file, topic, self._camera_frame, self.stats.warnings)
 
     def depths(self) -> Iterator[tuple[int, NDArray[np.float32]]]:
-        """(stamp_ns, depth (h, w) float32 in metres, NaN where unknown) from `/ground_truth/depth`, if any."""
-        if DEPTH_TOPIC in self.survey.of_kind("image"):
-            yield from read_depths(self._file, self.stats.warnings)
+        """(stamp_ns, depth (h, w) float32 in metres, NaN where unknown) from ground truth, if any."""
+        if (topic := depth_topic(self.survey)) is not None:
+            yield from read_depths(self._file, topic, self.stats.warnings)
 
 
 class _Decoding:

@@ -14,15 +14,14 @@ from pathlib import Path
 from ..errors import LogError
 
 _NOT_A_CAMERA = re.compile(
-    r"depth|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
+    r"depth(?!ai)|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
 )
 # what may stand before 0/1 or 1/2 in the names of a pair of cameras
 _NUMBERED = r"(cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye)([_-]?0*)"
 _SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
     (re.compile(left), re.compile(right))
     for left, right in (
-        (r"(?<![A-Za-z])[Ll]eft(?![a-z])|(?<=[a-z])Left(?![a-z])|LEFT",
-         r"(?<![A-Za-z])[Rr]ight(?![a-z])|(?<=[a-z])Right(?![a-z])|RIGHT"),
+        (r"[Ll]eft|LEFT", r"[Rr]ight|RIGHT"),
         (r"(?<![A-Za-z])[lL](?![A-Za-z])", r"(?<![A-Za-z])[rR](?![A-Za-z])"),
         (rf"{_NUMBERED}0(?!\d)", rf"{_NUMBERED}1(?!\d)"),
         (rf"{_NUMBERED}1(?!\d)", rf"{_NUMBERED}2(?!\d)"),

@@ -1,0 +1,106 @@
+"""What is wrong with a calibration, in sentences that say what to change: for `stream-sfm inspect`."""
+
+import numpy as np
+
+from ..types import StereoRig
+from .calibration_check import CalibrationCheck
+from .rig import CURE, right_is_left
+from .topics import PairChoice
+
+Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
+
+
+def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
+    """Images of another size (width, height) than the calibrated one."""
+    calibrated = (rig.left.width, rig.left.height)
+    if size == calibrated:
+        return None
+    sx, sy = (a / b for a, b in zip(size, calibrated, strict=True))
+    resized = (
+        f"they seem to be resized by {sx:.3g}: multiply fx, fy, cx, cy of K (and P) by it as well"
+        if abs(sx - sy) < 0.01
+        else "they seem to be cropped: subtract the corner of the crop from cx, cy"
+    )
+    return (
+        f"images are {size[0]}×{size[1]}, the calibration is for {calibrated[0]}×{calibrated[1]}; {resized}; {CURE}"
+    )
+
+
+def scale_findings(rig: StereoRig) -> Findings:
+    """Intrinsics that belong to images of another size: the principal point tells."""
+    problems, warnings = [], []
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        cx, cy = camera.K[0, 2], camera.K[1, 2]
+        sx, sy = 2 * cx / camera.width, 2 * cy / camera.height
+        size = f"{camera.width}×{camera.height}"
+        text = f"the {name} principal point ({cx:.0f}, {cy:.0f}) is far from the centre of {size} images"
+        if abs(sx - sy) < 0.1 * sx and abs(sx - 1) > 0.2:
+            problems.append(
+                f"{text}: K seems to belong to images of about {2 * cx:.0f}×{2 * cy:.0f}; scale K (and P) with the "
+                f"images, that is by {2 / (sx + sy):.2g}, or {CURE}"
+            )
+        elif max(abs(sx - 1), abs(sy - 1)) > 0.5:
+            problems.append(f"{text}: K does not belong to these images; {CURE}")
+        elif max(abs(sx - 1), abs(sy - 1)) > 0.3:
+            warnings.append(f"{text}: were the images cropped after the calibration?")
+    return problems, warnings
+
+
+def side_problem(rig: StereoRig, check: CalibrationCheck, choice: PairChoice) -> str | None:
+    """Left and right exchanged, in the calibration, in the images, or in both."""
+    negative_m = right_is_left(rig)
+    if check.negative_share != check.negative_share:
+        return None
+    share = 100 * check.negative_share
+    swap = f"--left {choice.right} --right {choice.left}"
+    if negative_m is not None and share > 50:
+        return (
+            f"left and right are swapped: by the calibration the right camera stands {negative_m:.4g} m to the left "
+            f"of the left one, and {share:.0f} % of the matches have negative disparity; replay with {swap}"
+        )
+    if negative_m is not None:
+        return (
+            f"the sign of the baseline is wrong: by the calibration the right camera stands {negative_m:.4g} m to "
+            "the left of the left one, while the images show left and right as they are named; P[3] of the right "
+            f"camera must be −fx·baseline, so negate it (or translation_m of right_from_left); {CURE}"
+        )
+    if share > 50:
+        return (
+            f"the images are swapped: {share:.0f} % of the matches have negative disparity, while the calibration "
+            f"has left and right as they are named; replay with {swap} and a calibration of that pair (--calibration "
+            "FILE), or rename the image topics"
+        )
+    return None
+
+
+def row_findings(check: CalibrationCheck) -> Findings:
+    """Matches that do not lie on one row."""
+    if not np.isfinite(check.vertical_px):
+        return [], [f"the calibration could not be checked: only {check.matches} corners match left to right"]
+    text = f"matched corners differ by {check.vertical_px:+.2f} ± {check.vertical_spread_px:.2f} px in their row"
+    if abs(check.vertical_px) > 2 or check.vertical_spread_px > 3:
+        return [f"{text}: the calibration does not belong to these images; {CURE}"], []
+    if abs(check.vertical_px) > 0.5 or check.vertical_spread_px > 0.8:
+        return [], [f"{text}: the calibration is not accurate, or the cameras are not triggered together"]
+    return [], []
+
+
+def offset_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
+    """Stamps of left and right that differ by more than a fiftieth of the period."""
+    if abs(offset_ms) <= max(1.0, 0.02 * period_ms):
+        return None
+    other = offset_ms - np.sign(offset_ms) * period_ms
+    return (
+        f"the stamps of {right} differ from the left ones by {offset_ms:+.1f} ms (or by {other:+.1f} ms, if the "
+        "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
+        "they are not, moving scenes do not fit"
+    )
+
+
+def shift_problem(shift: int, row_error_px: float, check: CalibrationCheck, offset_ms: float, right: str) -> str:
+    """Right images that belong to another frame than their stamps say; `offset_ms` is what their stamps are off."""
+    return (
+        f"the stamps of {right} are off by {offset_ms:+.1f} ms: with right images one frame "
+        f"{'later' if shift > 0 else 'earlier'} matched corners lie on one row to {row_error_px:.2f} px, paired by "
+        f"their stamps to {check.row_error_px:.2f} px only; add {-offset_ms:+.1f} ms to the stamps"
+    )

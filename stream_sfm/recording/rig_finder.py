@@ -1,0 +1,81 @@
+"""The rig that a log is read with: given by the user, attached to the log, or sent by its cameras, in this order.
+
+An attachment goes before messages because somebody put it there on purpose, where drivers send CameraInfo of
+cameras that were never calibrated. Where P gives no baseline, the transform between the two cameras' frames does.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..calibration import parse_calibration, read_calibration
+from ..errors import ConfigError, LogError
+from ..types import StereoRig
+from .messages import MessageDecoder
+from .records import Damage, LogFile
+from .rig import CURE, gives_baseline, rig_from_messages
+from .survey import Survey, read_calibration_messages
+from .topics import PairChoice, choose_calibration, is_rectified
+from .transforms import fixed_transform
+
+ATTACHMENT = "calibration.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRig:
+    """A rig and, for people, where it comes from."""
+
+    rig: StereoRig
+    source: str
+
+
+def find_rig(
+    file: LogFile, survey: Survey, choice: PairChoice, calibration: str | Path | StereoRig | None = None
+) -> FoundRig:
+    """The rig of the two cameras; `calibration` as in `open_log`. Raises LogError; ConfigError for `calibration`."""
+    if isinstance(calibration, StereoRig):
+        return FoundRig(calibration, "given by the caller")
+    if calibration is not None:
+        return FoundRig(read_calibration(calibration), str(calibration))
+    return _attached(file) or _sent(file, survey, choice)
+
+
+def _attached(file: LogFile) -> FoundRig | None:
+    for attachment in file.attachments(Damage()):
+        if attachment.name.split("/")[-1] == ATTACHMENT:
+            try:
+                return FoundRig(
+                    parse_calibration(attachment.data, "attached to the log"), f"attachment {ATTACHMENT}"
+                )
+            except ConfigError as error:
+                raise LogError(f"{file.path}: {error}; {CURE}") from None
+    return None
+
+
+def _sent(file: LogFile, survey: Survey, choice: PairChoice) -> FoundRig:
+    calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
+    topics = []
+    for side, image_topic in enumerate((choice.left, choice.right)):
+        topic = choose_calibration(image_topic, side, calibrations)
+        if topic is None:
+            listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
+            raise LogError(
+                f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
+            )
+        topics.append(topic)
+    decoder = MessageDecoder(file.path)
+    left, right = read_calibration_messages(file, survey, (topics[0], topics[1]), decoder)
+    rectified = is_rectified(choice.left)
+    sent = f"{left.topic} and {right.topic}"
+    if gives_baseline(left, right):
+        return FoundRig(rig_from_messages(file.path, left, right, rectified), f"{sent}, baseline from P")
+    frames = (left.frame_id, right.frame_id)
+    right_from_left = (
+        fixed_transform(file, survey, right.frame_id, left.frame_id) if len(set(frames)) == 2 else None
+    )
+    if right_from_left is None:
+        raise LogError(
+            f"{file.path}: the baseline is not known: P of topics {left.topic} and {right.topic} gives none, and no "
+            f"fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}; {CURE}"
+        )
+    rig = rig_from_messages(file.path, left, right, rectified, right_from_left)
+    return FoundRig(rig, f"{sent}, baseline from the transform between {frames[0]} and {frames[1]}")
