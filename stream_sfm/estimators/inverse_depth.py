@@ -4,12 +4,14 @@ In this chart a stereo view is nearly linear, so a Gaussian over q stays honest 
 is an ordinary one, and a point beside or behind today's camera stays one too. Homogeneous points in the reference
 camera are C (q₁, q₂, 1, q₃)ᵀ, with C = ref_from_chart a known pose, a choice of coordinates and no part of the
 state; a frame s with pose X_s = cam_s_from_ref sees P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose moves as Exp(ξ) X_s (left),
-which is the right perturbation −ξ of ref_from_cam_s. All arrays are batched: F frames, P points, no loops.
+which is the right perturbation −ξ of ref_from_cam_s. All arrays are batched: F frames, P points, V views, no loops.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import pose as se3
 from ..geometry.pose import Array
@@ -61,64 +63,73 @@ def metric_jacobian(points: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
+class Views:
+    """The views of a window, flat: `frame` (V,) and `point` (V,) indices from 0, each pair at most once; `z` (V, 4)
+    finite; `root` (V, 4, 4) whitens a residual, RᵀR the view's information, zero rows for a side that is missing."""
+
+    frame: NDArray[np.intp]
+    point: NDArray[np.intp]
+    z: Array
+    root: Array
+
+    @classmethod
+    def none(cls) -> "Views":
+        """No views."""
+        return cls(np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 4)), np.empty((0, 4, 4)))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Views"]) -> "Views":
+        """The views of several frames."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+@dataclass(frozen=True, slots=True)
 class Linearised:
     """Normal equations of all views: pose blocks `u` (F, 6, 6), point blocks `v` (P, 3, 3), cross blocks `c`
-    (F, P, 6, 3), right-hand sides `g_pose` (F, 6), `g_point` (P, 3), and each view's squared norm `chi2` (F, P)."""
+    (P, 3, 6F), right-hand sides `g_pose` (F, 6), `g_point` (P, 3)."""
 
     u: Array
     v: Array
     c: Array
     g_pose: Array
     g_point: Array
-    chi2: Array
 
 
-def view_residuals(
-    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
-) -> tuple[Array, Array, Array]:
-    """In-camera homogeneous points (F, P, 4), residuals (F, P, 4), squared norms (F, P); unseen views give 0.
-
-    `z` (F, P, 4) holds any number where `info` (F, P, 4, 4) is zero; it must be finite.
-    """
-    in_cam = in_reference(charts, q)[None] @ np.swapaxes(cams_from_ref, 1, 2)
-    behind = in_cam[..., 2] < MIN_DEPTH
-    in_cam[..., 2] = np.where(behind, MIN_DEPTH, in_cam[..., 2])
-    r = z - projection.project_homogeneous(in_cam)
-    chi2 = (r * (info @ r[..., None])[..., 0]).sum(-1)
-    return in_cam, r, chi2
+def whitened_residuals(
+    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, views: Views
+) -> tuple[Array, Array]:
+    """In-camera homogeneous points and whitened residuals, (V, 4); poses (F, 4, 4), charts (P, 4, 4), q (P, 3)."""
+    in_ref = in_reference(charts, q)[views.point]
+    in_cam = (cams_from_ref[views.frame] @ in_ref[..., None])[..., 0]
+    np.maximum(in_cam[:, 2], MIN_DEPTH, out=in_cam[:, 2])
+    r = views.z - projection.project_homogeneous(in_cam)
+    return in_cam, (views.root @ r[..., None])[..., 0]
 
 
 def linearise(
-    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
+    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, views: Views
 ) -> Linearised:
     """Gauss-Newton normal equations of all views (Schur form of bundle adjustment, Triggs et al. 2000, sec. 6)."""
-    in_cam, r, chi2 = view_residuals(projection, cams_from_ref, charts, q, z, info)
-    a = projection.jacobian_homogeneous(in_cam)
-    aw = np.swapaxes(a, -1, -2) @ info
-    n = aw @ a
-    g = (aw @ r[..., None])[..., 0]
-    gp = pose_jacobian(in_cam)
-    m = cams_from_ref[:, None] @ charts[:, :, CHART]
-    ngm = n @ m
-    gpt = np.swapaxes(gp, -1, -2)
-    mt = np.swapaxes(m, -1, -2)
+    frames, points = len(cams_from_ref), len(q)
+    in_cam, r = whitened_residuals(projection, cams_from_ref, charts, q, views)
+    by_cam = views.root @ projection.jacobian_homogeneous(in_cam)
+    j = np.empty((len(r), 4, 10))  # whitened: derivatives by the pose (6), by the point (3), and the residual
+    j[..., :6] = by_cam @ pose_jacobian(in_cam)
+    j[..., 6:9] = (by_cam @ cams_from_ref[views.frame]) @ charts[:, :, CHART].take(views.point, axis=0)
+    j[..., 9] = r
+    products = np.swapaxes(j[..., :9], 1, 2) @ j
+    of_frame = np.zeros((frames, len(r)))
+    of_frame[views.frame, np.arange(len(r))] = 1.0
+    by_frame = (of_frame @ products.reshape(len(r), 90)).reshape(frames, 9, 10)
+    by_point = np.zeros((frames, points, 3, 4))
+    by_point[views.frame, views.point] = products[:, 6:, 6:]
+    by_point = by_point.sum(0)
+    c = np.zeros((points, 3, frames, 6))
+    c[views.point, :, views.frame] = products[:, 6:, :6]
     return Linearised(
-        u=(gpt @ n @ gp).sum(1),
-        v=(mt @ ngm).sum(0),
-        c=gpt @ ngm,
-        g_pose=(gpt @ g[..., None]).sum(1)[..., 0],
-        g_point=(mt @ g[..., None]).sum(0)[..., 0],
-        chi2=chi2,
+        u=by_frame[:, :6, :6],
+        v=by_point[..., :3],
+        c=c.reshape(points, 3, 6 * frames),
+        g_pose=by_frame[:, :6, 9],
+        g_point=by_point[..., 3],
     )
-
-
-def gradients(
-    projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, z: Array, info: Array
-) -> tuple[Array, Array]:
-    """Only the right-hand sides of `linearise`: for poses (F, 6) and points (P, 3)."""
-    in_cam, r, _ = view_residuals(projection, cams_from_ref, charts, q, z, info)
-    aw = np.swapaxes(projection.jacobian_homogeneous(in_cam), -1, -2) @ info
-    g = aw @ r[..., None]
-    g_pose = (np.swapaxes(pose_jacobian(in_cam), -1, -2) @ g).sum(1)[..., 0]
-    in_ref = (np.swapaxes(cams_from_ref, 1, 2)[:, None] @ g).sum(0)
-    return g_pose, (np.swapaxes(charts[:, :, CHART], 1, 2) @ in_ref)[..., 0]

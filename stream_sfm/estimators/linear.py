@@ -1,4 +1,4 @@
-"""Dense linear algebra of the estimators: scaled Cholesky, inverse, marginalisation.
+"""Dense linear algebra of the estimators: scaled Cholesky, inverse, its root.
 
 Every matrix is scaled by its diagonal before it is factored: metres against radians give condition numbers of 10¹⁰.
 """
@@ -10,7 +10,7 @@ from scipy.linalg import lapack
 from ..geometry.pose import Array
 
 
-def symmetric(a: Array) -> Array:
+def symmetric(a: NDArray) -> Array:
     """(A + Aᵀ)/2 of (…, n, n)."""
     return 0.5 * (a + np.swapaxes(a, -1, -2))
 
@@ -45,14 +45,7 @@ class Cholesky:
         low = np.tril(inv)
         return (low + np.tril(low, -1).T) * self.scale[:, None] * self.scale
 
-
-def marginalised(information: Array, eta: Array, drop: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Information and η of the variables that stay, `drop` (n,) bool being summed out (Schur complement)."""
-    keep = ~drop
-    if not drop.any():
-        return information, eta
-    chol = Cholesky(information[np.ix_(drop, drop)])
-    cross = information[np.ix_(keep, drop)]
-    solved = chol.solve(np.concatenate([cross.T, eta[drop, None]], axis=1))
-    info = information[np.ix_(keep, keep)] - cross @ solved[:, :-1]
-    return symmetric(info), eta[keep] - cross @ solved[:, -1]
+    def inverse_root(self) -> Array:
+        """R (n, n) with R Rᵀ = A⁻¹."""
+        inv, _ = lapack.dtrtri(self.factor, lower=1)
+        return self.scale[:, None] * inv.T

@@ -1,12 +1,21 @@
 """The joint prior of the window: what all frames that left it say about points and world, in the reference camera.
 
-A quadratic over [q of N points (3N), ω of world_from_ref (6)] around a frozen linearisation point,
-½ δᵀΛδ − ηᵀδ. Camera-centred: the world's origin is one more pose in the state, so nothing that touches the prior
-is ever relinearised in world coordinates, and the unobservable directions stay unobservable (DESIGN: bias grows
-with n otherwise). ω is the right perturbation of world_from_ref.
+Points that were seen from the same uncertain cameras err together. The prior keeps that in factored form,
+
+    q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
+
+so that points are independent of each other once the few common modes y are given: a window of any number of points
+is solved with one small dense system, the drift of a patch over its surface just adds to D_i, and a point that is
+seen no more is marginalised by forgetting its row. Each frame that is absorbed brings the six modes of its unknown
+pose; modes that no longer matter beside the points' own noise are folded into D, where every point keeps its
+marginal covariance. (A dense information matrix over 200 points holds the same and costs fifty times as much.)
+
+Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
+relinearised in world coordinates, and the unobservable directions stay unobservable (DESIGN: bias grows with n
+otherwise). ω is the right perturbation of world_from_ref.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,122 +23,130 @@ from numpy.typing import NDArray
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from .inverse_depth import homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
-from .linear import Cholesky, marginalised, symmetric
+from .linear import Cholesky, symmetric
 
 # The very first camera is the world: known to a micrometre and a microradian, far below any estimate.
 KNOWN = 1e-12
+# Variance of a common mode relative to the points' own noise, all points together, below which it is folded away.
+_LEAST_MODE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """`ids` (N,) ascending; `charts` (N, 4, 4); `q` (N, 3) and `world_from_ref` (4, 4): linearisation point;
-    `information` (3N+6, 3N+6); `eta` (3N+6,)."""
+    """`ids` (N,) ascending; `charts` (N, 4, 4); `mean` (N, 3); `cov` (N, 3, 3) = D; `modes` (N, 3, k) = F;
+    `world_from_ref` (4, 4) the world's mean; `world_modes` (6, k) = F_w."""
 
     ids: NDArray[np.int64]
     charts: Array
-    q: Array
+    mean: Array
+    cov: Array
+    modes: Array
     world_from_ref: Array
-    information: Array
-    eta: Array
+    world_modes: Array
 
     @classmethod
-    def of_world(cls, world_from_ref: Array, cov_pose: Array) -> "Prior":
-        """Knows nothing but the pose of the reference camera."""
-        cov = cov_pose + KNOWN * np.eye(6)
-        scale = 1 / np.sqrt(np.diag(cov))
-        info = np.linalg.inv(cov * np.outer(scale, scale)) * np.outer(scale, scale)
-        return cls(
-            np.empty(0, np.int64),
-            np.empty((0, 4, 4)),
-            np.empty((0, 3)),
-            world_from_ref,
-            symmetric(info),
-            np.zeros(6),
+    def of_views(
+        cls, ids: NDArray[np.int64], mean: Array, cov: Array, world_from_ref: Array, cov_pose: Array
+    ) -> "Prior":
+        """A map begins: independent points seen by the reference camera, whose own pose has `cov_pose` (6, 6)."""
+        scale = np.sqrt(np.diag(cov_pose) + KNOWN)
+        root = scale[:, None] * np.linalg.cholesky((cov_pose + KNOWN * np.eye(6)) / np.outer(scale, scale))
+        charts = np.broadcast_to(np.eye(4), (len(ids), 4, 4))
+        return cls(ids, charts, mean, cov, np.zeros((len(ids), 3, 6)), world_from_ref, root)
+
+    def points(self, y: Array) -> Array:
+        """q (N, 3) as the modes (k,) have them."""
+        return self.mean + self.modes @ y
+
+    def world(self, y: Array) -> Array:
+        """world_from_ref (4, 4) as the modes (k,) have it."""
+        return se3.orthonormalised(self.world_from_ref @ se3.exp(self.world_modes @ y))
+
+    def keep(self, rows: NDArray) -> "Prior":
+        """The given points (mask); the others are marginalised."""
+        return replace(
+            self,
+            ids=self.ids[rows],
+            charts=self.charts[rows],
+            mean=self.mean[rows],
+            cov=self.cov[rows],
+            modes=self.modes[rows],
         )
 
-    def gradient(self, q: Array, world_from_ref: Array) -> Array:
-        """η − Λδ at the state (N, 3), (4, 4): the right-hand side of a Gauss-Newton step."""
-        omega = se3.log(se3.inverse(self.world_from_ref) @ world_from_ref)
-        return self.eta - self.information @ np.concatenate([(q - self.q).ravel(), omega])
+    def drifted(self, cov: Array) -> "Prior":
+        """The points (N) have moved by independent steps of covariance (N, 3, 3)."""
+        return replace(self, cov=self.cov + cov)
 
-    def with_views(
-        self, ids: NDArray[np.int64], charts: Array, q: Array, world_from_ref: Array, v: Array, g: Array
-    ) -> "Prior":
-        """The prior at a new linearisation point, with views from the reference camera itself added.
+    def absorbed(self, y: Array, cam_from_ref: Array, q: Array, v: Array, g: Array) -> "Prior":
+        """The posterior in a new reference camera after that camera's own views.
 
-        `ids` (N',) ascending, a superset of this prior's; `charts` (N', 4, 4), `q` (N', 3); `v` (N', 3, 3) and `g`
-        (N', 3): information and right-hand side of those views (zero for points without a view).
+        `y` (k,), `cam_from_ref` (4, 4) and `q` (N, 3): the present estimate, where all is linearised; `v` (N, 3, 3),
+        `g` (N, 3): information and right-hand side of the views (zero for a point without).
+
+        The charts go with the points, C' = X C, so q stays what it is. The prior knows nothing of the new camera's
+        pose ξ: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior information. With
+        Λ = D⁻¹ + V, points given modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have information
+        S = P + Σ Fᵀ(D⁻¹ − D⁻¹Λ⁻¹D⁻¹)F.
         """
-        n = len(ids)
-        old = np.searchsorted(ids, self.ids)
-        at = np.concatenate([(3 * old[:, None] + np.arange(3)).ravel(), 3 * n + np.arange(6)])
-        info = np.zeros((3 * n + 6, 3 * n + 6))
-        eta = np.zeros(3 * n + 6)
-        info[np.ix_(at, at)] = self.information
-        eta[at] = self.gradient(q[old], world_from_ref)
-        blocks = info[: 3 * n, : 3 * n].reshape(n, 3, n, 3)
-        blocks[np.arange(n), :, np.arange(n), :] += v
-        eta[: 3 * n] += g.ravel()
-        return Prior(ids, charts, q, world_from_ref, info, eta)
-
-    def without(self, gone: NDArray[np.bool_]) -> "Prior":
-        """Points (N,) bool marginalised."""
-        if not gone.any():
-            return self
-        drop = np.concatenate([np.repeat(gone, 3), np.zeros(6, bool)])
-        info, eta = marginalised(self.information, self.eta, drop)
-        return Prior(self.ids[~gone], self.charts[~gone], self.q[~gone], self.world_from_ref, info, eta)
-
-    def with_drift(self, cov_q: Array) -> "Prior":
-        """Points that have moved since by independent steps Q of covariance (N, 3, 3): (Λ⁻¹ + Q)⁻¹ on their part.
-
-        With C = Λ_mm + Q⁻¹: Λ'_mm = Q⁻¹ − Q⁻¹C⁻¹Q⁻¹, Λ'_mw = Q⁻¹C⁻¹Λ_mw, Λ'_ww = Λ_ww − Λ_wm C⁻¹ Λ_mw.
-        """
-        n = len(self.ids)
-        m, points = 3 * n, np.arange(n)
-        info = self.information
-        # steps far below what the prior knows change nothing and would cost digits
-        least = (1e-6 / np.diag(info)[:m]).reshape(n, 3, 1) * np.eye(3)
-        q_inv = np.linalg.inv(cov_q + least)
-
-        def times_q_inv(matrix: Array) -> Array:
-            return (q_inv @ matrix.reshape(n, 3, -1)).reshape(m, -1)
-
-        c = info[:m, :m].copy()
-        c.reshape(n, 3, n, 3)[points, :, points, :] += q_inv
-        inverse = Cholesky(c).inverse()
-        gain = times_q_inv(inverse)  # Q⁻¹C⁻¹
-        new = np.empty_like(info)
-        mm = -times_q_inv(gain.T)
-        mm.reshape(n, 3, n, 3)[points, :, points, :] += q_inv
-        new[:m, :m] = symmetric(mm)
-        new[:m, m:] = gain @ info[:m, m:]
-        new[m:, :m] = new[:m, m:].T
-        solved = inverse @ np.concatenate([info[:m, m:], self.eta[:m, None]], axis=1)
-        new[m:, m:] = symmetric(info[m:, m:] - info[m:, :m] @ solved[:, :-1])
-        eta = np.concatenate([gain @ self.eta[:m], self.eta[m:] - info[m:, :m] @ solved[:, -1]])
-        return Prior(self.ids, self.charts, self.q, self.world_from_ref, new, eta)
-
-    def in_camera(self, cam_from_ref: Array) -> "Prior":
-        """The prior re-expressed in another camera whose pose is unknown to it: that pose is marginalised.
-
-        The charts go with the points, C' = X C, so q stays what it is; to first order in (δq', ξ, ω')
-        δq = δq' − K'G ξ, K' = ∂q'/∂P', and ω = Ad(X⁻¹)(ω' + ξ) as world_from_cam = world_from_ref X⁻¹. The result
-        is invariant under ξ: it knows the shape of points and world, not where the new camera stands. Its own views
-        must be added next (`with_views`) or it stays singular.
-        """
-        n = len(self.ids)
+        n, k = len(self.ids), len(y)
         charts = se3.orthonormalised(cam_from_ref @ self.charts)
-        k = q_jacobian(homogeneous_from_q(self.q)) @ se3.inverse(charts)
-        shift = np.concatenate([-(k @ pose_jacobian(in_reference(charts, self.q))).reshape(3 * n, 6), np.eye(6)])
-        ad = se3.adjoint(se3.inverse(cam_from_ref))
-        info, eta = self.information.copy(), self.eta.copy()
-        info[3 * n :] = ad.T @ info[3 * n :]
-        info[:, 3 * n :] = info[:, 3 * n :] @ ad
-        eta[3 * n :] = ad.T @ eta[3 * n :]
-        cross = info @ shift
-        joint = np.block([[info, cross], [cross.T, shift.T @ cross]])
-        drop = np.concatenate([np.zeros(3 * n + 6, bool), np.ones(6, bool)])
-        info, eta = marginalised(joint, np.concatenate([eta, shift.T @ eta]), drop)
-        world_from_cam = se3.orthonormalised(self.world_from_ref @ se3.inverse(cam_from_ref))
-        return Prior(self.ids, charts, self.q, world_from_cam, info, eta)
+        by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(charts) @ pose_jacobian(in_reference(charts, q))
+        modes = np.concatenate([self.modes, by_pose], axis=2)
+        world_modes = np.concatenate([se3.adjoint(cam_from_ref) @ self.world_modes, -np.eye(6)], axis=1)
+        world = self.world(y) @ se3.inverse(cam_from_ref)
+        away = self.points(y) - q  # the prior's mean at the present modes, from the linearisation point
+
+        d_inv = symmetric(np.linalg.inv(self.cov))
+        cov = symmetric(np.linalg.inv(d_inv + v))
+        shrink = cov @ d_inv
+        stay = d_inv - d_inv @ shrink  # D⁻¹ − D⁻¹Λ⁻¹D⁻¹
+        seen = (cov @ ((d_inv @ away[..., None])[..., 0] + g)[..., None])[..., 0]
+        flat = modes.reshape(3 * n, k + 6)
+        s = flat.T @ (stay @ modes).reshape(3 * n, k + 6)
+        s[np.arange(k), np.arange(k)] += 1.0
+        right = flat.T @ (d_inv @ (seen - away)[..., None]).reshape(3 * n)
+        right[:k] -= y
+        chol = Cholesky(symmetric(s))
+        step = chol.solve(right)
+        modes = shrink @ modes
+        return Prior(
+            ids=self.ids,
+            charts=charts,
+            mean=q + seen + modes @ step,
+            cov=cov,
+            modes=modes @ chol.inverse_root(),
+            world_from_ref=se3.orthonormalised(world @ se3.exp(world_modes @ step)),
+            world_modes=world_modes @ chol.inverse_root(),
+        )
+
+    def joined(self, ids: NDArray[np.int64], charts: Array, mean: Array, cov: Array) -> "Prior":
+        """With further points that share no mode with the others; ids in any order."""
+        all_ids = np.concatenate([self.ids, ids])
+        order = np.argsort(all_ids)
+        none = np.zeros((len(ids), 3, self.modes.shape[2]))
+        return replace(
+            self,
+            ids=all_ids[order],
+            charts=np.concatenate([self.charts, charts])[order],
+            mean=np.concatenate([self.mean, mean])[order],
+            cov=np.concatenate([self.cov, cov])[order],
+            modes=np.concatenate([self.modes, none])[order],
+        )
+
+    def condensed(self) -> "Prior":
+        """The same prior in as few modes as matter: six carry the world exactly, the others by principal components
+        of the points' common error in units of their own noise; what is left out goes to the points' own noise."""
+        q, r = np.linalg.qr(self.world_modes.T, mode="complete")
+        modes = self.modes @ q
+        shared = modes[..., 6:]
+        whitened = np.linalg.solve(np.linalg.cholesky(self.cov), shared).reshape(-1, shared.shape[2])
+        variance, axes = np.linalg.eigh(whitened.T @ whitened)
+        shared = shared @ axes
+        small = variance < _LEAST_MODE
+        folded = shared[..., small]
+        return replace(
+            self,
+            cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
+            modes=np.concatenate([modes[..., :6], shared[..., ~small]], axis=2),
+            world_modes=np.concatenate([r.T[:, :6], np.zeros((6, int((~small).sum())))], axis=1),
+        )

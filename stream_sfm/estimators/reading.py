@@ -60,7 +60,7 @@ def read_structure(
     newest: int,
 ) -> Reading:
     """The reading from the window's factored system; `newest` is the row of the newest frame, −1 for the reference."""
-    cov_qq, cov_qx, cov_qw, cov_x, cov_w, cov_xw = _joint_covariances(system, newest)
+    cov_qq, cov_qx, cov_qw, cov_x, cov_w, cov_xw = system.covariances(newest)
     in_ref = in_reference(charts, q)
     in_cam = in_ref @ cam_from_ref.T
     in_cam[:, 2] = np.maximum(in_cam[:, 2], 1e-3)  # of points behind this camera, which are not shown in it
@@ -108,27 +108,3 @@ def _propagated(jq: Array, cov_qq: Array, jy: Array, cov_y: Array, cov_qy: Array
     half = jq @ cov_qy @ np.swapaxes(jy, 1, 2)
     cov = jq @ cov_qq @ np.swapaxes(jq, 1, 2) + jy @ cov_y @ np.swapaxes(jy, 1, 2) + half + np.swapaxes(half, 1, 2)
     return symmetric(cov)
-
-
-def _joint_covariances(system: System, newest: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Blocks of the inverse: qq (P, 3, 3), q with the newest pose (P, 3, 6), q with the world (P, 3, 6), newest pose
-    (6, 6), world (6, 6), newest pose with world (6, 6). The reference camera itself (newest −1) has no error."""
-    sigma = system.chol.inverse()
-    a, n = 6 * system.frames, system.n_prior
-    points = np.arange(n)
-    w = slice(a + 3 * n, None)
-    x = slice(6 * newest, 6 * newest + 6)
-    cov_x = sigma[x, x] if newest >= 0 else np.zeros((6, 6))
-    cov_xw = sigma[x, w] if newest >= 0 else np.zeros((6, 6))
-    total = len(system.in_prior)
-    cov_qq, cov_qx, cov_qw = np.empty((total, 3, 3)), np.zeros((total, 3, 6)), np.empty((total, 3, 6))
-    old, new = system.in_prior, ~system.in_prior
-    cov_qq[old] = sigma[a : a + 3 * n, a : a + 3 * n].reshape(n, 3, n, 3)[points, :, points, :]
-    cov_qw[old] = sigma[a : a + 3 * n, w].reshape(n, 3, 6)
-    b = np.swapaxes(system.gain, 1, 2)  # (Pn, 3, 6F): δq = V⁻¹ g − B δx
-    cov_qq[new] = system.new_inverse + b @ sigma[:a, :a] @ np.swapaxes(b, 1, 2)
-    cov_qw[new] = -b @ sigma[:a, w]
-    if newest >= 0:
-        cov_qx[old] = sigma[a : a + 3 * n, x].reshape(n, 3, 6)
-        cov_qx[new] = -b @ sigma[:a, x]
-    return cov_qq, cov_qx, cov_qw, cov_x, sigma[w, w], cov_xw

@@ -66,10 +66,13 @@ def _left_jacobian(w: Array) -> Array:
 
 
 def exp(xi: ArrayLike) -> Array:
-    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4)."""
+    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4) (Barfoot, eq. 8.33)."""
     xi = np.asarray(xi, dtype=float)
-    rho, w = xi[..., :3], xi[..., 3:]
-    return from_rotation_translation(exp_so3(w), (_left_jacobian(w) @ rho[..., None])[..., 0])
+    k = skew(xi[..., 3:])
+    k2 = k @ k
+    a, b, c = (x[..., None, None] for x in _coefficients(np.linalg.norm(xi[..., 3:], axis=-1)))
+    translation = xi[..., :3, None] + (b * k + c * k2) @ xi[..., :3, None]
+    return from_rotation_translation(np.eye(3) + a * k + b * k2, translation[..., 0])
 
 
 def log(pose: ArrayLike) -> Array:
@@ -114,14 +117,17 @@ def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Arr
 
 
 def orthonormalised(pose: ArrayLike) -> Array:
-    """The same pose with its rotation projected back onto SO(3) (polar decomposition by SVD).
+    """The same pose with its rotation, nearly one already, projected back onto SO(3).
 
     Needed after compositions: a constant-velocity prediction multiplies the loss of orthonormality by 2.4
-    a frame.
+    a frame. Newton-Schulz iteration to the polar factor: an error of 10⁻³ is 10⁻²⁵ after three steps (Higham,
+    Functions of Matrices, section 8.3).
     """
     pose = np.array(pose, dtype=float)
-    u, _, vt = np.linalg.svd(pose[..., :3, :3])
-    pose[..., :3, :3] = u @ vt
+    r = pose[..., :3, :3]
+    for _ in range(3):
+        r = r @ (1.5 * np.eye(3) - 0.5 * (np.swapaxes(r, -1, -2) @ r))
+    pose[..., :3, :3] = r
     return pose
 
 

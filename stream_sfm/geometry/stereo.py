@@ -88,3 +88,10 @@ def information_of_views(z_px: Array, cov_px: Array) -> Array:
     both = seen[..., :, None] & seen[..., None, :]
     cov = np.where(both, cov_px, np.eye(4))
     return np.where(both, np.linalg.inv(cov), 0.0)
+
+
+def whitening_of_views(z_px: Array, cov_px: Array) -> Array:
+    """R (…, 4, 4) with RᵀR the `information_of_views`: R r is a residual in standard deviations."""
+    seen = np.isfinite(z_px)
+    both = seen[..., :, None] & seen[..., None, :]
+    return np.where(both, np.linalg.inv(np.linalg.cholesky(np.where(both, cov_px, np.eye(4)))), 0.0)
