@@ -2,11 +2,23 @@
 
 import argparse
 import math
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..config import Config
+
+_SELECTION = {"left": None, "right": None, "start": None, "end": None, "max_frames": None, "stride": 1}
 
 
 def add_log(parser: argparse.ArgumentParser) -> None:
     """LOG and how its cameras are found."""
     parser.add_argument("log", metavar="LOG", help="a stereo log (MCAP)")
+    add_cameras(parser)
+
+
+def add_cameras(parser: argparse.ArgumentParser) -> None:
+    """How the cameras of a log are found."""
     parser.add_argument("--left", metavar="TOPIC", help="topic of the left images, if it is not found by itself")
     parser.add_argument("--right", metavar="TOPIC", help="topic of the right images")
     parser.add_argument("--calibration", metavar="FILE", help="calibration (TOML) instead of the log's own")
@@ -20,12 +32,48 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stride", type=positive, default=1, metavar="N", help="every N-th frame")
 
 
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """Which estimator."""
+    parser.add_argument("--method", metavar="NAME", help="cross-frame (default), ekf, frame-to-frame")
+
+
 def add_configuration(parser: argparse.ArgumentParser) -> None:
     """Settings."""
     parser.add_argument("--config", metavar="FILE", help="settings (TOML); `stream-sfm config` prints all")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, as in window.frames=12"
     )
+
+
+def read_settings(args: argparse.Namespace) -> "Config":
+    """The configuration of --config, --set and --method. Raises ConfigError."""
+    from ..config import read_config
+
+    method = [f'method="{args.method}"'] if args.method else []
+    return read_config(args.config, [*args.set, *method])
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Where work runs in parallel."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers",
+        type=positive,
+        default=str(os.cpu_count() or 1),  # a text: argparse takes a value that is the default for not given
+        metavar="N",
+        help="processes of this machine (default: one a core)",
+    )
+    where.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask cluster instead, as in tcp://127.0.0.1:8786 (extra `cluster`)",
+    )
+
+
+def selection_options(args: argparse.Namespace) -> list[str]:
+    """The topics and frames that were chosen, as options of `replay`."""
+    chosen = {name: getattr(args, name) for name in _SELECTION}
+    return [f"--{name.replace('_', '-')}={value}" for name, value in chosen.items() if value != _SELECTION[name]]
 
 
 def positive(text: str) -> int:

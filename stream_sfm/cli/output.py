@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,26 @@ def progress(total: int | None, quiet: bool) -> Iterator[Teller]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("frames", total=total)
         yield Teller(console, lambda: bar.advance(task))
+
+
+@contextmanager
+def counter(label: str, total: int, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
+    """A bar on standard error, on a terminal only: a function to call with the number of things just finished, and
+    with a line to print above the bar if there is one; None where there is no bar."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+
+        def advance(finished: int, line: str = "") -> None:
+            if line:
+                bar.console.print(line, markup=False, highlight=False)
+            bar.advance(task, finished)
+
+        yield advance
 
 
 def print_json(value: Any) -> None:

@@ -20,7 +20,7 @@ def add_parser(subparsers: Any) -> None:
     )
     arguments.add_log(parser)
     parser.add_argument("--out", metavar="DIR", help="folder of the results (default runs/<log>-<time>)")
-    parser.add_argument("--method", metavar="NAME", help="cross-frame (default), ekf, frame-to-frame")
+    arguments.add_method(parser)
     arguments.add_selection(parser)
     arguments.add_configuration(parser)
     parser.add_argument("--rrd", metavar="FILE", help="write a recording for the Rerun viewer")
@@ -36,13 +36,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print, and say by the exit code whether the log was read whole."""
-    from ..config import read_config
     from ..recording import open_log
     from ..run import ReplayInterrupted, check_selection, new_run_folder, point_latest_to, replay
     from . import output
 
-    method = [f'method="{args.method}"'] if args.method else []
-    config = read_config(args.config, [*args.set, *method])
+    config = arguments.read_settings(args)
     check_selection(args.start, args.end)
     log = open_log(args.log, args.left, args.right, args.calibration)
     folder = Path(args.out) if args.out else new_run_folder(args.log)

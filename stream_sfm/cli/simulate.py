@@ -1,12 +1,12 @@
 """`stream-sfm simulate`: the paper's simulation, its Table 1 and Figure 6, and the honesty of every estimator."""
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from . import arguments
 
 EXPERIMENTS = ("efficiency", "consistency", "rates", "figure6")
 
@@ -21,21 +21,14 @@ def add_parser(subparsers: Any) -> None:
         "results.json and figures (PNG, SVG).",
     )
     parser.add_argument("experiment", choices=EXPERIMENTS)
-    parser.add_argument("--trials", type=_positive, default=100, metavar="N", help="random scenes (default 100)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="same seed, same numbers (default 0)")
     parser.add_argument(
-        "--workers", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)"
+        "--trials", type=arguments.positive, default=100, metavar="N", help="random scenes (default 100)"
     )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="same seed, same numbers (default 0)")
+    arguments.add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default runs/simulate-<experiment>)")
     parser.add_argument("--json", action="store_true", help="print the results as one JSON object, nothing else")
     parser.set_defaults(run=run)
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,7 +36,9 @@ def run(args: argparse.Namespace) -> int:
     import msgspec
 
     from ..errors import OutputError
+    from ..executors import cluster, processes
     from ..simulation import figure6, figures, rates, studies
+    from . import output
 
     experiments: dict[str, tuple[Callable[..., dict[str, Any]], int, Callable[[dict[str, Any]], Any]]] = {
         "efficiency": (studies.efficiency, studies.total_trials(args.trials), figures.efficiency),
@@ -57,8 +52,11 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
-    with _progress(args.experiment, total) as advance:
-        report = msgspec.to_builtins(study(args.trials, args.seed, args.workers, advance))
+    with (
+        cluster(args.scheduler) if args.scheduler else processes(args.workers) as executor,
+        output.counter(f"simulate {args.experiment}", total) as advance,
+    ):
+        report = msgspec.to_builtins(study(args.trials, args.seed, executor, advance))
     text = msgspec.json.format(msgspec.json.encode(report), indent=2)
     try:
         (folder / "results.json").write_bytes(text + b"\n")
@@ -71,20 +69,6 @@ def run(args: argparse.Namespace) -> int:
         _print_report(args.experiment, report)
         print(f"results.json, {args.experiment}.png and .svg in {folder}")
     return 0
-
-
-@contextmanager
-def _progress(name: str, total: int) -> Iterator[Callable[[int], None] | None]:
-    """A bar on standard error, on a terminal only."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(f"simulate {name}", total=total)
-        yield lambda n: bar.advance(task, n)
 
 
 def _print_report(experiment: str, report: dict[str, Any]) -> None:

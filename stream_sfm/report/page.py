@@ -1,17 +1,15 @@
 """The page: one HTML file with everything inside, and report.json beside it."""
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from ..recording.part_file import PartFile
 from . import charts, pictures
 from .numbers import numbers, verdict
 from .records import Comparison
+from .template import inline, template
 from .traces import trace
 
 
@@ -28,13 +26,6 @@ def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
 
 def render(c: Comparison, content: dict[str, Any]) -> str:
     """The HTML of a comparison and its figures."""
-    environment = Environment(
-        loader=PackageLoader("stream_sfm.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     traces = {}
     if c.truth is not None:
         whole = [r for r in c.runs if len(r.poses) > 1]
@@ -61,11 +52,11 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         ("health", "Log health"),
         ("configuration", "Configuration"),
     ]
-    return environment.get_template("page.html.j2").render(
+    return template("page.html.j2").render(
         c=c,
         n=content,
-        css=Markup(_text("page.css")),
-        js=Markup(_text("page.js")),
+        css=inline("page.css"),
+        js=inline("page.js"),
         label=charts.label,
         style=charts.style,
         truth=truth,
@@ -103,10 +94,6 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         all_warnings=list(dict.fromkeys([*health["warnings"], *content["warnings"]])),
         health_facts=_health_facts(health),
     )
-
-
-def _text(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:

@@ -4,6 +4,7 @@ The paper's own scene: natural visibility, about 200 mm a frame, round-off noise
 estimator, the EKF, frame-to-frame concatenation, and the bound.
 """
 
+from concurrent.futures import Executor
 from functools import partial
 from typing import Any
 
@@ -26,10 +27,10 @@ METHODS = (
 )
 
 
-def figure6(trials: int, seed: int, workers: int, progress: Progress | None = None) -> dict[str, Any]:
+def figure6(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
     """RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m; label "bound" too."""
     job = partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES)
-    data = stacked(run_trials(job, trials, seed, workers, progress))
+    data = stacked(run_trials(job, trials, seed, executor, progress))
     return {
         "experiment": "figure6",
         "trials": trials,

@@ -4,6 +4,7 @@ For every entry: the paper's rate, the measured exponent, and what exact theory 
 trials) says. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
 """
 
+from concurrent.futures import Executor
 from functools import partial
 from typing import Any
 
@@ -78,12 +79,12 @@ _THEORY = {
 }
 
 
-def rates(trials: int, seed: int, workers: int, progress: Progress | None = None) -> dict[str, Any]:
+def rates(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
     """Table 1 measured; see the module. Keys: `table` (rows), `drift_over_span`, `structure_over_window`."""
     table = []
     for name, run in RUNS.items():
         job = partial(measure, scene=run.scene, methods=(METHOD,), frames=run.frames)
-        data = stacked(run_trials(job, trials, seed, workers, progress))
+        data = stacked(run_trials(job, trials, seed, executor, progress))
         kind = name.split("_")[0]  # non, simple or general
         for quantity in QUANTITIES:
             table.append(
@@ -99,8 +100,8 @@ def rates(trials: int, seed: int, workers: int, progress: Progress | None = None
                 }
             )
     few = bound_trials(trials)
-    spans = run_trials(drift_rates, few, seed, workers, progress)
-    windows = run_trials(structure_over_window, few, seed, workers, progress)
+    spans = run_trials(drift_rates, few, seed, executor, progress)
+    windows = run_trials(structure_over_window, few, seed, executor, progress)
     return {
         "experiment": "rates",
         "trials": trials,

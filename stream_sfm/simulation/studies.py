@@ -1,6 +1,7 @@
 """Efficiency (variance over the bound) and consistency (normalised errors) of every estimator."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -47,7 +48,7 @@ Report = dict[str, Any]
 
 
 def _run(
-    condition: Condition, trials: int, seed: int, workers: int, progress: Progress | None
+    condition: Condition, trials: int, seed: int, executor: Executor | None, progress: Progress | None
 ) -> dict[str, dict[str, Array]]:
     job = partial(
         measure,
@@ -56,7 +57,7 @@ def _run(
         frames=condition.frames,
         bound=condition.bound,
     )
-    return stacked(run_trials(job, condition.trials(trials), seed, workers, progress))
+    return stacked(run_trials(job, condition.trials(trials), seed, executor, progress))
 
 
 def _lost_share(entry: dict[str, Array]) -> float:
@@ -87,30 +88,38 @@ def _consistency_of(data: dict[str, dict[str, Array]]) -> Report:
 
 
 def efficiency(
-    trials: int, seed: int, workers: int, progress: Progress | None = None, conditions: tuple[Condition, ...] = ()
+    trials: int,
+    seed: int,
+    executor: Executor | None,
+    progress: Progress | None = None,
+    conditions: tuple[Condition, ...] = (),
 ) -> Report:
     """Variance of each estimator over the bound and, paired, over the default's; by condition."""
     return _study("efficiency", _efficiency_of, conditions or (NOMINAL, NOISY, LONG))(
-        trials, seed, workers, progress
+        trials, seed, executor, progress
     )
 
 
 def consistency(
-    trials: int, seed: int, workers: int, progress: Progress | None = None, conditions: tuple[Condition, ...] = ()
+    trials: int,
+    seed: int,
+    executor: Executor | None,
+    progress: Progress | None = None,
+    conditions: tuple[Condition, ...] = (),
 ) -> Report:
     """Mean normalised squared errors of each estimator; by condition."""
     return _study("consistency", _consistency_of, conditions or (NOMINAL, NOISY, LONG))(
-        trials, seed, workers, progress
+        trials, seed, executor, progress
     ) | {"expected": EXPECTED}
 
 
 def _study(
     name: str, evaluate: Callable[[dict[str, dict[str, Array]]], Report], conditions: tuple[Condition, ...]
-) -> Callable[[int, int, int, Progress | None], Report]:
-    def run(trials: int, seed: int, workers: int, progress: Progress | None) -> Report:
+) -> Callable[[int, int, Executor | None, Progress | None], Report]:
+    def run(trials: int, seed: int, executor: Executor | None, progress: Progress | None) -> Report:
         report: Report = {"experiment": name, "seed": seed, "reference": REFERENCE, "conditions": {}}
         for condition in conditions:
-            data = _run(condition, trials, seed, workers, progress)
+            data = _run(condition, trials, seed, executor, progress)
             report["conditions"][condition.name] = {
                 "trials": condition.trials(trials),
                 "frames": list(condition.frames),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
+from stream_sfm.executors import processes
 from stream_sfm.simulation import measure as measuring
 from stream_sfm.simulation.iterated import IteratedEkf
 from stream_sfm.simulation.measure import Method, measure, stacked
@@ -23,9 +24,10 @@ def draw(seed: np.random.SeedSequence) -> float:
 
 def test_any_number_of_workers_gives_the_same_numbers():
     done: list[int] = []
-    serial = run_trials(draw, 7, seed=3, workers=0, progress=done.append)
-    assert run_trials(draw, 7, seed=3, workers=2) == serial
-    assert run_trials(draw, 3, seed=3, workers=0) == serial[:3]
+    serial = run_trials(draw, 7, seed=3, progress=done.append)
+    with processes(2) as pool:
+        assert run_trials(draw, 7, seed=3, executor=pool) == serial
+    assert run_trials(draw, 3, seed=3) == serial[:3]
     assert sum(done) == 7
     assert len(set(serial)) == 7
 
@@ -65,7 +67,7 @@ def small():
         methods=(Method("cross-frame"), Method("cross-frame-cc"), Method("ekf"), Method("frame-to-frame")),
         frames=(15, 20, 25, 30),
     )
-    return stacked(run_trials(job, 12, seed=1, workers=0))
+    return stacked(run_trials(job, 12, seed=1))
 
 
 @pytest.mark.parametrize("method", ["cross-frame", "ekf"])

@@ -1,0 +1,4 @@
+"""Many logs: which ones, one process a log, and the table and page of all.
+
+`logs.py` finds and names them, `job.py` does one, `collect.py` does all and writes batch.json and report.html.
+"""

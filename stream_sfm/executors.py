@@ -1,0 +1,62 @@
+"""Where work runs in parallel: processes of this machine, or a Dask cluster. Both are concurrent.futures executors."""
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+
+from .errors import ConfigError
+
+# A worker has one thread for matrices and one for images: processes share the cores, and sums come in one order.
+ONE_THREAD = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
+)
+_ANSWER_S = 10
+_WORKER_S = 30
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Executor]:
+    """Fresh processes of this machine; what is submitted must be picklable."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)  # inherited, and read when NumPy and OpenCV are loaded there
+    try:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            yield pool
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """The workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
+
+    What is still to do when the context is left is cancelled. Raises ConfigError where no worker can be reached.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ConfigError("--scheduler needs Dask: pip install 'stream-sfm[cluster]'") from None
+    try:
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_WORKER_S)
+        except TimeoutError:
+            raise ConfigError(
+                f"the Dask scheduler at {address} has no worker: start some with `dask worker {address}`"
+            ) from None
+        executor = client.get_executor(pure=False)  # the same call again is new work, not a known result
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)

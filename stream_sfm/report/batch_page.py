@@ -1,0 +1,74 @@
+"""The page of a batch: all its logs side by side, in one HTML file with everything inside."""
+
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from markupsafe import Markup
+
+from ..errors import InputError
+from ..recording.trajectory_files import read_tum
+from ..types import Status
+from .svg import Chart, Series, draw
+from .template import inline, template
+
+STAGES = ("decode", "frontend", "estimator")
+_PERCENT = ("final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m", "scale_error_percent", "nees_pose_mean")
+
+
+def render_batch(content: dict[str, Any], folder: Path) -> str:
+    """The HTML of what batch.json says; the paths come from the folders of the logs."""
+    estimated = [log for log in content["logs"] if log["summary"]]
+    truths = [log["summary"]["ground_truth"] for log in estimated if "ground_truth" in log["summary"]]
+    slowest = max((_stages_ms(log["summary"]) for log in estimated), default=0.0)
+    return template("batch.html.j2").render(
+        n=content,
+        verdict=verdict(content),
+        estimated=estimated,
+        troubled=[log for log in content["logs"] if log["status"] != "done"],
+        medians={name: _median([truth[name] for truth in truths]) for name in _PERCENT} if truths else None,
+        truths=len(truths),
+        statuses=[status.value for status in Status],
+        stages=STAGES,
+        full_ms=slowest or 1.0,
+        frames=sum(log["summary"]["frames"]["estimated"] for log in estimated),
+        path_m=sum(log["summary"]["path_length_m"] for log in estimated),
+        paths=[_path(log["name"], folder) for log in estimated],
+        css=inline("page.css"),
+        js=inline("page.js"),
+    )
+
+
+def verdict(content: dict[str, Any]) -> str:
+    """How many logs came to what end, as a sentence."""
+    logs, counts = len(content["logs"]), content["counts"]
+    parts = [f"{counts.get('done', 0)} of {logs} {'log' if logs == 1 else 'logs'} done"]
+    for status, words in (
+        ("incomplete", "read in part only"),
+        ("failed", "failed"),
+        ("interrupted", "interrupted or not begun"),
+    ):
+        if counts.get(status):
+            parts.append(f"{counts[status]} {words}")
+    if content["reused"]:
+        parts.append(f"{content['reused']} taken over from an earlier batch")
+    return ", ".join(parts) + "."
+
+
+def _stages_ms(summary: dict[str, Any]) -> float:
+    return sum(summary["timing_ms"][stage]["p50"] or 0.0 for stage in STAGES)
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return median(known) if known else None
+
+
+def _path(name: str, folder: Path) -> Markup:
+    """The path from above; nothing where its file could not be written."""
+    try:
+        t = read_tum(folder / name / "trajectory.tum").world_from_cam[:, :3, 3]
+    except InputError:
+        return Markup()
+    line = Series(name, t[:, 0], t[:, 2], "m-cross-frame")
+    return draw(Chart(name, "x, m (right)", "z, m (forward)", [line], equal=True, height=300))

@@ -1,0 +1,309 @@
+"""Many logs at once: one that is corrupt, killed or hanging costs no other; a rerun does what is missing."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stream_sfm.batch import job as jobs
+from stream_sfm.batch.job import RESULTS, Job, run_job
+from stream_sfm.cli.main import main
+from stream_sfm.config import Config, config_to_toml
+from stream_sfm.executors import ONE_THREAD, cluster, processes
+from stream_sfm.simulation.measure import Method, measure, stacked
+from stream_sfm.simulation.scenes import Scene
+from stream_sfm.simulation.trials import run_trials
+from tests.same_results import assert_same_results
+from tests.wall_log import write_wall_log
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are found by way of /proc")
+GOOD = [f"good{k}" for k in range(10)]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten short logs, one that is no log, one that takes some seconds."""
+    folder = tmp_path_factory.mktemp("logs")
+    for k, name in enumerate(GOOD):
+        write_wall_log(folder / f"{name}.mcap", n=3 + k % 3, truth=k % 2 == 0)
+    (folder / "corrupt.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(range(256)) * 40)
+    write_wall_log(folder / "victim.mcap", n=8, times=10, truth=False)
+    return folder
+
+
+def process_of(log: Path) -> int | None:
+    """The process that replays this log."""
+    for found in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (found / "cmdline").read_bytes().split(b"\0")
+        except OSError:  # it has just ended
+            continue
+        if b"replay" in words and str(log).encode() in words:
+            return int(found.name)
+    return None
+
+
+def in_the_midst(log: Path, out: Path) -> int | None:
+    """The process that replays `log` once it has written a frame to `out`; None if it never does."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        written = out / "trajectory.tum.part"
+        if written.exists() and written.stat().st_size and (process := process_of(log)):
+            return process
+        time.sleep(0.01)
+    return None
+
+
+@contextmanager
+def meanwhile(act: Callable[[], None]) -> Iterator[None]:
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(act)
+        yield
+    future.result()
+
+
+def batch(*arguments: Any) -> int:
+    return main(["batch", *map(str, arguments), "--quiet"])
+
+
+def outcomes(out: Path) -> dict[str, dict[str, Any]]:
+    return {log["name"]: log for log in json.loads((out / "batch.json").read_text())["logs"]}
+
+
+@pytest.fixture(scope="module")
+def first(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict[str, Any]], str]:
+    """The results of the first run, during which the victim's process is killed."""
+    out = tmp_path_factory.mktemp("out")
+
+    def kill() -> None:
+        process = in_the_midst(logs / "victim.mcap", out / "victim")
+        assert process is not None
+        environment = Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
+        os.kill(process, signal.SIGKILL)
+        assert {f"{name}=1".encode() for name in ONE_THREAD} <= set(environment)
+
+    with meanwhile(kill):
+        assert batch(logs, "--out", out, "--workers", 2) == 3
+    return out, outcomes(out), (out / "report.html").read_text()
+
+
+def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Path) -> None:
+    out, found, page = first
+    assert set(found) == {*GOOD, "corrupt", "victim"}
+    for name in GOOD:
+        assert found[name]["status"] == "done" and found[name]["summary"]["complete"], name
+        assert {p.name for p in (out / name).iterdir()} == {*RESULTS, "job.json"}
+    assert found["corrupt"]["status"] == found["victim"]["status"] == "failed"
+    assert "corrupt.mcap holds no message" in found["corrupt"]["reason"]
+    assert "SIGKILL" in found["victim"]["reason"] and "memory" in found["victim"]["reason"]
+    assert (out / "victim" / "trajectory.tum.part").read_text().count("\n") >= 1
+    assert "10 of 12 logs done, 2 failed." in page
+    assert found["corrupt"]["reason"] in page and found["victim"]["reason"] in page
+
+
+def test_the_page_shows_all_logs_and_is_one_file(first: Any) -> None:
+    _, found, page = first
+    assert all(f"<th>{name}</th>" in page for name in GOOD)
+    assert f"{found['good0']['summary']['ground_truth']['t_rel_percent']:.2f}" in page
+    assert page.count("no ground truth") == 5 and "median of 5" in page
+    assert page.count('class="chart"') == 10
+    outside = re.findall(r'(?:src|href)="(?!data:|#)[^"]*"|url\(|@import|https?://(?!www\.w3\.org/2000/svg)', page)
+    assert outside == []
+
+
+def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path) -> None:
+    out, found, _ = first
+    assert main(["replay", str(logs / "good4.mcap"), "--out", str(tmp_path / "alone"), "-q"]) == 0
+    assert_same_results(out / "good4", tmp_path / "alone")
+    alone = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    assert found["good4"]["summary"]["ground_truth"] == alone["ground_truth"]
+
+
+def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, _, _ = first
+    before = {name: (out / name / "estimates.mcap").stat().st_mtime_ns for name in GOOD}
+    assert main(["batch", str(logs), "--out", str(out), "--json"]) == 3
+    said = capsys.readouterr()
+    content = json.loads(said.out)
+    assert content == json.loads((out / "batch.json").read_text())
+    assert content["counts"] == {"done": 11, "failed": 1} and content["reused"] == 10
+    assert {name for name, log in outcomes(out).items() if not log["reused"]} == {"corrupt", "victim"}
+    assert before == {name: (out / name / "estimates.mcap").stat().st_mtime_ns for name in GOOD}
+    assert not list((out / "victim").glob("*.part"))
+
+
+def a_job(log: Path, out: Path, **changes: Any) -> Job:
+    plain = Job(log.stem, log, out / log.stem, config_to_toml(Config()), (), None, 600.0, out / "stop")
+    return replace(plain, **changes)
+
+
+def test_done_means_the_same_log_configuration_selection_and_software(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_results(job: Job) -> tuple[str, str]:
+        for name in RESULTS:
+            (job.folder / name).write_text("{}")
+        return "done", ""
+
+    monkeypatch.setattr(jobs, "_replay", write_results)
+    log, calibration = tmp_path / "a.mcap", tmp_path / "c.toml"
+    log.write_text("first")
+    calibration.write_text("[left]")
+    job = a_job(log, tmp_path)
+    assert not run_job(job).reused and run_job(job).reused
+    moved = tmp_path / "moved.mcap"
+    moved.write_text("first")
+    assert run_job(replace(job, log=moved)).reused
+    for change in ({"config_toml": "x"}, {"options": ("--stride=2",)}, {"calibration": calibration}):
+        changed = replace(job, **change)
+        assert not run_job(changed).reused and run_job(changed).reused, change
+    calibration.write_text("[right]")
+    assert not run_job(replace(job, calibration=calibration)).reused
+    log.write_text("second")
+    assert not run_job(job).reused and run_job(job).reused
+    monkeypatch.setattr(jobs, "__version__", "9.9")
+    assert not run_job(job).reused and run_job(job).reused
+    (job.folder / "trajectory.tum").unlink()
+    assert not run_job(job).reused
+    refused = run_job(replace(job, log=moved))
+    assert refused.status == "failed" and "another log" in refused.reason and run_job(job).reused
+
+
+def test_a_hanging_log_is_given_up(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "GRACE_S", 0.2)
+    victim = a_job(logs / "victim.mcap", tmp_path, patience_s=2.0)
+
+    def stop() -> None:
+        process = in_the_midst(victim.log, victim.folder)
+        assert process is not None
+        os.kill(process, signal.SIGSTOP)
+
+    with meanwhile(stop), ThreadPoolExecutor(2) as pool:
+        hanging, good = pool.map(run_job, (victim, a_job(logs / "good0.mcap", tmp_path)))
+    assert hanging.status == "failed" and hanging.reason == "given up because no frame came for 2 s"
+    assert good.status == "done"
+    assert process_of(victim.log) is None
+
+
+def test_ctrl_c_keeps_what_is_done(logs: Path, tmp_path: Path) -> None:
+    """To the whole group of processes, as a terminal does it: the victim's process must not hear of it twice."""
+    out = tmp_path / "out"
+    given = [logs / "good0.mcap", logs / "victim.mcap", logs / "good1.mcap"]
+    command = [sys.executable, "-m", "stream_sfm", "batch", *map(str, given), "--out", str(out), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as run:
+        assert in_the_midst(logs / "victim.mcap", out / "victim") is not None
+        os.killpg(run.pid, signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+    assert run.returncode == 130 and b"Traceback" not in errors
+    found = outcomes(out)
+    assert {name: log["status"] for name, log in found.items()} == {
+        "good0": "done", "victim": "interrupted", "good1": "interrupted",
+    }  # fmt: skip
+    frames = found["victim"]["summary"]["frames"]["estimated"]
+    assert len(np.loadtxt(out / "victim" / "trajectory.tum", ndmin=2)) == frames > 0
+    assert found["victim"]["reason"] == f"interrupted after {frames} frames"
+    assert found["good1"]["reason"] == "not begun" and not (out / "good1").exists()
+    assert not (out / "stop").exists()
+
+
+def test_a_replay_ends_with_the_batch_that_started_it(logs: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "stream_sfm", "batch", str(logs / "victim.mcap"), "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:
+        assert in_the_midst(logs / "victim.mcap", tmp_path / "victim") is not None
+        run.kill()
+    deadline = time.monotonic() + 60
+    while process_of(logs / "victim.mcap") is not None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert json.loads((tmp_path / "victim" / "summary.json").read_text())["complete"] is False
+
+
+def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    (tmp_path / "empty").mkdir()
+    good = logs / "good0.mcap"
+    for arguments, code, said in (
+        ((good, "--method", "magic"), 2, "magic"),
+        ((good, "--set", "widow.frames=8"), 2, "widow"),
+        ((good, "--calibration", "missing.toml"), 2, "missing.toml"),
+        ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "not allowed with"),
+        ((tmp_path / "empty",), 3, "empty"),
+    ):
+        assert batch(*arguments, "--out", out) == code, arguments
+        error = capsys.readouterr().err
+        assert said in error and "Traceback" not in error
+        assert not out.exists()
+
+
+def test_a_missing_log_is_reported_and_the_others_done(logs: Path, tmp_path: Path, capsys: Any) -> None:
+    assert main(["batch", "gone.mcap", str(logs / "good1.mcap"), "--out", str(tmp_path), "--stride", "2"]) == 3
+    said = capsys.readouterr()
+    assert "stream-sfm: gone: failed: " in said.err and "gone.mcap: No such file" in said.err
+    assert "1 of 2 logs done, 1 failed." in said.out and str(tmp_path / "report.html") in said.out
+    assert outcomes(tmp_path)["good1"]["summary"]["frames"]["estimated"] == 2
+
+
+@pytest.fixture(scope="module")
+def dask_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A scheduler and two workers on this machine, started as the README says."""
+    pytest.importorskip("distributed", reason="Dask is not installed (extra `cluster`): no cluster is tried")
+    folder = tmp_path_factory.mktemp("dask")
+    contact = folder / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(contact)]
+    worker = ["worker", "--scheduler-file", str(contact), "--nworkers", "2", "--nthreads", "1"]
+    running = []
+    try:
+        for command in (scheduler, [*worker, "--local-directory", str(folder)]):
+            running.append(subprocess.Popen([*dask, *command, "--no-dashboard"], stderr=subprocess.DEVNULL))
+        deadline = time.monotonic() + 60
+        while not contact.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        yield json.loads(contact.read_text())["address"]
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait(60)
+
+
+def test_a_cluster_gives_the_same_bytes(first: Any, logs: Path, tmp_path: Path, dask_address: str) -> None:
+    out, found, _ = first
+    names = [*GOOD[:4], "corrupt"]
+    assert batch(*(logs / f"{name}.mcap" for name in names), "--out", tmp_path, "--scheduler", dask_address) == 3
+    there = outcomes(tmp_path)
+    for name in GOOD[:4]:
+        assert there[name]["status"] == "done"
+        assert there[name]["key"] == found[name]["key"]
+        assert_same_results(tmp_path / name, out / name)
+    assert there["corrupt"]["reason"] == found["corrupt"]["reason"]
+
+
+def test_trials_are_the_same_here_in_processes_and_on_a_cluster(dask_address: str) -> None:
+    methods = (Method("cross-frame"), Method("ekf"))
+    job = partial(measure, scene=Scene(frames=6, track_length=4), methods=methods, frames=(3, 5))
+    here = stacked(run_trials(job, 2, seed=5))
+    for executor in (processes(2), cluster(dask_address)):
+        with executor as pool:
+            there = stacked(run_trials(job, 2, seed=5, executor=pool))
+        for label, entry in here.items():
+            for quantity, values in entry.items():
+                assert values.tobytes() == there[label][quantity].tobytes(), (label, quantity)
+
+
+def test_a_scheduler_that_is_not_there_is_2(logs: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed (extra `cluster`)")
+    monkeypatch.setattr("stream_sfm.executors._ANSWER_S", 0.2)
+    assert batch(logs / "good0.mcap", "--out", tmp_path / "o", "--scheduler", "tcp://127.0.0.1:9") == 2
+    assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err

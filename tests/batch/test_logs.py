@@ -1,0 +1,68 @@
+"""What files, folders and patterns stand for, and the names of the results."""
+
+from pathlib import Path
+
+import pytest
+
+from stream_sfm.batch.logs import find_logs, names_for
+from stream_sfm.errors import LogError
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    for name in (
+        "a/run.mcap", "a/second.mcap", "b/run.mcap", "b/deep/run.mcap", "b/.cache/x.mcap", "b/notes.txt",
+        "out/a-run/estimates.mcap",
+    ):  # fmt: skip
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "none").mkdir()
+    return tmp_path
+
+
+def test_a_folder_is_its_logs_but_not_results_or_hidden_files(tree: Path):
+    found = find_logs([str(tree)])
+    names = ["a/run.mcap", "a/second.mcap", "b/deep/run.mcap", "b/run.mcap"]
+    assert list(found) == [tree / name for name in names]
+    assert list(names_for(found).values()) == ["a-run", "a-second", "b-deep-run", "b-run"]
+
+
+def test_names_stay_when_a_folder_grows(tree: Path):
+    before = names_for(find_logs([str(tree / "b")]))
+    (tree / "b" / "new").mkdir()
+    (tree / "b" / "new" / "run.mcap").touch()
+    after = names_for(find_logs([str(tree / "b")]))
+    assert before.items() < after.items()
+
+
+def test_patterns_are_expanded_where_no_shell_has_done_it(tree: Path):
+    assert list(find_logs([f"{tree}/*/run.mcap"])) == [tree / "a/run.mcap", tree / "b/run.mcap"]
+    assert len(find_logs([f"{tree}/b/**/run.mcap"])) == 2
+
+
+def test_each_log_once_and_missing_ones_kept(tree: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tree / "a")
+    found = find_logs(["run.mcap", "../a/run.mcap", str(tree / "a"), "gone.mcap"])
+    assert list(found) == [tree / "a/run.mcap", tree / "a/second.mcap", tree / "a/gone.mcap"]
+
+
+def test_a_folder_without_logs_is_an_error(tree: Path):
+    with pytest.raises(LogError, match=r"none holds no log \(\*\.mcap\)"):
+        find_logs([str(tree / "none")])
+
+
+@pytest.mark.parametrize(
+    ("logs", "names"),
+    [
+        (["/x/run.mcap", "/x/other.mcap"], ["run", "other"]),
+        (["/x/a/run.mcap", "/x/b/run.mcap"], ["a-run", "b-run"]),
+        (["/x/a/run.mcap", "/y/a/run.mcap", "/y/b.mcap"], ["x-a-run", "y-a-run", "b"]),
+        (["/x/a/Run.mcap", "/x/b/run.mcap"], ["a-Run", "b-run"]),
+        (["/x/run.mcap", "/x/run.bag"], ["x-run", "x-run-2"]),
+        (["/x/a-b/c.mcap", "/x/a/b-c.mcap", "/x/c.mcap"], ["a-b-c", "b-c", "x-c"]),
+        (["/x/report.html.mcap", "/x/stop"], ["report.html-2", "stop-2"]),
+    ],
+)
+def test_no_two_logs_have_one_name(logs: list[str], names: list[str]):
+    found = names_for({Path(log): 1 for log in logs}, reserved=("report.html", "stop"))
+    assert list(found.values()) == names
