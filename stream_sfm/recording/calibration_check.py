@@ -82,7 +82,7 @@ def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: Calibr
     }
     errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
     best = min(errors, key=lambda shift: errors[shift])
-    if errors[best] < 0.5 * check.row_error_px and check.row_error_px > 0.5:
+    if errors[best] < 0.5 * check.row_error_px and check.row_error_px > 0.2:
         return best, errors[best]
     return 0, check.row_error_px
 

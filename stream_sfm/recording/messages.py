@@ -115,7 +115,7 @@ class MessageDecoder:
             if channel.message_encoding == "json":
                 return json.loads
             decoder = self._protobuf.decoder_for(channel.message_encoding, schema)
-            decoder = decoder or ros_decoder(channel.message_encoding, schema)
+            decoder = decoder or ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
             if decoder is not None:
                 return decoder
         except Exception as error:  # a broken definition raises what its library raises

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
-from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 _RULE = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # stands between the definitions of a type and of its parts
+_NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines, as #include
 _READ = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2),
     (MessageEncoding.CDR, SchemaEncoding.ROS2IDL),
@@ -16,25 +17,28 @@ _READ = (
 )
 
 
-def ros_decoder(message_encoding: str, schema: Schema) -> Callable[[bytes], Any] | None:
+@lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
+def ros_decoder(
+    message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes
+) -> Callable[[bytes], Any] | None:
     """A function from the bytes of one message to an object with its fields; None where it is not of ROS.
 
     Raises what rosbags raises where the definition cannot be read, and so does the function on bytes that do not
     fit.
     """
-    if (message_encoding, schema.encoding) not in _READ:
+    if (message_encoding, schema_encoding) not in _READ:
         return None
-    text = schema.data.decode("utf-8", "replace").replace("\r\n", "\n")
+    text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
     types: dict[str, Any] = {}
-    if schema.encoding == SchemaEncoding.ROS2IDL:
+    if schema_encoding == SchemaEncoding.ROS2IDL:
         for part in _RULE.split(text):
-            if idl := re.sub(r"\A\s*IDL:.*", "", part).strip():
+            if idl := _NOT_IDL.sub("", part).strip():
                 types |= get_types_from_idl(idl)
     else:
-        types = get_types_from_msg(_RULE.sub("=" * 80, text), schema.name)  # recorders differ in the rule's length
+        types = get_types_from_msg(_RULE.sub("=" * 80, text), schema_name)  # recorders differ in the rule's length
     store = get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
-    package, *_, short_name = schema.name.split("/")
+    package, *_, short_name = schema_name.split("/")
     name = f"{package}/msg/{short_name}"
     store.get_msgdef(name)  # here, so that what is lacking is told of the schema, not of every message
     deserialise = store.deserialize_ros1 if message_encoding == MessageEncoding.ROS1 else store.deserialize_cdr

@@ -17,12 +17,16 @@ import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import Message as Protobuf
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
+
+from stream_sfm.geometry import pose as se3
+from tests.recording import idl
 
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000
@@ -34,10 +38,10 @@ _HEADER_TYPES = (
 )
 _IMAGE = "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"
 _INFO = "uint32 height\nuint32 width\nstring distortion_model\n"
+_QUATERNION = "================\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
 _POSE_TYPES = (
     "================\nMSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n"
-    "================\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    "================\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+    "================\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n" + _QUATERNION
 )
 ROS2 = {
     "sensor_msgs/msg/Image": _HEADER + _IMAGE + _HEADER_TYPES,
@@ -46,6 +50,11 @@ ROS2 = {
     + _INFO
     + "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n"
     + _HEADER_TYPES,
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"
+    "================\nMSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n"
+    "geometry_msgs/Transform transform\n"
+    "================\nMSG: geometry_msgs/Transform\nVector3 translation\nQuaternion rotation\n"
+    "================\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n" + _HEADER_TYPES + _QUATERNION,
     "geometry_msgs/msg/PoseStamped": _HEADER + "geometry_msgs/Pose pose\n" + _HEADER_TYPES + _POSE_TYPES,
 }
 _ROS1_HEADER = "================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
@@ -55,6 +64,9 @@ ROS1 = {
     "sensor_msgs/CameraInfo": "Header header\n"
     + _INFO
     + "float64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n"
+    + _ROS1_HEADER,
+    "tf2_msgs/TFMessage": ROS2["tf2_msgs/msg/TFMessage"].split("================\nMSG: std_msgs")[0]
+    + _QUATERNION
     + _ROS1_HEADER,
 }
 
@@ -122,6 +134,11 @@ def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
         return np.pad(grey, ((0, 0), (0, 5))).tobytes(), width + 5, False
     if encoding in ("rgb8", "bgr8", "8UC3"):
         return np.repeat(grey[..., None], 3, axis=2).tobytes(), 3 * width, False
+    if encoding == "bgr8-padded":
+        colour = np.repeat(grey, 3, axis=1)
+        return np.pad(colour, ((0, 0), (0, 7)), constant_values=255).tobytes(), 3 * width + 7, False
+    if encoding == "nv12":
+        return grey.tobytes() + b"\x80" * (grey.size // 2), width, False
     if encoding in ("rgba8", "bgra8"):
         return np.repeat(grey[..., None], 4, axis=2).tobytes(), 4 * width, False
     if encoding in ("yuv422", "uyvy"):
@@ -156,9 +173,12 @@ class LogWriter:
         name = type(message).DESCRIPTOR.full_name
         self.add(topic, name, ("protobuf", "protobuf"), definition, time, message.SerializeToString())
 
-    def ros2(self, topic: str, name: str, message: dict[str, Any], time: int) -> None:
+    def ros2(self, topic: str, name: str, message: dict[str, Any], time: int, by_idl: bool = False) -> None:
         data = serialize_dynamic(name, ROS2[name])[name](message)
-        self.add(topic, name, ("cdr", "ros2msg"), ROS2[name].encode(), time, data)
+        if by_idl:
+            self.add(topic, name, ("cdr", "ros2idl"), idl.definition(name).encode(), time, data)
+        else:
+            self.add(topic, name, ("cdr", "ros2msg"), ROS2[name].encode(), time, data)
 
     def ros1(self, topic: str, name: str, data: bytes, time: int) -> None:
         self.add(topic, name, ("ros1", "ros1msg"), ROS1[name].encode(), time, data)
@@ -171,25 +191,27 @@ class LogWriter:
         self._stream.close()
 
 
-def write_image(log: LogWriter, profile: str, topic: str, time: int, grey: np.ndarray, encoding: str) -> None:
-    """One image message, header stamp `time`."""
+def write_image(
+    log: LogWriter, profile: str, topic: str, time: int, grey: np.ndarray, encoding: str, frame_id: str = "left"
+) -> None:
+    """One image message, header stamp `time`. `profile`: foxglove, json, ros2, ros2idl or ros1."""
     data, step, big = encode(grey, encoding)
     name = encoding.removesuffix("-be").removesuffix("-padded")
     height, width = grey.shape
     sec, nsec = divmod(time, 10**9)
-    stamped = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": "left"}}
+    stamped = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}}
     if profile == "foxglove":
         image = (
-            RawImage(frame_id="left", width=width, height=height, encoding=name, step=step, data=data)
+            RawImage(frame_id=frame_id, width=width, height=height, encoding=name, step=step, data=data)
             if step
-            else CompressedImage(frame_id="left", format=name, data=data)
+            else CompressedImage(frame_id=frame_id, format=name, data=data)
         )
         image.timestamp.FromNanoseconds(time)
         log.protobuf(topic, image, time)
     elif profile == "json":
         text = {
             "timestamp": {"sec": sec, "nsec": nsec},
-            "frame_id": "left",
+            "frame_id": frame_id,
             "data": base64.b64encode(data).decode(),
         }
         raw = {"width": width, "height": height, "encoding": name, "step": step}
@@ -199,35 +221,36 @@ def write_image(log: LogWriter, profile: str, topic: str, time: int, grey: np.nd
             text | (raw if step else {"format": name}),
             time,
         )
-    elif profile == "ros2":
+    elif profile in ("ros2", "ros2idl"):
         raw = {"height": height, "width": width, "encoding": name, "is_bigendian": big, "step": step, "data": data}
         kind = "Image" if step else "CompressedImage"
-        log.ros2(
-            topic, f"sensor_msgs/msg/{kind}", stamped | (raw if step else {"format": name, "data": data}), time
-        )
+        image = stamped | (raw if step else {"format": name, "data": data})
+        log.ros2(topic, f"sensor_msgs/msg/{kind}", image, time, profile == "ros2idl")
     else:
-        header = struct.pack("<III", 0, sec, nsec) + _text("left")
-        body = struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step) if step else _text(name)
+        header = struct.pack("<III", 0, sec, nsec) + _text(frame_id)
+        body = (
+            struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step) if step else _text(name)
+        )
         kind = "Image" if step else "CompressedImage"
         log.ros1(topic, f"sensor_msgs/{kind}", header + body + struct.pack("<I", len(data)) + data, time)
 
 
-def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib) -> None:
+def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib, frame_id: str = "left") -> None:
     """One calibration message."""
     sec, nsec = divmod(time, 10**9)
     k, r, p = (m.ravel().tolist() for m in (c.K, c.R, c.P))
     if profile == "foxglove":
         message = CameraCalibration(
-            frame_id="left", width=c.width, height=c.height, distortion_model=c.model, D=c.D, K=k, R=r, P=p
+            frame_id=frame_id, width=c.width, height=c.height, distortion_model=c.model, D=c.D, K=k, R=r, P=p
         )
         message.timestamp.FromNanoseconds(time)
         log.protobuf(topic, message, time)
     elif profile == "json":
-        text = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "left", "width": c.width, "height": c.height}
+        text = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": frame_id, "width": c.width, "height": c.height}
         text |= {"distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
         log.json(topic, "foxglove.CameraCalibration", text, time)
-    elif profile == "ros2":
-        header = {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": "left"}
+    elif profile in ("ros2", "ros2idl"):
+        header = {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}
         body = {
             "height": c.height,
             "width": c.width,
@@ -237,11 +260,41 @@ def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib) ->
             "r": r,
             "p": p,
         }
-        log.ros2(topic, "sensor_msgs/msg/CameraInfo", {"header": header} | body, time)
+        log.ros2(topic, "sensor_msgs/msg/CameraInfo", {"header": header} | body, time, profile == "ros2idl")
     else:
-        data = struct.pack("<III", 0, sec, nsec) + _text("left") + struct.pack("<II", c.height, c.width)
+        data = struct.pack("<III", 0, sec, nsec) + _text(frame_id) + struct.pack("<II", c.height, c.width)
         data += _text(c.model) + struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
         log.ros1(topic, "sensor_msgs/CameraInfo", data, time)
+
+
+def write_transform(
+    log: LogWriter, profile: str, time: int, parent: str, child: str, parent_from_child: np.ndarray
+) -> None:
+    """One fixed transform: `/tf_static` in ROS, a FrameTransform on `/tf` in Foxglove's schemas."""
+    sec, nsec = divmod(time, 10**9)
+    t, q = parent_from_child[:3, 3].tolist(), se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist()
+    translation, rotation = dict(zip("xyz", t, strict=True)), dict(zip("xyzw", q, strict=True))
+    if profile == "foxglove":
+        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+        message.timestamp.FromNanoseconds(time)
+        for target, values in ((message.translation, translation), (message.rotation, rotation)):
+            for name, value in values.items():
+                setattr(target, name, value)
+        log.protobuf("/tf", message, time)
+    elif profile == "json":
+        text = {"timestamp": {"sec": sec, "nsec": nsec}, "parent_frame_id": parent, "child_frame_id": child}
+        log.json("/tf", "foxglove.FrameTransform", text | {"translation": translation, "rotation": rotation}, time)
+    elif profile == "ros1":
+        data = struct.pack("<IIII", 1, 0, sec, nsec) + _text(parent) + _text(child) + struct.pack("<7d", *t, *q)
+        log.ros1("/tf_static", "tf2_msgs/TFMessage", data, time)
+    else:
+        stamped = {
+            "header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": parent},
+            "child_frame_id": child,
+            "transform": {"translation": translation, "rotation": rotation},
+        }
+        name = "tf2_msgs/msg/TFMessage"
+        log.ros2("/tf_static", name, {"transforms": [stamped]}, time, profile == "ros2idl")
 
 
 def _text(text: str) -> bytes:

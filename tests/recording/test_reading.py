@@ -8,7 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from make_logs import (
+
+from stream_sfm import LogError, StereoRig, open_log
+from stream_sfm.recording import inspect_log
+from tests.recording.make_logs import (
     BASELINE_M,
     CONTAINERS,
     PERIOD_NS,
@@ -21,11 +24,9 @@ from make_logs import (
     video,
     whole_messages,
     write_image,
+    write_info,
     write_log,
 )
-
-from stream_sfm import LogError, StereoRig, open_log
-from stream_sfm.recording import inspect_log
 
 ENCODINGS = (
     "png", "jpeg", "webp", "mono8", "mono8-padded", "8UC1", "mono16", "rgb8", "bgr8", "8UC3", "rgba8", "bgra8",
@@ -77,22 +78,76 @@ def test_calibration_once_often_late(path, info_at, container):
     check_frames(write_log(path, Spec(info_at=info_at), **CONTAINERS[container]))
 
 
-@pytest.mark.parametrize(
-    ("topics", "infos"),
-    [
-        (("/cam0/image_raw", "/cam1/image_raw"), ("/cam0/camera_info", "/cam1/camera_info")),
-        (("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"),
-         ("/camera/infra1/camera_info", "/camera/infra2/camera_info")),
-        (("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color"),
-         ("/zed/zed_node/left/camera_info", "/zed/zed_node/right/camera_info")),
-        (("/stereo/left/image_rect/compressed", "/stereo/right/image_rect/compressed"),
-         ("/stereo/left/camera_info", "/stereo/right/camera_info")),
-        (("/left_image", "/right_image"), ("/left_camera_info", "/right_camera_info")),
-    ],
-)  # fmt: skip
-def test_usual_topic_names(path, topics, infos):
-    log = check_frames(write_log(path, Spec(profile="ros2", topics=topics, info_topics=infos)))
-    assert (log.left_topic, log.right_topic) == topics
+# device -> (left images, left calibration, other image topics), left and right named alike
+DEVICES = {
+    "EuRoC": ("/cam0/image_raw", "/cam0/camera_info", ()),
+    "stereo_image_proc": (
+        "/stereo/left/image_rect", "/stereo/left/camera_info",
+        ("/stereo/left/image_raw", "/stereo/right/image_raw", "/stereo/left/image_rect_color",
+         "/stereo/right/image_rect_color", "/stereo/left/image_mono", "/stereo/right/image_mono", "/stereo/disparity"),
+    ),
+    "image_transport": (
+        "/stereo/left/image_rect/compressed", "/stereo/left/camera_info",
+        ("/stereo/left/image_rect/compressedDepth", "/stereo/right/image_rect/compressedDepth"),
+    ),
+    "RealSense": (
+        "/camera/infra1/image_rect_raw", "/camera/infra1/camera_info",
+        ("/camera/color/image_raw", "/camera/depth/image_rect_raw", "/camera/aligned_depth_to_infra1/image_raw"),
+    ),
+    "RealSense, ROS 2": ("/camera/camera/infra1/image_rect_raw", "/camera/camera/infra1/camera_info", ()),
+    "RealSense T265": ("/camera/fisheye1/image_raw", "/camera/fisheye1/camera_info", ()),
+    "ZED": (
+        "/zed/zed_node/left/image_rect_color", "/zed/zed_node/left/camera_info",
+        ("/zed/zed_node/left_raw/image_raw_color", "/zed/zed_node/right_raw/image_raw_color",
+         "/zed/zed_node/rgb/image_rect_color", "/zed/zed_node/depth/depth_registered",
+         "/zed/zed_node/confidence/confidence_map"),
+    ),
+    "ZED, grey": (
+        "/zed/zed_node/left_gray/image_rect_gray", "/zed/zed_node/left_gray/camera_info",
+        ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color"),
+    ),
+    "ZED, 2025": (
+        "/zed/zed_node/left/gray/rect/image", "/zed/zed_node/left/gray/rect/camera_info",
+        ("/zed/zed_node/left/color/rect/image", "/zed/zed_node/right/color/rect/image"),
+    ),
+    "OAK": ("/oak/left/image_rect", "/oak/left/camera_info", ("/oak/rgb/image_raw", "/oak/stereo/image_raw")),
+    "depthai": ("/depthai/left/image_raw", "/depthai/left/camera_info", ()),
+    "MultiSense": (
+        "/multisense/left/image_rect", "/multisense/left/image_rect/camera_info",
+        ("/multisense/left/image_mono", "/multisense/right/image_mono", "/multisense/left/depth"),
+    ),
+    "Isaac": ("/front_stereo_camera/left/image_raw", "/front_stereo_camera/left/camera_info", ()),
+    "KITTI": ("/kitti/camera_gray_left/image_raw", "/kitti/camera_gray_left/camera_info",
+              ("/kitti/camera_color_left/image_raw", "/kitti/camera_color_right/image_raw")),
+    "short": ("/left_image", "/left_camera_info", ()),
+    "one word": ("/leftcam/image", "/leftcam/info", ()),
+}  # fmt: skip
+
+
+def other_side(topic: str) -> str:
+    for left, right in (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("fisheye1", "fisheye2")):
+        topic = topic.replace(left, right)
+    return topic
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_usual_topic_names(path, device):
+    left, info, others = DEVICES[device]
+    topics, infos = (left, other_side(left)), (info, other_side(info))
+    log = LogWriter(path)
+    for n in range(12):
+        time = START_NS + n * PERIOD_NS
+        for side, calibration in enumerate((Calib(), right_calib())):
+            write_info(log, "ros2", infos[side], time, calibration)
+            write_image(log, "ros2", topics[side], time, scene(n, side), "png")
+        for topic in others:
+            write_image(log, "ros2", topic, time, scene(0, 0), "png")
+            if not topic.startswith(tuple(i.rsplit("/", 1)[0] + "/" for i in infos)):  # of another camera
+                wrong = Calib(width=99)  # would be refused if it were taken
+                write_info(log, "ros2", topic.rsplit("/", 1)[0] + "/camera_info", time, wrong)
+    log.close()
+    read = check_frames(path)
+    assert (read.left_topic, read.right_topic) == topics
 
 
 def test_selection_of_frames(path):

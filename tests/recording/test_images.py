@@ -1,0 +1,121 @@
+"""Single images: channels in their order, 16 bits, padding, depth in metres."""
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from stream_sfm.recording.depth_images import decode_depth_m
+from stream_sfm.recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
+from stream_sfm.recording.messages import ImageMessage
+from tests.recording.make_logs import scene
+
+RED, GREEN, BLUE = 200, 100, 50
+LUMA = 0.299 * RED + 0.587 * GREEN + 0.114 * BLUE
+
+
+def raw(encoding: str, pixels: np.ndarray, big_endian: bool = False, step: int = 0) -> ImageMessage:
+    """A raw image of `pixels` (h, w) or (h, w, channels)."""
+    height, width = pixels.shape[:2]
+    return ImageMessage("/c", 0, "c", False, encoding, pixels.tobytes(), width, height, step, big_endian)
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr", "rgba", "bgra"])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_channels_are_taken_in_their_order(order, bits):
+    scale = 1 if bits == 8 else 256
+    values = {"r": RED, "g": GREEN, "b": BLUE, "a": 255}
+    pixels = np.full((20, 30, len(order)), [scale * values[c] for c in order], f"<u{bits // 8}")
+    assert decode_grey(raw(f"{order}{bits}", pixels))[5, 5] == pytest.approx(scale * LUMA, abs=scale)
+    if bits == 16:
+        swapped = pixels.astype(">u2")
+        assert decode_grey(raw(f"{order}16", swapped, True))[5, 5] == pytest.approx(scale * LUMA, abs=scale)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_patterns_are_told_apart(pattern):
+    values = [{"r": RED, "g": GREEN, "b": BLUE}[c] for c in pattern]
+    pixels = np.tile(np.array(values, np.uint8).reshape(2, 2), (10, 15))
+    assert decode_grey(raw(f"bayer_{pattern}8", pixels))[8, 8] == pytest.approx(LUMA, abs=1.5)
+    wide = (pixels.astype(np.uint16) * 256).astype("<u2")
+    assert decode_grey(raw(f"bayer_{pattern}16", wide))[8, 8] == pytest.approx(256 * LUMA, abs=400)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "flags"), [(".png", []), (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), (".webp", [])]
+)
+def test_colour_files_become_grey_and_tell_their_size(suffix, flags):
+    data = cv2.imencode(suffix, np.full((20, 30, 3), [BLUE, GREEN, RED], np.uint8), flags)[1].tobytes()
+    message = ImageMessage("/c", 0, "c", True, suffix, data)
+    assert decode_grey(message)[5, 5] == pytest.approx(LUMA, abs=2)
+    assert image_size(message) == (30, 20)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_cameras_of_more_than_8_bits_lose_their_lowest_ones(bits):
+    grey = scene(0, 0)
+    grey[0, 0] = 255
+    (scaled,) = GreyScaler().to_uint8(decode_grey(raw("mono16", grey.astype("<u2") << (bits - 8))))
+    np.testing.assert_array_equal(scaled, grey)
+
+
+def test_rows_may_be_padded_and_the_last_one_cut_short():
+    grey = scene(0, 0)
+    padded = np.pad(grey, ((0, 0), (0, 9))).tobytes()[:-9]
+    message = ImageMessage("/c", 0, "c", False, "mono8", padded, grey.shape[1], grey.shape[0], grey.shape[1] + 9)
+    np.testing.assert_array_equal(decode_grey(message), grey)
+    with pytest.raises(UndecodableImage, match="bytes a row"):
+        decode_grey(ImageMessage("/c", 0, "c", False, "mono8", padded[:-1], *grey.shape[::-1], grey.shape[1] + 9))
+
+
+DEPTH_M = np.array([[0.0, 0.5], [2.0, 6.5]], np.float32)
+KNOWN = DEPTH_M > 0
+
+
+def check_depth(message: ImageMessage, tolerance_m: float) -> None:
+    depth_m = decode_depth_m(message)
+    assert depth_m.dtype == np.float32 and np.isnan(depth_m[~KNOWN]).all()
+    np.testing.assert_allclose(depth_m[KNOWN], DEPTH_M[KNOWN], atol=tolerance_m)
+
+
+def png(values: np.ndarray) -> bytes:
+    return cv2.imencode(".png", values.astype(np.uint16))[1].tobytes()
+
+
+def test_depth_as_png_is_in_tenths_of_millimetres():
+    check_depth(ImageMessage("/d", 0, "c", True, "png", png(DEPTH_M * 1e4)), 1e-6)
+
+
+def test_raw_depth_of_ros():
+    check_depth(raw("16UC1", (DEPTH_M * 1e3).astype("<u2")), 1e-6)
+    check_depth(raw("16UC1", (DEPTH_M * 1e3).astype(">u2"), True), 1e-6)
+    check_depth(raw("32FC1", np.where(KNOWN, DEPTH_M, np.nan).astype("<f4")), 0)
+    check_depth(raw("32FC1", np.where(KNOWN, DEPTH_M, np.inf).astype(">f4"), True), 0)
+
+
+def test_compressed_depth_of_ros():
+    """As compressed_depth_image_transport writes it: millimetres, or inverse depth quantised to 16 bits."""
+    header = struct.pack("<iff", 0, 0.0, 0.0)
+    data = header + png(DEPTH_M * 1e3)
+    check_depth(ImageMessage("/d", 0, "c", True, "16UC1; compressedDepth png", data), 1e-6)
+    quantisation, farthest_m = 100.0, 10.0
+    scale = quantisation * (quantisation + 1)
+    shift = 1 - scale / farthest_m
+    inverse = np.where(KNOWN, scale / np.maximum(DEPTH_M, 1e-3) + shift, 0)
+    data = struct.pack("<iff", 0, scale, shift) + png(np.rint(inverse))
+    check_depth(ImageMessage("/d", 0, "c", True, "32FC1; compressedDepth", data), 6.5**2 / scale)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        ImageMessage("/d", 0, "c", True, "16UC1; compressedDepth png", b"short"),
+        ImageMessage("/d", 0, "c", True, "16UC1; compressedDepth rvl", struct.pack("<iff", 0, 0, 0) + b"rvl" * 9),
+        ImageMessage("/d", 0, "c", True, "png", cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()),
+        raw("32FC1", np.zeros((4, 4), np.uint8)),
+    ],
+)
+def test_what_is_no_depth_image_says_so(message):
+    with pytest.raises(UndecodableImage, match=r"/d|/c"):
+        decode_depth_m(message)
