@@ -40,11 +40,16 @@ def cluster(address: str) -> Iterator[Executor]:
     """
     try:
         from distributed import Client
+        from distributed.comm import get_address_host_port
     except ImportError:
         raise ConfigError("--scheduler needs Dask: pip install 'stream-sfm[cluster]'") from None
     try:
+        get_address_host_port(address, strict=True)
+    except ValueError as error:
+        raise ConfigError(f"--scheduler {address}: {error}; write it as in tcp://127.0.0.1:8786") from None
+    try:
         client = Client(address, timeout=_ANSWER_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise ConfigError(
             f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
         ) from None

@@ -191,7 +191,7 @@ def _verdict(job: Job, code: int, ended_for: str, said: str) -> tuple[Ending, st
     """What became of a replay: its exit code, why it was ended if it was, and its standard error."""
     summary = read_summary(job.folder)
     if ended_for == "interrupted":
-        return "interrupted", f"interrupted after {summary['frames']['estimated'] if summary else 0} frames"
+        return "interrupted", f"after {summary['frames']['estimated'] if summary else 0} frames"
     if ended_for == "hanging":
         return "failed", f"given up because no frame came for {job.patience_s:g} s"
     if code < 0:

@@ -76,41 +76,37 @@ def run(args: argparse.Namespace) -> int:
         output.print_json(content)
     elif not args.quiet:
         _print(content, out)
-    if not args.json:
-        for log in content["logs"]:
-            if log["status"] != "done":
-                print(f"stream-sfm: {log['name']}: {log['status']}: {log['reason']}", file=sys.stderr)
+    for log in content["logs"]:
+        if log["status"] != "done":
+            print(f"stream-sfm: {log['name']}: {log['status']}: {log['reason']}", file=sys.stderr)
     if content["interrupted"]:
         return EXIT_INTERRUPTED
     return 0 if content["complete"] else EXIT_SOME_FAILED
 
 
 def _print(content: dict[str, Any], out: Path) -> None:
+    from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from ..report.batch_page import verdict
 
-    truth_columns = {
-        "ate_rmse_aligned_m": "ATE aligned, m",
-        "final_drift_percent": "final drift, %",
-        "t_rel_percent": "t_rel, %",
-    }
-    table = Table()
-    table.add_column("log", overflow="fold")
-    for heading in ("status", "frames", "lost", "path, m", *truth_columns.values(), "ms a frame"):
-        table.add_column(heading, justify="left" if heading == "status" else "right", no_wrap=True)
+    truth_columns = {"ate_rmse_aligned_m": "ATE\nm", "final_drift_percent": "drift\n%", "t_rel_percent": "t_rel\n%"}
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)  # it fits into 80 columns
+    table.add_column("log", overflow="fold", min_width=8)
+    table.add_column("status", no_wrap=True)
+    for heading in ("frames", "lost", "path\nm", *truth_columns.values(), "a frame\nms"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for log in content["logs"]:
         summary = log["summary"]
-        status = log["status"] + (", earlier" if log["reused"] else "")
         if summary is None:
-            table.add_row(escape(log["name"]), status)
+            table.add_row(escape(log["name"]), log["status"])
             continue
         frames, truth = summary["frames"], summary.get("ground_truth", {})
         figures = [summary["path_length_m"], *map(truth.get, truth_columns), summary["timing_ms"]["total"]["p50"]]
-        cells = ("–" if figure is None else f"{figure:.4g}" for figure in figures)
-        table.add_row(escape(log["name"]), status, str(frames["estimated"]), str(frames["lost"]), *cells)
+        cells = ("–" if figure is None else f"{figure:.3g}" for figure in figures)
+        table.add_row(escape(log["name"]), log["status"], str(frames["estimated"]), str(frames["lost"]), *cells)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     print(verdict(content))
     print(out / "report.html")
