@@ -34,6 +34,7 @@ class ReadStats:
     paired_exactly: int = 0
     unpaired_left: int = 0
     unpaired_right: int = 0
+    unpaired_within: int = 0  # of both sides, between two pairs
     dropped_backwards: int = 0  # stamp not after the one before it on the same side
     undecodable: int = 0  # messages, or pairs of which one image is damaged or of another size
     largest_offset_ns: int = 0  # between the stamps of a pair
@@ -94,6 +95,7 @@ class PairReader:
         stats.left_read, stats.right_read = counts.read
         stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
         stats.unpaired_left, stats.unpaired_right = counts.unpaired
+        stats.unpaired_within = counts.unpaired_within
         stats.dropped_backwards = sum(counts.backwards)
         stats.largest_offset_ns = counts.largest_offset_ns
         stats.bytes_read = damage.bytes_read
@@ -121,7 +123,7 @@ def _warnings(stats: ReadStats, damage: Damage, problem: str, path: Path) -> lis
         )
     if stats.dropped_backwards:
         notes.append(f"{stats.dropped_backwards} images were dropped: their stamps repeat or go backwards")
-    if stats.unpaired_left + stats.unpaired_right > 2:  # one or two at the ends are usual
+    if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > 2:  # one or two at the ends are usual
         notes.append(
             f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
             "frame period"

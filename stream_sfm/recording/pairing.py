@@ -28,6 +28,7 @@ class PairingCounts:
     paired: int = 0
     paired_exactly: int = 0
     unpaired: list[int] = field(default_factory=lambda: [0, 0])
+    unpaired_within: int = 0  # of these, between two pairs and not at a ragged end
     backwards: list[int] = field(default_factory=lambda: [0, 0])
     largest_offset_ns: int = 0
 
@@ -42,6 +43,7 @@ class Pairer(Generic[T]):
         self._queues: tuple[deque[tuple[int, T]], deque[tuple[int, T]]] = (deque(), deque())
         self._recent: tuple[deque[int], deque[int]] = (deque(maxlen=_PERIODS + 1), deque(maxlen=_PERIODS + 1))
         self._serial = 0
+        self._unpaired_since = 0  # the last pair
         self._finished = False
 
     def push(self, side: int, stamp_ns: int, item: T) -> Iterator[tuple[T, T]]:
@@ -103,6 +105,9 @@ class Pairer(Generic[T]):
                     continue
             else:
                 self.counts.paired_exactly += 1
+            if self.counts.paired:
+                self.counts.unpaired_within += self._unpaired_since
+            self._unpaired_since = 0
             self.counts.paired += 1
             self.counts.largest_offset_ns = max(self.counts.largest_offset_ns, offset_ns)
             yield lefts.popleft()[1], rights.popleft()[1]
@@ -113,3 +118,4 @@ class Pairer(Generic[T]):
     def _drop(self, side: int) -> None:
         self._queues[side].popleft()
         self.counts.unpaired[side] += 1
+        self._unpaired_since += 1

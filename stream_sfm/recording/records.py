@@ -1,32 +1,29 @@
-"""MCAP records in the order of the file: one path for whole, unindexed, damaged and cut-off files.
+"""MCAP messages in the order of the file: one path for whole, unindexed, damaged and cut-off files.
 
-The framing is read here and only the bodies are handed to the `mcap` library, because its readers believe the
-lengths that a damaged file claims, let five kinds of exception escape, and inflate a chunk before anybody has
-looked at its size. What is found wrong is collected in `Damage`; messages before and after it are delivered.
+What is found wrong is collected in `Damage`; messages before it are delivered, and those after it wherever a
+record's beginning is known again: behind a damaged body, or at the next chunk that a sound index lists.
 """
 
-import io
 import os
 import struct
-import zlib
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
-import lz4.frame
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, ChunkIndex, Footer, Header, Schema, Statistics
+from mcap.records import Attachment, Channel, Header, Schema
 
 from ..errors import LogError
+from .chunks import inflate
+from .framing import FRAME, MAGIC, MAX_RECORD_BYTES, BrokenRecord, parse, split
+from .log_index import Index, read_index
 
-MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD_BYTES = 512 * 2**20  # a record or an inflated chunk beyond this is damage, or hostile
-_FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQI")
+_READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
+_MAX_NOTES = 20
 
 
 class LogMessage(NamedTuple):
@@ -49,31 +46,25 @@ class Damage:
     def add(self, note: str) -> None:
         """Something was lost."""
         self.complete = False
-        if note not in self.notes:
+        if len(self.notes) < _MAX_NOTES and note not in self.notes:
             self.notes.append(note)
 
 
-class _Broken(Exception):
-    """The record cannot be parsed; the message says why."""
+class _Record(NamedTuple):
+    """A record in the file; fewer than `length` bytes are `available` where the file is cut off or damaged."""
 
-
-@dataclass(slots=True)
-class Index:
-    """What the summary section says. `counts`: messages a channel id; `chunk_channels`: chunk offset -> ids."""
-
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    counts: dict[int, int] | None
-    start_ns: int
-    end_ns: int
-    chunk_channels: dict[int, frozenset[int]]
-    attachment_count: int
+    offset: int
+    opcode: int
+    length: int
+    available: int
 
 
 class LogFile:
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
-    Raises LogError where the path cannot be opened, is empty, or is not MCAP.
+    `index` is None where the file has none that can be believed; `index_problem` then says why, empty where there
+    simply is none. Raises LogError where the path cannot be opened,
+    is empty, or is not MCAP.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -81,14 +72,17 @@ class LogFile:
         if self.path.is_dir():
             raise LogError(f"{self.path} is a folder: give the .mcap file in it")
         with self._open() as stream:
-            self.size = os.fstat(stream.fileno()).st_size
-            start = stream.read(len(MAGIC))
-            if self.size == 0:
-                raise LogError(f"{self.path} is empty (0 bytes): the recording was never written")
-            if start != MAGIC:
-                kind = _other_format(start)
-                raise LogError(f"{self.path} is not an MCAP file{kind}; its first bytes are {start!r}")
-            self.index = self._read_index(stream)
+            try:
+                self.size = os.fstat(stream.fileno()).st_size
+                start = stream.read(len(MAGIC))
+                if self.size == 0:
+                    raise LogError(f"{self.path} is empty (0 bytes): the recording was never written")
+                if start != MAGIC:
+                    kind = _other_format(start)
+                    raise LogError(f"{self.path} is not an MCAP file{kind}; its first bytes are {start!r}")
+                self.index, self.index_problem = _index(stream)
+            except OSError as error:
+                raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
     def _open(self) -> IO[bytes]:
         try:
@@ -101,23 +95,31 @@ class LogFile:
 
         With `topics` given, chunks in which the index lists none of them are passed over unopened.
         """
+        read: Counter[int] = Counter()
+        if self.index_problem:
+            damage.notes.append(f"{self.path}: its index is not used: {self.index_problem}")
         try:
-            yield from self._messages(damage, topics)
+            for message in self._messages(damage, topics):
+                read[message.channel.id] += 1
+                yield message
         except OSError as error:  # a failing disk, a share that went away
             damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
+        if damage.complete and self.index is not None:
+            for channel_id, count in self.index.counts.items():
+                topic = self.index.channels[channel_id].topic
+                if (topics is None or topic in topics) and read[channel_id] < count:
+                    damage.add(f"{self.path}: {read[channel_id]} of {count} messages of {topic} could be read")
 
     def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
         # The index's copies serve where the chunk that first described a channel is damaged.
         channels: dict[int, Channel] = dict(self.index.channels) if self.index else {}
         schemas: dict[int, Schema] = dict(self.index.schemas) if self.index else {}
-        wanted_ids: frozenset[int] | None = None
-        if topics is not None and self.index is not None:
-            wanted_ids = frozenset(i for i, c in self.index.channels.items() if c.topic in topics)
 
-        def parse(opcode: int, body: bytes | memoryview, where: str) -> LogMessage | None:
+        def take(opcode: int, body: bytes | memoryview, where: str) -> LogMessage | None:
+            """Learn what a record says; the message in it, if it is a wanted one."""
             if opcode == Opcode.MESSAGE:
                 if len(body) < _MESSAGE.size:
-                    raise _Broken("a message shorter than its header")
+                    raise BrokenRecord("a message shorter than its header")
                 channel_id, _, log_time_ns, _ = _MESSAGE.unpack_from(body)
                 channel = channels.get(channel_id)
                 if channel is None:
@@ -129,173 +131,118 @@ class LogFile:
                     data = bytes(body[_MESSAGE.size :])
                     return LogMessage(channel, schemas.get(channel.schema_id), log_time_ns, data)
             elif opcode == Opcode.CHANNEL:
-                channel = _parse(Channel.read, body)
+                channel = parse(Channel.read, body)
                 channels[channel.id] = channel
             elif opcode == Opcode.SCHEMA:
-                schema = _parse(Schema.read, body)
+                schema = parse(Schema.read, body)
                 schemas[schema.id] = schema
             return None
 
         with self._open() as stream:
-            stream.seek(len(MAGIC))
-            damage.bytes_read = len(MAGIC)
-            while (framed := self._next(stream, damage)) is not None:
-                offset, opcode, length, available = framed
-                where = f"{self.path} at byte {offset}"
-                if opcode in (Opcode.FOOTER, Opcode.DATA_END):
-                    break
-                if opcode == Opcode.CHUNK:
-                    listed = (
-                        self.index.chunk_channels.get(offset) if self.index and wanted_ids is not None else None
-                    )
-                    unwanted = listed is not None and wanted_ids is not None and listed.isdisjoint(wanted_ids)
-                    if unwanted and available == length:
-                        stream.seek(length, os.SEEK_CUR)
-                        damage.bytes_read = stream.tell()
-                        continue
-                    body = stream.read(available)
-                    for inner_opcode, inner in _chunk_records(body, length, where, damage):
-                        try:
-                            message = parse(inner_opcode, inner, where)
-                        except _Broken as error:
-                            damage.add(f"{where}: the rest of the chunk is lost: {error}")
-                            break
-                        if message is not None:
-                            yield message
-                elif available < length:
-                    pass  # cut off inside this record: `_next` has noted it
-                elif opcode in (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA):
-                    try:
-                        message = parse(opcode, stream.read(length), where)
-                    except _Broken as error:
-                        damage.add(f"{where}: a damaged record was passed over: {error}")
-                        message = None
-                    if message is not None:
+            for record in self._records(stream, damage):
+                where = f"{self.path} at byte {record.offset}"
+                if record.opcode not in _READ or self._unwanted(record, topics):
+                    continue
+                whole = record.available == record.length
+                try:
+                    body = stream.read(record.available)
+                    if record.opcode == Opcode.CHUNK:
+                        for opcode, inner in split(memoryview(inflate(body, whole))):
+                            if (message := take(opcode, inner, where)) is not None:
+                                yield message
+                    elif whole and (message := take(record.opcode, body, where)) is not None:
                         yield message
-                else:
-                    stream.seek(length, os.SEEK_CUR)
-                if available < length:
-                    damage.bytes_read = offset
-                    break
-                damage.bytes_read = stream.tell()
-            else:
-                return
-            if available == length:
-                damage.bytes_read = self.size  # what follows is the summary
+                except BrokenRecord as error:
+                    if whole:  # else the cut has been noted
+                        kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
+                        damage.add(f"{where}: a damaged {kind} of {record.length} bytes is passed over: {error}")
 
-    def _next(self, stream: IO[bytes], damage: Damage) -> tuple[int, int, int, int] | None:
-        """Offset, opcode, length and length in the file of the next record; None, with a note, at a cut."""
-        offset = stream.tell()
-        frame = stream.read(_FRAME.size)
-        left = self.size - offset - len(frame)
-        read = f"{offset / 1e6:.2f} of {self.size / 1e6:.2f} MB ({100 * offset / self.size:.0f} %) could be read"
-        if len(frame) < _FRAME.size:
-            damage.add(f"{self.path} is cut off at byte {offset}: the recording was not closed; {read}")
-            return None
-        opcode, length = _FRAME.unpack(frame)
-        if opcode == 0:
-            damage.add(f"{self.path} holds no record at byte {offset} (zeros, or damage); {read}")
-            return None
-        if length > left:
-            damage.add(
-                f"{self.path} is cut off or damaged at byte {offset}: the record there has {length} bytes, "
-                f"only {left} follow; {read}"
-            )
-            # A chunk can be read as far as it goes; anything else claiming so much is of no use.
-            return offset, opcode, length, left
-        if length > MAX_RECORD_BYTES and opcode in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA):
-            damage.add(f"{self.path} at byte {offset}: a record of {length / 2**20:.0f} MiB is passed over")
-            stream.seek(length, os.SEEK_CUR)
-            return self._next(stream, damage)
-        return offset, opcode, length, length
+    def _unwanted(self, record: _Record, topics: frozenset[str] | None) -> bool:
+        """Whether the index tells that a chunk holds nothing of these topics."""
+        if topics is None or self.index is None or record.opcode != Opcode.CHUNK:
+            return False
+        listed = self.index.chunk_channels.get(record.offset)
+        return listed is not None and not any(self.index.channels[i].topic in topics for i in listed)
+
+    def _records(self, stream: IO[bytes], damage: Damage) -> Iterator[_Record]:
+        """The records in order; `stream` stands at the body of the one yielded.
+
+        A record never reaches into a chunk that the index lists: where one claims to, reading goes on there.
+        """
+        chunks = list(self.index.chunk_channels) if self.index else []
+        at = len(MAGIC)
+        ended = False
+        while True:
+            damage.bytes_read = self.size if ended else at
+            number = bisect_right(chunks, at)
+            next_chunk = chunks[number] if number < len(chunks) else None
+            stream.seek(at)
+            frame = stream.read(FRAME.size)
+            left = (next_chunk or self.size) - at - FRAME.size
+            opcode, length = FRAME.unpack(frame) if left >= 0 and len(frame) == FRAME.size else (0, 0)
+            problem = ""
+            if left < 0 and next_chunk is None:
+                problem = "the recording was not closed"
+            elif opcode == 0:
+                problem = "no record stands there (zeros, or damage)"
+            elif length > left:
+                problem = f"the record there has {length} bytes, only {left} follow"
+                # A chunk can be read as far as it goes; anything else claiming so much is of no use.
+                if opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
+                    yield _Record(at, opcode, length, left)
+            elif length > MAX_RECORD_BYTES and opcode in _READ:
+                damage.add(f"{self.path} at byte {at}: a record of {length / 2**20:.0f} MiB is passed over")
+            elif opcode == Opcode.FOOTER and (ended or left - length == len(MAGIC)):
+                damage.bytes_read = self.size
+                return
+            else:
+                # What follows the data is the summary; nothing is lost by looking for messages in it.
+                ended |= opcode == Opcode.DATA_END and next_chunk is None
+                yield _Record(at, opcode, length, length)
+            if not problem:
+                at += FRAME.size + length
+            elif next_chunk is not None:
+                damage.add(f"{self.path} is damaged at byte {at}: {problem}; read on at byte {next_chunk}")
+                at = next_chunk
+            else:
+                if not ended:
+                    read = (
+                        f"{at / 1e6:.2f} of {self.size / 1e6:.2f} MB ({100 * at / self.size:.0f} %) could be read"
+                    )
+                    damage.add(f"{self.path} is cut off or damaged at byte {at}: {problem}; {read}")
+                return
 
     def attachments(self, damage: Damage, max_bytes: int = 2**20) -> Iterator[Attachment]:
         """The attachments of at most `max_bytes`, in file order."""
         if self.index is not None and self.index.attachment_count == 0:
             return
         with self._open() as stream:
-            stream.seek(len(MAGIC))
-            while (framed := self._next(stream, damage)) is not None:
-                _, opcode, length, available = framed
-                if opcode in (Opcode.FOOTER, Opcode.DATA_END) or available < length:
-                    return
-                if opcode == Opcode.ATTACHMENT and length <= max_bytes:
+            for record in self._records(stream, damage):
+                if record.opcode == Opcode.ATTACHMENT and record.length <= max_bytes:
                     try:
-                        yield _parse(Attachment.read, stream.read(length))
-                    except _Broken as error:
-                        damage.add(f"{self.path}: a damaged attachment was passed over: {error}")
-                else:
-                    stream.seek(length, os.SEEK_CUR)
-
-    def _read_index(self, stream: IO[bytes]) -> Index | None:
-        """The summary, or None where it is missing, damaged, or at odds with the file: then nobody trusts it."""
-        tail = _FRAME.size + 20 + len(MAGIC)
-        if self.size < 2 * len(MAGIC) + tail:
-            return None
-        stream.seek(self.size - tail)
-        end = stream.read(tail)
-        if end[-len(MAGIC) :] != MAGIC or _FRAME.unpack_from(end) != (Opcode.FOOTER, 20):
-            return None
-        try:
-            footer = _parse(Footer.read, end[_FRAME.size : -len(MAGIC)])
-            length = self.size - tail - footer.summary_start
-            if footer.summary_start < len(MAGIC) or not 0 < length <= MAX_RECORD_BYTES:
-                return None
-            stream.seek(footer.summary_start)
-            summary = stream.read(length)
-            # The checksum covers the summary and the footer up to the checksum itself.
-            crc = zlib.crc32(end[: _FRAME.size + 16], zlib.crc32(summary))
-            if footer.summary_crc not in (0, crc):
-                return None
-            return self._parse_index(summary, stream)
-        except _Broken:
-            return None
-
-    def _parse_index(self, summary: bytes, stream: IO[bytes]) -> Index | None:
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        statistics: Statistics | None = None
-        chunks: list[ChunkIndex] = []
-        for opcode, body in _split(memoryview(summary)):
-            if opcode == Opcode.SCHEMA:
-                schema = _parse(Schema.read, body)
-                schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                channel = _parse(Channel.read, body)
-                channels[channel.id] = channel
-            elif opcode == Opcode.STATISTICS:
-                statistics = _parse(Statistics.read, body)
-            elif opcode == Opcode.CHUNK_INDEX:
-                chunks.append(_parse(ChunkIndex.read, body))
-        counts = dict(statistics.channel_message_counts) if statistics else None
-        described = all(c.schema_id == 0 or c.schema_id in schemas for c in channels.values())
-        if not channels or not described or statistics is None:
-            return None
-        if statistics.channel_count != len(channels) or (statistics.chunk_count > 0 and not chunks):
-            return None
-        if counts and not set(counts) <= set(channels):
-            return None
-        for chunk in chunks:
-            stream.seek(min(chunk.chunk_start_offset, self.size))
-            if stream.read(1) != bytes([Opcode.CHUNK]):
-                return None
-        listed = {
-            c.chunk_start_offset: frozenset(c.message_index_offsets) for c in chunks if c.message_index_offsets
-        }
-        span_ns = statistics.message_start_time, statistics.message_end_time
-        return Index(schemas, channels, counts, *span_ns, listed, statistics.attachment_count)
+                        yield parse(Attachment.read, stream.read(record.length))
+                    except BrokenRecord as error:
+                        damage.add(
+                            f"{self.path} at byte {record.offset}: a damaged attachment is passed over: {error}"
+                        )
 
     def header(self) -> Header | None:
         """The header record, None where it is damaged."""
         with self._open() as stream:
-            stream.seek(len(MAGIC))
-            framed = self._next(stream, Damage())
-            if framed is None or framed[1] != Opcode.HEADER or framed[2] > 2**16 or framed[3] < framed[2]:
+            record = next(self._records(stream, Damage()), None)
+            if record is None or record.opcode != Opcode.HEADER or record.length > 2**16:
                 return None
             try:
-                return _parse(Header.read, stream.read(framed[2]))
-            except _Broken:
+                return parse(Header.read, stream.read(record.length))
+            except BrokenRecord:
                 return None
+
+
+def _index(stream: IO[bytes]) -> tuple[Index | None, str]:
+    try:
+        return read_index(stream), ""
+    except BrokenRecord as error:
+        return None, str(error)
 
 
 def _other_format(start: bytes) -> str:
@@ -308,93 +255,3 @@ def _other_format(start: bytes) -> str:
     if start.startswith(MAGIC[:5]):
         return " of version 0"
     return ""
-
-
-def _parse(reader: Callable[..., Any], body: bytes | memoryview) -> Any:
-    """One record by the mcap library, any failure as `_Broken`."""
-    try:
-        return reader(ReadDataStream(io.BytesIO(body)))
-    except Exception as error:  # struct.error, EndOfFile, UnicodeDecodeError, KeyError: the body is damaged
-        raise _Broken(f"{type(error).__name__} {error}".strip()) from None
-
-
-def _split(body: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """The records in the inflated bytes of a chunk; raises `_Broken` where they do not add up."""
-    position = 0
-    while position < len(body):
-        if position + _FRAME.size > len(body):
-            raise _Broken("the last record is cut off")
-        opcode, length = _FRAME.unpack_from(body, position)
-        position += _FRAME.size
-        if length > len(body) - position:
-            raise _Broken(f"a record of {length} bytes where {len(body) - position} are left")
-        yield opcode, body[position : position + length]
-        position += length
-
-
-def _chunk_records(
-    body: bytes, length: int, where: str, damage: Damage
-) -> Iterator[tuple[int, bytes | memoryview]]:
-    """The records of a chunk. Of a chunk that is cut off (body shorter than `length`): those before the cut."""
-    whole = len(body) == length
-    try:
-        inflated, crc = _inflate(body, whole)
-        if crc and whole and zlib.crc32(inflated) != crc:
-            raise _Broken("its checksum does not fit its content")
-    except _Broken as error:
-        if whole:
-            damage.add(f"{where}: a damaged chunk of {length} bytes was passed over: {error}")
-        return
-    try:
-        yield from _split(memoryview(inflated))
-    except _Broken as error:
-        if whole:
-            damage.add(f"{where}: the rest of the chunk is lost: {error}")
-
-
-def _inflate(body: bytes, whole: bool) -> tuple[bytes, int]:
-    """Content and checksum of a chunk's body, never more bytes than it declares."""
-    if len(body) < _CHUNK.size + 4:
-        raise _Broken("its header is cut off")
-    _, _, size, crc = _CHUNK.unpack_from(body)
-    if size > MAX_RECORD_BYTES:
-        raise _Broken(f"it claims to inflate to {size / 2**20:.0f} MiB, over {MAX_RECORD_BYTES / 2**20:.0f}")
-    (name_length,) = struct.unpack_from("<I", body, _CHUNK.size)
-    start = _CHUNK.size + 4 + name_length + 8
-    if start > len(body):
-        raise _Broken("its header is cut off")
-    compression = bytes(body[_CHUNK.size + 4 : start - 8])
-    (data_length,) = struct.unpack_from("<Q", body, start - 8)
-    data = memoryview(body)[start:]
-    if whole and data_length > len(data):
-        raise _Broken("its lengths do not add up")
-    data = data[:data_length]
-    try:
-        if compression == b"zstd":
-            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-                inflated = _read_to(reader, size, whole)
-        elif compression == b"lz4":
-            inflated = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-        elif compression == b"":
-            inflated = bytes(data)
-        else:
-            raise _Broken(f"compression {compression!r} is not known; zstd, lz4 and none are")
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
-        raise _Broken(f"it cannot be inflated: {error}") from None
-    if whole and len(inflated) != size:
-        raise _Broken(f"it inflates to {len(inflated)} bytes and claims {size}")
-    return inflated, crc
-
-
-def _read_to(reader: Any, size: int, whole: bool) -> bytes:
-    """Up to `size` bytes; of a cut-off stream what comes before the cut."""
-    if whole:
-        return reader.read(size) if size else b""
-    parts: list[bytes] = []
-    try:
-        while size > 0 and (part := reader.read(min(size, 1 << 17))):
-            parts.append(part)
-            size -= len(part)
-    except zstandard.ZstdError:
-        pass  # the cut
-    return b"".join(parts)

@@ -32,6 +32,19 @@ def open_log(
     instead of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
     """
     file = LogFile(path)
+    try:
+        return _open(file, left, right, calibration)
+    except LogError:
+        if file.index is None or file.index.checksummed:
+            raise
+    # Without a checksum the index may be what is wrong: let the file speak for itself.
+    file.index, file.index_problem = None, "it carries no checksum, and by it the log cannot be used"
+    return _open(file, left, right, calibration)
+
+
+def _open(
+    file: LogFile, left: str | None, right: str | None, calibration: str | Path | StereoRig | None
+) -> "StereoLog":
     damage = Damage()
     survey = survey_log(file, damage)
     choice = choose_cameras(file, survey, left, right, damage.notes)

@@ -44,7 +44,7 @@ def survey_log(file: LogFile, damage: Damage) -> Survey:
     survey = Survey({}, index.start_ns, index.end_ns)
     for channel in index.channels.values():
         schema = index.schemas.get(channel.schema_id)
-        count = None if not index.counts else index.counts.get(channel.id, 0)
+        count = index.counts.get(channel.id, 0) if index.counts else None
         known = survey.topics.get(channel.topic)
         if known is None:
             survey.topics[channel.topic] = Topic(

@@ -1,0 +1,108 @@
+"""Damaged logs through the command line, in a worker that may hang, swell or die without taking the test along."""
+
+import contextlib
+import io
+import json
+import multiprocessing
+import os
+import resource
+import signal
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from stream_sfm.cli.main import main
+from stream_sfm.recording.trajectory_files import read_tum
+from tests.faults.mutations import FRAMES, make_base, mutate
+
+MAX_SECONDS = 5  # of CPU, a log: a busy machine is no failure
+MAX_WAIT_S = 120  # of waiting for nothing
+MAX_RSS_MIB = 1024
+
+# (log, folder of results, stamps of the frames that are due, whether no loss can be hidden) -> (exit code, problem)
+Replay = Callable[[Path, Path, list[int], bool], tuple[int, str]]
+
+
+@dataclass
+class Outcome:
+    """What so many damaged logs came to. `failures`: seed -> what went wrong; `exit_codes` of the others."""
+
+    tried: int = 0
+    failures: dict[int, str] = field(default_factory=dict)
+    exit_codes: Counter[int] = field(default_factory=Counter)
+    frames_due: int = 0
+    peak_rss_mib: float = 0.0
+
+
+def replay_and_check(log: Path, out: Path, due: list[int], checked: bool) -> tuple[int, str]:
+    """The exit code of `stream-sfm replay`, and what is wrong with it or with its results (empty: nothing)."""
+    trajectory = out / "trajectory.tum"
+    trajectory.unlink(missing_ok=True)
+    printed, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
+        code = main(["replay", str(log), "--out", str(out), "--json"])
+    if code not in (0, 3) or "Traceback" in errors.getvalue():
+        return code, f"exit code {code}: {errors.getvalue()[-500:]}"
+    estimated = read_tum(trajectory).stamps_ns.tolist() if trajectory.exists() else []
+    if missing := set(due) - set(estimated):
+        return code, f"{len(missing)} of {len(due)} intact leading frames are not estimated: {errors.getvalue()}"
+    if code == 0:
+        summary = json.loads(printed.getvalue())
+        if not summary["complete"]:
+            return code, "not complete, and the exit code does not say so"
+        if checked and len(estimated) < FRAMES and not summary["warnings"]:
+            return code, f"{len(estimated)} of {FRAMES} frames, and nothing said of the others"
+    return code, ""
+
+
+def fuzz(base: str, first: int, count: int, folder: Path, replay: Replay = replay_and_check) -> Outcome:
+    """Replay the logs of the seeds `first` … `first + count − 1`, made of one base.
+
+    A log that kills the worker is a failure; a new worker goes on with the next.
+    """
+    outcome = Outcome()
+    at, end = first, first + count
+    spawn = multiprocessing.get_context("spawn")  # not a fork: the memory measured is to be the worker's own
+    while at < end:
+        receive, send = spawn.Pipe(duplex=False)
+        worker = spawn.Process(target=_work, args=(send, base, at, end, folder, replay))
+        worker.start()
+        send.close()
+        with receive, contextlib.suppress(EOFError):
+            while True:
+                code, due, outcome.peak_rss_mib, problem = receive.recv()
+                if problem:
+                    outcome.failures[at] = problem
+                else:
+                    outcome.exit_codes[code] += 1
+                outcome.frames_due += due
+                at += 1
+        worker.join()
+        if at < end:
+            hung = -(worker.exitcode or 0) in (signal.SIGPROF, signal.SIGALRM)
+            outcome.failures[at] = f"the worker {'did not come back' if hung else 'died'} ({worker.exitcode})"
+            at += 1
+        worker.close()
+    outcome.tried = at - first
+    return outcome
+
+
+def _work(send: Connection, base_name: str, first: int, end: int, folder: Path, replay: Replay) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # image libraries write there what they think of damaged images
+    log = folder / "damaged.mcap"
+    base = make_base(base_name, folder)
+    for seed in range(first, end):
+        kind, data = mutate(base, seed)
+        log.write_bytes(data)
+        due = base.leading(data)
+        # The default of both signals ends the process, also inside a library that does not come back.
+        signal.setitimer(signal.ITIMER_PROF, MAX_SECONDS)
+        signal.alarm(MAX_WAIT_S)
+        code, problem = replay(log, folder / "out", due, base.checksummed and kind != "change_inside")
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        rss_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        if rss_mib > MAX_RSS_MIB:
+            problem = problem or f"{rss_mib:.0f} MiB"
+        send.send((code, len(due), rss_mib, problem and f"{kind}: {problem}"))

@@ -1,0 +1,146 @@
+"""Damage of one kind at a known place: what it costs, and what is said of it."""
+
+import struct
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+
+import stream_sfm as sfm
+from stream_sfm.recording.records import Damage, LogFile
+from stream_sfm.run import replay
+from tests.faults.mutations import BASES, FRAMES, Base, make_base
+from tests.recording.make_logs import CONTAINERS, Spec, write_log
+
+FAST = sfm.Config(method="frame-to-frame")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "damaged.mcap"
+
+
+def estimated(path: Path) -> list[int]:
+    """The stamps of the frames that a replay estimates, none where the log cannot be used."""
+    try:
+        return replay(path, None, FAST).trajectory.stamps_ns.tolist()
+    except sfm.LogError as error:
+        assert str(path) in str(error)
+        return []
+
+
+def read(path: Path) -> tuple[list[int], list[str], bool]:
+    """Stamps of the stereo frames, warnings, and whether all was read."""
+    log = sfm.open_log(path)
+    stamps = [pair.stamp_ns for pair in log.pairs()]
+    return stamps, log.stats.warnings, log.stats.complete
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_every_cut_leaves_the_frames_that_are_whole_before_it(name: str, path: Path, tmp_path: Path):
+    base = make_base(name, tmp_path)
+    before = 0
+    for size in [*range(1000, len(base.data), 1000), len(base.data)]:
+        path.write_bytes(base.data[:size])
+        whole = base.leading(base.data[:size])
+        found = estimated(path)
+        if name == "protobuf, unchunked":
+            assert found == whole, size
+        else:  # of a chunk that is cut in two, the first part counts as well
+            assert found[: len(whole)] == whole and len(found) >= before, size
+        before = len(found)
+    assert before == FRAMES
+
+
+def change(base: Base, path: Path, at: int, replacement: bytes) -> None:
+    data = bytearray(base.data)
+    data[at : at + len(replacement)] = replacement
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("length", [0, 7, 5000, 2**40, 2**64 - 1])
+def test_a_wrong_length_costs_no_more_than_its_chunk(length: int, path: Path, tmp_path: Path):
+    base = make_base("ROS 2, zstd", tmp_path)
+    stamps, ends = list(base.frame_ends), list(base.frame_ends.values())
+    broken = next(r for r in base.records if r.opcode == Opcode.CHUNK and r.end == ends[2])
+    change(base, path, broken.start + 1, struct.pack("<Q", length))
+    found, warnings, complete = read(path)
+    assert set(found) >= set(stamps) - {stamps[2]} and not complete
+    assert any(str(broken.start) in w and "read on at byte" in w for w in warnings) or "damaged chunk" in warnings[0]
+
+
+def test_an_end_in_the_middle_is_no_end(path: Path, tmp_path: Path):
+    base = make_base("protobuf, no index", tmp_path)
+    data_end = next(r for r in base.records if r.opcode == Opcode.DATA_END)
+    footer = base.data[data_end.end : -8]
+    chunk = [r for r in base.records if r.opcode == Opcode.CHUNK][3]
+    for inserted in (base.data[data_end.start : data_end.end], footer):
+        path.write_bytes(base.data[: chunk.start] + inserted + base.data[chunk.start :])
+        assert read(path)[0] == list(base.frame_ends)
+
+
+def test_a_message_that_the_index_counts_and_nobody_finds_is_missed(path: Path, tmp_path: Path):
+    """A flipped bit makes an unknown record of a message, and readers pass over unknown records."""
+    base = make_base("protobuf, unchunked", tmp_path)
+    last = [r for r in base.records if r.opcode == Opcode.MESSAGE][-1]
+    change(base, path, last.start, b"\x85")
+    found, warnings, complete = read(path)
+    assert found == list(base.frame_ends)[:-1] and not complete
+    assert f"{path}: 4 of 5 messages of /camera/right/image could be read" in warnings
+
+
+def test_an_index_without_a_checksum_that_leads_astray_is_left(path: Path, tmp_path: Path):
+    base = make_base("ROS 1, uncompressed chunks without checksums", tmp_path)
+    at = base.data.rindex(b"/camera/right/image")
+    change(base, path, at, b"/camera/wrong/image")
+    found, warnings, complete = read(path)
+    assert found == list(base.frame_ends) and complete
+    assert "its index is not used: it carries no checksum" in warnings[0]
+
+
+def test_an_index_with_a_wrong_checksum_is_not_used_and_nothing_is_lost(path: Path, tmp_path: Path):
+    base = make_base("ROS 2, zstd", tmp_path)
+    at = base.data.rindex(b"/camera/right/image")
+    change(base, path, at, b"/camera/wrong/image")
+    assert LogFile(path).index is None
+    found, warnings, complete = read(path)
+    assert found == list(base.frame_ends) and complete
+    assert warnings == [f"{path}: its index is not used: its checksum does not fit its content"]
+
+
+def test_records_of_gigabytes_are_passed_over_unread(path: Path):
+    """A sparse file: the lengths are true, the bytes are not there."""
+    write_log(path, Spec(), use_chunking=False)
+    data = path.read_bytes()
+    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    huge = 2**32
+    with path.open("r+b") as stream:
+        for n in range(3):
+            stream.seek(head + n * (huge + 9))
+            stream.write(struct.pack("<BQ", Opcode.MESSAGE, huge))
+        stream.seek(head + 3 * (huge + 9))
+        stream.write(data[head:])
+    found, warnings, complete = read(path)
+    assert len(found) == 12 and not complete
+    assert sum("a record of 4096 MiB is passed over" in w for w in warnings) == 3
+
+
+def test_notes_of_damage_stay_few(path: Path):
+    write_log(path, Spec(), use_chunking=False)
+    data = path.read_bytes()
+    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    stray = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 999, 0, 0, 0)
+    path.write_bytes(data[:head] + 5000 * stray + data[head:])
+    damage = Damage()
+    assert sum(1 for _ in LogFile(path).messages(damage)) == 26
+    assert not damage.complete and 1 < len(damage.notes) < 30
+
+
+@pytest.mark.parametrize("container", ["zstd", "lz4", "uncompressed chunks"])
+def test_unknown_records_are_passed_over(container: str, path: Path):
+    write_log(path, Spec(), **CONTAINERS[container])
+    data = path.read_bytes()
+    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    path.write_bytes(data[:head] + struct.pack("<BQ4s", 0x80, 4, b"mine") + data[head:])
+    found, _, complete = read(path)
+    assert len(found) == 12 and complete
