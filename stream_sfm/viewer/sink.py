@@ -15,12 +15,12 @@ from ..errors import ConfigError, OutputError
 from ..evaluation.projection import project_into_image
 from ..geometry import pose as se3
 from ..geometry.pose import Array
+from ..recording.images import sniff_format
 from ..types import FrameEstimate, Status, StereoRig, Trajectory
 from . import layout
 
 Picture = NDArray[np.uint8] | bytes
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
-_MAGIC = ((b"\x89PNG", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"RIFF", "image/webp"))
 _TRUTH_TOLERANCE_NS = 50_000_000
 _TAIL_FRAMES = 5  # how far back the tail of a track reaches
 
@@ -207,8 +207,8 @@ def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
     if isinstance(picture, bytes):
-        kind = next((name for magic, name in _MAGIC if picture.startswith(magic)), None)
-        return rr.EncodedImage(contents=picture, media_type=kind)
+        kind = sniff_format(picture)
+        return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")
     return rr.Image(picture, color_model="L")
 
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -39,14 +40,28 @@ def _run(rrd, compressed: bool):
     viewer.close()
 
 
+def _verify(path):
+    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("compressed", [True, False])
 def test_a_recording_verifies(tmp_path, compressed):
     path = tmp_path / "run.rrd"
     _run(path, compressed)
-    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", path], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    _verify(path)
     data = path.read_bytes()
     assert b"local_structure" in data and b"position_3_sigma" in data
+
+
+def test_the_recording_of_the_sample_log_verifies(tmp_path):
+    room = Path(__file__).parents[2] / "logs" / "room.mcap"
+    rrd = tmp_path / "room.rrd"
+    assert (
+        main(["replay", str(room), "--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"])
+        == 0
+    )
+    _verify(rrd)
 
 
 @pytest.mark.parametrize("suffix,kind", [(".png", "image/png"), (".jpg", "image/jpeg"), (".webp", "image/webp")])
