@@ -26,6 +26,21 @@ def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
     )
 
 
+def calibration_findings(
+    rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
+) -> Findings:
+    """The first cause that explains the check; what else the rows say follows from it. `swapped`: the check of the
+    same images with left and right exchanged.
+    """
+    if (problem := side_problem(rig, check, swapped, choice)) is not None:
+        return [problem], []
+    problems, warnings = scale_findings(rig)
+    if problems:
+        return problems, warnings
+    more_problems, more_warnings = row_findings(check)
+    return more_problems, warnings + more_warnings
+
+
 def scale_findings(rig: StereoRig) -> Findings:
     """Intrinsics that belong to images of another size: the principal point tells."""
     problems, warnings = [], []
@@ -46,29 +61,37 @@ def scale_findings(rig: StereoRig) -> Findings:
     return problems, warnings
 
 
-def side_problem(rig: StereoRig, check: CalibrationCheck, choice: PairChoice) -> str | None:
+def side_problem(
+    rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
+) -> str | None:
     """Left and right exchanged, in the calibration, in the images, or in both."""
-    negative_m = right_is_left(rig)
-    if check.negative_share != check.negative_share:
+    if np.isnan(check.negative_share):
         return None
-    share = 100 * check.negative_share
+    negative_m = right_is_left(rig)
+    share = f"{100 * check.negative_share:.0f} % of the matches have negative disparity"
     swap = f"--left {choice.right} --right {choice.left}"
-    if negative_m is not None and share > 50:
-        return (
-            f"left and right are swapped: by the calibration the right camera stands {negative_m:.4g} m to the left "
-            f"of the left one, and {share:.0f} % of the matches have negative disparity; replay with {swap}"
-        )
-    if negative_m is not None:
+    # cameras that converge have disparities of both signs in their images; there the rows tell
+    rows_tell = swapped.row_error_px < 0.5 * check.row_error_px > 0.25 and swapped.negative_share < 0.1
+    if check.negative_share <= 0.5 and negative_m is not None:
         return (
             f"the sign of the baseline is wrong: by the calibration the right camera stands {negative_m:.4g} m to "
             "the left of the left one, while the images show left and right as they are named; P[3] of the right "
             f"camera must be −fx·baseline, so negate it (or translation_m of right_from_left); {CURE}"
         )
-    if share > 50:
+    if negative_m is not None:
         return (
-            f"the images are swapped: {share:.0f} % of the matches have negative disparity, while the calibration "
-            f"has left and right as they are named; replay with {swap} and a calibration of that pair (--calibration "
-            "FILE), or rename the image topics"
+            f"left and right are swapped: by the calibration the right camera stands {negative_m:.4g} m to the left "
+            f"of the left one, and {share}; replay with {swap}"
+        )
+    if check.negative_share > 0.5 or rows_tell:
+        rows = (
+            f"with the images exchanged matched corners lie on one row to {swapped.row_error_px:.2f} px, as they are "
+            f"to {check.row_error_px:.2f} px only"
+        )
+        return (
+            f"the images are swapped: {rows if rows_tell else share}, while the calibration has left and right as "
+            f"they are named; replay with {swap} and a calibration of that pair (--calibration FILE), or exchange "
+            "the names of the image topics"
         )
     return None
 

@@ -160,13 +160,13 @@ class _Inspection:
                 check_sides(self.file.path, rig)
             except LogError as error:
                 self.problems.append(str(error))
-        problems = [findings.side_problem(rig, check, choice)]
-        for more_problems, more_warnings in (findings.scale_findings(rig), findings.row_findings(check)):
-            problems += more_problems
-            self.warnings += more_warnings
         if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
             problems = [of_stamps]  # what else the rows say follows from it
-        self.problems += [f"{self.file.path}: {problem}" for problem in problems if problem]
+        else:
+            swapped = check_calibration(rig, [(right, left) for run in decoded for left, right in run])
+            problems, warnings = findings.calibration_findings(rig, check, swapped, choice)
+            self.warnings += warnings
+        self.problems += [f"{self.file.path}: {problem}" for problem in problems]
 
     def _check_stamps(
         self, rig: StereoRig, choice: PairChoice, decoded: list[list[Images]], check: CalibrationCheck

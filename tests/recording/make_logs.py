@@ -26,6 +26,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 from stream_sfm.geometry import pose as se3
+from stream_sfm.types import StereoRig
 from tests.recording import idl
 
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12
@@ -90,6 +91,16 @@ def right_calib(**changes: Any) -> Calib:
     """The right camera of the default pair."""
     p = np.c_[K, [-FOCAL_PX * BASELINE_M, 0, 0]]
     return replace(Calib(P=p), **changes)
+
+
+def calibration_of(stereo: StereoRig, model: str) -> tuple[Calib, Calib]:
+    """Both messages as a calibration tool writes them, R and P by OpenCV; `model` is the name of the lens."""
+    r, t = stereo.right_from_left[:3, :3], stereo.right_from_left[:3, 3:]
+    left, right = stereo.left, stereo.right
+    size = (left.width, left.height)
+    # R and P depend on the lens in focal length and centre only, which are free
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(left.K, np.zeros(4), right.K, np.zeros(4), size, r, t)
+    return tuple(Calib(*size, model, c.D, c.K, r, p) for c, r, p in ((left, r1, p1), (right, r2, p2)))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from stream_sfm.calibration import calibration_to_toml
 from stream_sfm.cli.main import main
 from stream_sfm.recording import inspect_log
 from tests.frontend.plane_world import Wall, path, rig
-from tests.recording.make_logs import START_NS, Calib, LogWriter, write_image, write_info
+from tests.recording.make_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
 
 LEFT, RIGHT = "/camera/left/image", "/camera/right/image"
 STEREO = rig()
@@ -69,6 +69,16 @@ def test_swapped_cameras(file, frames, tmp_path):
     assert f"--left {RIGHT} --right {LEFT}" in problem and "--calibration" in problem
     (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
     assert inspect_log(file, left=RIGHT, right=LEFT, calibration=tmp_path / "c.toml")["problems"] == []
+
+
+def test_swapped_cameras_that_converge(file):
+    """What they see of nearby things may lie on either side: their rows tell."""
+    wall, stereo = Wall(5), rig(0.08)
+    frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(path(4))]
+    infos = calibration_of(stereo, "plumb_bob")
+    assert inspect_log(write(file, frames, infos))["problems"] == []
+    (problem,) = inspect_log(write(file, frames, infos, swapped=True))["problems"]
+    assert "the images are swapped: with the images exchanged matched corners lie on one row" in problem
 
 
 def test_swapped_cameras_with_their_calibration(file, frames):

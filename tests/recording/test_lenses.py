@@ -12,8 +12,8 @@ from tests.frontend.plane_world import Wall, path, rig
 from tests.recording.make_logs import (
     PERIOD_NS,
     START_NS,
-    Calib,
     LogWriter,
+    calibration_of,
     write_image,
     write_info,
     write_transform,
@@ -53,15 +53,6 @@ def through(wall: Wall, camera: Camera, world_from_cam: np.ndarray) -> np.ndarra
     big = cv2.remap(wall.texture, *texels.T.reshape(2, 2 * SIZE[1], 2 * SIZE[0]), cv2.INTER_LINEAR)
     small = cv2.resize(big, SIZE, interpolation=cv2.INTER_AREA).astype(float)
     return np.clip(np.rint(small + wall.rng.normal(size=small.shape)), 0, 255).astype(np.uint8)
-
-
-def sent(stereo: StereoRig, name: str) -> tuple[Calib, Calib]:
-    """Both calibration messages as a calibration tool writes them, R and P by OpenCV; `name` of the model."""
-    r, t = stereo.right_from_left[:3, :3], stereo.right_from_left[:3, 3:]
-    left, right = stereo.left, stereo.right
-    # R and P do not depend on the lens but in the choice of focal length and centre, which is free
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(left.K, np.zeros(4), right.K, np.zeros(4), SIZE, r, t)
-    return tuple(Calib(*SIZE, name, c.D, c.K, r, p) for c, r, p in ((left, r1, p1), (right, r2, p2)))
 
 
 def write(file, profile, images, infos, topic="/stereo/{}/image_raw", transform=None):
@@ -109,7 +100,7 @@ def error_m(result) -> float:
 def test_every_lens_gives_the_true_path(tmp_path, seen, profile, kind):
     stereo = RIGS[kind]
     name = {"none": "", "equidistant": "kannala_brandt" if profile in ("foxglove", "json") else "equidistant"}
-    infos = sent(stereo, name.get(kind.split(",")[0], kind))
+    infos = calibration_of(stereo, name.get(kind.split(",")[0], kind))
     file = write(tmp_path / "log.mcap", profile, seen[kind], infos)
     log = open_log(file)
     np.testing.assert_allclose(log.rig.right_from_left, stereo.right_from_left, atol=1e-9)
@@ -120,7 +111,7 @@ def test_every_lens_gives_the_true_path(tmp_path, seen, profile, kind):
 def test_a_lens_that_is_ignored_costs_more_than_the_tolerance(tmp_path, seen):
     """So the figure above can fail: the same images, read as those of a pinhole."""
     for kind in ("plumb_bob", "rational_polynomial", "equidistant", "equidistant, all zero"):
-        file = write(tmp_path / "log.mcap", "ros2", seen[kind], sent(RIGS["none"], ""))
+        file = write(tmp_path / "log.mcap", "ros2", seen[kind], calibration_of(RIGS["none"], ""))
         assert error_m(replay(file)) > 0.008
 
 
@@ -128,7 +119,7 @@ def test_a_lens_that_is_ignored_costs_more_than_the_tolerance(tmp_path, seen):
 def test_the_pose_of_the_right_camera_by_transforms(tmp_path, seen, profile):
     """P gives no baseline, as with cameras calibrated one by one; two transforms to the body do."""
     stereo = RIGS["plumb_bob"]
-    mono = [replace(c, R=np.eye(3), P=np.c_[c.K, np.zeros(3)]) for c in sent(stereo, "plumb_bob")]
+    mono = [replace(c, R=np.eye(3), P=np.c_[c.K, np.zeros(3)]) for c in calibration_of(stereo, "plumb_bob")]
     log = open_log(write(tmp_path / "log.mcap", profile, seen["plumb_bob"], mono, transform=stereo.right_from_left))
     np.testing.assert_allclose(log.rig.right_from_left, stereo.right_from_left, atol=1e-9)
     assert error_m(replay(log)) < 0.001
@@ -140,7 +131,7 @@ def test_images_that_are_rectified_already(tmp_path, profile):
     k = np.array([[250.0, 0, 165], [0, 250, 118], [0, 0, 1]])
     camera = Camera(*SIZE, k)
     parallel = StereoRig(camera, camera, se3.from_rotation_translation(np.eye(3), [-0.2, 0, 0]))
-    raw = sent(RIGS["plumb_bob"], "plumb_bob")
+    raw = calibration_of(RIGS["plumb_bob"], "plumb_bob")
     infos = [replace(c, P=np.c_[k, [x, 0, 0]]) for c, x in zip(raw, (0, -50.0), strict=True)]
     log = open_log(write(tmp_path / "log.mcap", profile, views(parallel), infos, "/stereo/{}/image_rect"))
     assert log.rig.left.distortion_model == "none"
