@@ -27,8 +27,10 @@ def add_parser(subparsers: Any) -> None:
     euroc.add_argument("out", metavar="OUT.mcap")
     euroc.set_defaults(run=_euroc)
     images = kinds.add_parser("images", help="two sets of image files and a calibration")
-    images.add_argument("--left", metavar="GLOB", required=True, help="the left images, in quotes: 'left/*.png'")
-    images.add_argument("--right", metavar="GLOB", required=True, help="the right images")
+    images.add_argument(
+        "--left", metavar="GLOB", nargs="+", required=True, help="the left images: a glob, a folder, or files"
+    )
+    images.add_argument("--right", metavar="GLOB", nargs="+", required=True, help="the right images")
     images.add_argument("--calibration", metavar="FILE", required=True, help="calibration of the pair (TOML)")
     images.add_argument("--stamps", metavar="FILE", help="one time a line: seconds, or whole nanoseconds")
     images.add_argument(

@@ -2,35 +2,35 @@
 
 import glob
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..calibration import read_calibration
 from ..errors import ConfigError, InputError
 from .common import ImageFile, Imported, ascending, read_text, seconds_to_ns, write_images
 
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+
 
 def import_images(
-    left: str,
-    right: str,
+    left: str | Sequence[str],
+    right: str | Sequence[str],
     calibration: str | Path,
     out: str | Path,
     stamps: str | Path | None = None,
     rate_hz: float = 10.0,
 ) -> Imported:
-    """The images that match the globs `left` and `right`, paired in order of their names, as a log at `out`.
+    """The images `left` and `right`, paired in order of their names, as a log at `out`.
 
-    `stamps`: a file with one time a line, seconds with a decimal point or integer nanoseconds; without it the
-    frames are put `rate_hz` apart. Raises InputError, ConfigError, OutputError.
+    Each side is one or several files, folders or globs. `stamps`: a file with one time a line, seconds with a
+    decimal point or integer nanoseconds; without it the frames are put `rate_hz` apart. Raises InputError,
+    ConfigError, OutputError.
     """
     rig = read_calibration(calibration)
     sides = [_matches("--left", left), _matches("--right", right)]
-    if len(sides[0]) != len(sides[1]):
-        raise InputError(
-            f"--left {left} matches {len(sides[0])} images, --right {right} matches {len(sides[1])}: both must "
-            "match as many, because they are paired in order of their names"
-        )
     if both := set(sides[0]) & set(sides[1]):
         raise ConfigError(f"{min(both)} matches --left and --right: give two different globs")
+    _check_partners(*sides)
     warnings = []
     if stamps is not None:
         times = _read_stamps(Path(stamps))
@@ -40,17 +40,50 @@ def import_images(
         raise ConfigError(f"the rate must be a positive number of frames a second, got {rate_hz:g}")
     else:
         times = [round(n * 1e9 / rate_hz) for n in range(len(sides[0]))]
-        warnings.append(f"no stamps were given: frames are {1 / rate_hz:g} s apart")
+        warnings.append(f"no stamps were given: frames are {1 / rate_hz:g} s apart (--stamps FILE, --rate HZ)")
     images = tuple([ImageFile(s, f) for s, f in zip(times, side, strict=True)] for side in sides)
     return write_images(out, rig, (images[0], images[1]), warnings=warnings)
 
 
-def _matches(option: str, pattern: str) -> list[Path]:
+def _matches(option: str, patterns: str | Sequence[str]) -> list[Path]:
     """Files in natural order: image_2 before image_10. Raises InputError where there is none."""
-    found = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
-    if not found:
-        raise InputError(f"{option} {pattern}: no file matches; quote the glob so that the shell leaves it alone")
+    found: set[Path] = set()
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        if Path(pattern).is_dir():
+            matches = [p for p in Path(pattern).iterdir() if p.suffix.lower() in _SUFFIXES]
+        elif Path(pattern).is_file():  # a name may hold what a glob means otherwise
+            matches = [Path(pattern)]
+        else:
+            matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
+        if not matches:
+            raise InputError(
+                f"{option} {pattern}: no image there; give files, a folder, or a glob such as 'l/*.png'"
+            )
+        found.update(matches)
     return sorted(found, key=lambda p: [(int(t), "") if t.isdecimal() else (-1, t) for t in _tokens(str(p))])
+
+
+def _check_partners(left: list[Path], right: list[Path]) -> None:
+    """Raises InputError where the order of names would pair images of different moments, as far as names tell."""
+    numbers = [{_number(p): p for p in side} for side in (left, right)]
+    numbered = all(len(n) == len(side) for n, side in zip(numbers, (left, right), strict=True))
+    alone = sorted(str(n[k]) for n, other in (numbers, numbers[::-1]) for k in n.keys() - other.keys())
+    if numbered and alone and numbers[0].keys() & numbers[1].keys():
+        raise InputError(
+            f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, the "
+            f"first: {alone[0]}; leave them out"
+        )
+    if len(left) != len(right):
+        raise InputError(
+            f"there are {len(left)} left and {len(right)} right images: both must be as many, because they are "
+            "paired in order of their names"
+        )
+
+
+def _number(path: Path) -> str:
+    """The last number in the name of a file, else the name."""
+    numbers = re.findall(r"\d+", path.stem)
+    return str(int(numbers[-1])) if numbers else path.stem
 
 
 def _tokens(text: str) -> list[str]:

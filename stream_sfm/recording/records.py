@@ -250,6 +250,8 @@ def _other_format(start: bytes) -> str:
         return " but a ROS 1 bag: convert it with `mcap convert in.bag out.mcap`"
     if start.startswith(b"SQLite"):
         return " but a ROS 2 SQLite bag: convert it with `ros2 bag convert` to storage id mcap"
+    if start.startswith((b"\x89PNG", b"\xff\xd8\xff")):
+        return " but an image: make a log of images with `stream-sfm import images`"
     if start.startswith(b"RRF"):
         return " but a Rerun recording"
     if start.startswith(MAGIC[:5]):

@@ -6,6 +6,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.cli.main import main
 from stream_sfm.geometry import pose as se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
 
@@ -46,6 +47,8 @@ def test_kitti_round_trip(tmp_path):
     log = sfm.open_log(tmp_path / "00.mcap")
     pairs = list(log.pairs())
     assert [p.stamp_ns for p in pairs] == [0, 103_622_400, 207_286_900]
+    frame_ids = (pairs[0].left.frame_id, pairs[0].right.frame_id)
+    assert frame_ids == ("left_camera_optical_frame", "right_camera_optical_frame")
     for n, pair in enumerate(pairs):
         assert pair.left.data == (tmp_path / f"00/image_0/{n:06d}.png").read_bytes()
         assert pair.right.data == (tmp_path / f"00/image_1/{n:06d}.png").read_bytes()
@@ -145,4 +148,59 @@ def test_what_is_wrong_is_named_and_nothing_is_left(tmp_path):
     (tmp_path / "c.toml").write_text("")
     with pytest.raises(sfm.ConfigError, match=r"c\.toml"):
         import_images("a*", "b*", tmp_path / "c.toml", out)
+    assert not list(tmp_path.glob("o.mcap*"))
+
+
+def _folders(tmp_path, left, right):
+    """Images of these names on each side, and a calibration."""
+    k = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
+    rig = sfm.StereoRig(sfm.Camera(64, 48, k), sfm.Camera(64, 48, k), se3.exp([-0.2, 0, 0, 0, 0, 0]))
+    (tmp_path / "c.toml").write_text(calibration_to_toml(rig))
+    return [
+        [str(_picture(tmp_path / side / name)) for name in names] for side, names in (("l", left), ("r", right))
+    ]
+
+
+def test_images_are_given_as_a_folder_as_files_or_by_a_glob_that_the_shell_expands(tmp_path):
+    names = [f"{n}.png" for n in (1, 2, 10)]
+    files = _folders(tmp_path, names, names)
+    (tmp_path / "l" / "notes.txt").write_text("not an image")
+    out = str(tmp_path / "o.mcap")
+    calibration = ["--calibration", str(tmp_path / "c.toml")]
+    for left, right in (files, ([str(tmp_path / "l")], [str(tmp_path / "r")])):
+        assert main(["import", "images", "--left", *left, "--right", *right, *calibration, out]) == 0
+        pairs = list(sfm.open_log(out).pairs())
+        assert [p.left.data for p in pairs] == [(tmp_path / "l" / n).read_bytes() for n in names]
+        assert [p.right.data for p in pairs] == [(tmp_path / "r" / n).read_bytes() for n in names]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        (["0.png", "1.png", "2.png"], ["0.png", "2.png"], "1 of 3 left and 2 right images have no partner.*1.png"),
+        # as many on both sides: in order of names, 1 would be paired with 2
+        (["a_000.png", "a_001.png"], ["b_000.png", "b_002.png"], "2 of 2 left and 2 right .*a_001.png"),
+        (["a.png", "b.png"], ["c.png"], "2 left and 1 right"),
+    ],
+)
+def test_images_without_a_partner_are_named(tmp_path, left, right, words):
+    _folders(tmp_path, left, right)
+    with pytest.raises(sfm.InputError, match=words):
+        import_images(str(tmp_path / "l"), str(tmp_path / "r"), tmp_path / "c.toml", tmp_path / "o.mcap")
+    assert not (tmp_path / "o.mcap").exists()
+
+
+def test_images_of_another_size_or_kind_are_named(tmp_path):
+    files = _folders(tmp_path, ["0.png", "1.png"], ["0.png", "1.png"])
+    give = (str(tmp_path / "l"), str(tmp_path / "r"), tmp_path / "c.toml", tmp_path / "o.mcap")
+    (tmp_path / "r" / "1.png").write_bytes(cv2.imencode(".png", np.zeros((24, 32), np.uint8))[1].tobytes())
+    with pytest.raises(sfm.InputError, match=r"r/1\.png is 32×24, the calibration is for 64×48"):
+        import_images(*give)
+    (tmp_path / "r" / "1.png").write_bytes(b"GIF89a")
+    with pytest.raises(sfm.InputError, match=r"r/1\.png is no PNG, JPEG or WebP image: convert"):
+        import_images(*give)
+    with pytest.raises(sfm.InputError, match="no image there"):
+        import_images(str(tmp_path / "x*"), *give[1:])
+    with pytest.raises(sfm.ConfigError, match="matches --left and --right"):
+        import_images(files[0], files[0], *give[2:])
     assert not list(tmp_path.glob("o.mcap*"))
