@@ -13,7 +13,7 @@ from .estimators import make_estimator
 from .frontend.rectify import Rectifier
 from .frontend.tracker import FrontEnd
 from .geometry.pose import Array
-from .types import FrameEstimate, Observations, Solution, StereoFrame, StereoRig
+from .types import FrameEstimate, Observations, Solution, Status, StereoFrame, StereoRig
 
 
 class Engine:
@@ -75,13 +75,20 @@ def in_camera_axes(
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
     The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹.
-    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B).
+    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B). Points seen
+    for the first time are not reported yet, but for a map's first frame: one match of left and right may be wrong,
+    and only a second view can tell.
     """
+    n = len(observations.track_ids)
+    shown = np.ones(len(solution.track_ids), bool)
+    if solution.status != Status.INITIALISING:
+        shown = ~np.isin(solution.track_ids, observations.track_ids[n - observations.n_new :])
+    in_cam = solution.points_in_cam[shown]
     r = rectifier.rect_from_cam.T  # cam_from_rect
     c = np.eye(4)
     c[:3, :3] = rectifier.rect_from_cam
     p = rectifier.projection
-    bias = solution.points_in_cam * (solution.points_in_cam[:, 2:] * observations.std_bias_px / (p.f_px * p.baseline_m))
+    bias = in_cam * (in_cam[:, 2:] * observations.std_bias_px / (p.f_px * p.baseline_m))
     cov_bias = bias[:, :, None] * bias[:, None, :]
     world_r = solution.world_from_cam[:3, :3]
     c_inv = c.T
@@ -101,18 +108,18 @@ def in_camera_axes(
         reason=solution.reason,
         world_from_cam=c_inv @ solution.world_from_cam @ c,
         cov_pose=r6 @ solution.cov_pose @ r6.T,
-        track_ids=solution.track_ids,
-        points_in_cam=points(solution.points_in_cam),
-        cov_points=covariances(solution.cov_points + cov_bias),
-        points_in_world=points(solution.points_in_world),
-        cov_points_in_world=covariances(solution.cov_points_in_world + world_r @ cov_bias @ world_r.T),
+        track_ids=solution.track_ids[shown],
+        points_in_cam=points(in_cam),
+        cov_points=covariances(solution.cov_points[shown] + cov_bias),
+        points_in_world=points(solution.points_in_world[shown]),
+        cov_points_in_world=covariances(solution.cov_points_in_world[shown] + world_r @ cov_bias @ world_r.T),
         window_frame_indices=solution.window_frame_indices,
         window_world_from_cam=c_inv @ solution.window_world_from_cam @ c,
         ended_ids=solution.ended_ids,
         ended_points_in_world=points(solution.ended_points_in_world),
         ended_cov_points_in_world=covariances(solution.ended_cov_points_in_world),
         counts={
-            "tracked": len(observations.track_ids) - observations.n_new,
+            "tracked": n - observations.n_new,
             "new": observations.n_new,
             "used": len(solution.track_ids),
             "rejected": len(solution.rejected_ids),

@@ -35,9 +35,10 @@ def detect(
     free = allowed.astype(np.uint8)
     for u, v in np.rint(taken_px).astype(int).tolist():
         cv2.circle(free, (u, v), radius, 0, -1)
-    v, u = np.nonzero(peak & (free > 0) & (response > min_response))
-    if not len(u):
+    found = cv2.findNonZero((peak & (response > min_response)).view(np.uint8) & free)
+    if found is None:
         return np.empty((0, 2), np.intp)
+    u, v = found.reshape(-1, 2).T
     strength = response[v, u]
     cell = max(2 * distance_px, np.sqrt(width * height / max(1, wanted + len(taken_px))))
     columns = int(width // cell) + 1

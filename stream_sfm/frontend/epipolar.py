@@ -14,17 +14,17 @@ _UNIQUE = 0.06  # a rival elsewhere on the row must be this much worse
 def search_rows(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
-    points_px: Array,
+    points_px: NDArray[np.intp],
     disparity_range: tuple[int, int],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Whole-pixel disparities (n,) of `points_px` (n, 2) in the left image, and where they are unique matches.
+    """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
 
     Images of one pyramid level (h, w); disparities from `disparity_range` (first, last), pixels of that level.
     """
     n = len(points_px)
     first, last = disparity_range
     height, width = left.shape
-    u, v = np.rint(points_px).astype(int).T
+    u, v = points_px.T
     inside = (u >= _HALF) & (u < width - _HALF) & (v >= _HALF) & (v < height - _HALF)
     best, ok = np.zeros(n), np.zeros(n, bool)
     rows = np.flatnonzero(inside)

@@ -35,18 +35,17 @@ class TemplateAtlas:
 
     def store(self, image: NDArray[np.uint8], points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> Array:
         """Cut patches around whole pixels (n, 2); returns their gradient matrices H (n, 2, 2), grey²."""
-        padded = np.pad(image, self.half, mode="edge")
-        gradients = np.empty((len(slots), 2, 2))
-        r = self.radius
-        inner = slice(self.half - r - 1, self.half + r + 2)
-        for i, ((u, v), x, y) in enumerate(zip(points_px.tolist(), *self._corners(slots), strict=True)):
-            patch = padded[v : v + self.side, u : u + self.side]
+        h, w = image.shape
+        steps = np.arange(-self.half, self.half + 1)
+        u, v = points_px[:, 0, None] + steps, points_px[:, 1, None] + steps
+        patches = image[v.clip(0, h - 1)[:, :, None], u.clip(0, w - 1)[:, None, :]]
+        for patch, x, y in zip(patches, *self._corners(slots), strict=True):
             self.atlas[y : y + self.side, x : x + self.side] = patch
-            p = patch[inner, inner].astype(float)
-            gx, gy = 0.5 * (p[1:-1, 2:] - p[1:-1, :-2]), 0.5 * (p[2:, 1:-1] - p[:-2, 1:-1])
-            cross = (gx * gy).sum()
-            gradients[i] = [[(gx * gx).sum(), cross], [cross, (gy * gy).sum()]]
-        return gradients
+        inner = slice(self.half - self.radius - 1, self.half + self.radius + 2)
+        p = patches[:, inner, inner].astype(np.float32)
+        slopes = np.stack([p[:, 1:-1, 2:] - p[:, 1:-1, :-2], p[:, 2:, 1:-1] - p[:, :-2, 1:-1]], axis=1)
+        slopes = 0.5 * slopes.reshape(len(slots), 2, -1)
+        return np.asarray(slopes @ np.swapaxes(slopes, 1, 2), np.float64)
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 2, 2) stay inside the stored patches and do not blow them up beyond recognition."""

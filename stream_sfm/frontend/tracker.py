@@ -19,6 +19,7 @@ from ..types import Observations
 from .detect import detect
 from .epipolar import search_rows
 from .noise import BIAS_PX, ViewNoise
+from .rows import RowAlignment
 from .slant import disparity_slopes
 from .templates import TemplateAtlas
 from .tracks import Tracks
@@ -45,6 +46,7 @@ class FrontEnd:
         self.valid = cv2.erode(valid.astype(np.uint8), np.ones((2 * r + 1, 2 * r + 1))).astype(bool) & edge
         self.atlas = TemplateAtlas(2 * self.config.max_tracks, r)
         self.noise = ViewNoise(self.config.smoothing_px, r)
+        self.rows = RowAlignment(projection)
         self.tracks = Tracks.none()
         self.next_id = 0
         self.previous: _Pair | None = None
@@ -155,6 +157,11 @@ class FrontEnd:
                 return found.cam_from_ref, agree
         return None
 
+    def _on_row(self, left: Array, right: Array) -> NDArray[np.bool_]:
+        """Whether left and right positions (n, 2), already aligned by rows, agree as well as this run's matches do."""
+        gate = min(self.rows.gate_px, self.config.max_row_difference_px)
+        return np.asarray(np.abs(right[:, 1] - left[:, 1]) < gate)
+
     def _inside(self, at: Array) -> NDArray[np.bool_]:
         h, w = self.valid.shape
         u, v = np.rint(at.clip(-1, max(h, w))).astype(int).T
@@ -170,12 +177,12 @@ class FrontEnd:
         left, ok_l, error_l = self.atlas.align(self.atlas.mosaics(tracks.slots, warps[0], shape), pair.left, start)
         good = ok_l & (np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px)
         good &= (error_l < cfg.max_grey_error) & self._inside(left)
-        start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1]], axis=1)
+        rows = self.rows.difference(left)
+        start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1] - rows], axis=1)
         mosaics = self.atlas.mosaics(tracks.slots, warps[1], shape)
         right, ok_r, error_r = self.atlas.align(mosaics, pair.right, start_r)
-        seen = (
-            ok_r & (error_r < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
-        )
+        right[:, 1] += rows
+        seen = ok_r & (error_r < cfg.max_grey_error) & self._on_row(left, right)
         r = cfg.window_radius_px
         seen &= (right[:, 0] > r) & (right[:, 0] < shape[1] - 1 - r)
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
@@ -190,26 +197,37 @@ class FrontEnd:
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share:
             return none
+        coarse, scale = self._coarse(pair)
+        step = round(1 / scale)
         corners = detect(
-            pair.left, self.tracks.left_px, self.valid, wanted, cfg.min_corner_distance_px, cfg.min_corner_response
+            coarse.left,
+            self.tracks.left_px * scale,
+            self.valid[::step, ::step],
+            wanted,
+            cfg.min_corner_distance_px * scale,
+            cfg.min_corner_response,
         )
         if not len(corners):
             return none
-        disparity, unique = self._row_search(pair, corners)
-        corners, disparity = corners[unique], disparity[unique]
+        disparity, unique = search_rows(coarse.left, coarse.right, corners, self._disparity_range(scale))
+        if not unique.any():
+            return none
+        corners, disparity = corners[unique] * step, disparity[unique] / scale
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         gradients = self.atlas.store(pair.left, corners, free)
         left = corners.astype(float)
         facing = np.broadcast_to(np.eye(2), (len(left), 2, 2))
-        start = np.stack([left[:, 0] - disparity, left[:, 1]], axis=1)
+        start = np.stack([left[:, 0] - disparity, left[:, 1] - self.rows.difference(left)], axis=1)
         right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
-        ok &= np.linalg.norm(right - start, axis=1) < 2.0 + (2.0 if pair.left.shape[1] > 800 else 0.0)
+        ok &= np.linalg.norm(right - start, axis=1) < 2.0 / scale
         slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
         sheared: Array = facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)
         mosaics = self.atlas.mosaics(free, np.asarray(np.linalg.inv(sheared), np.float64), pair.left.shape)
         right, aligned, error = self.atlas.align(mosaics, pair.right, right)
-        ok &= aligned
-        ok &= (error < cfg.max_grey_error) & (np.abs(right[:, 1] - left[:, 1]) < cfg.max_row_difference_px)
+        ok &= aligned & (error < cfg.max_grey_error)
+        self.rows.learn(left[ok], (left - right)[ok, 1])
+        right[:, 1] += self.rows.difference(left)
+        ok &= self._on_row(left, right)
         cov = self.noise.covariance(gradients, facing, error, error)
         z = np.concatenate([left, right], axis=1)
         rho = p.inverse_depth(z)
@@ -232,19 +250,20 @@ class FrontEnd:
         self.tracks = self.tracks.joined(new)
         return z[ok], cov[ok]
 
-    def _row_search(self, pair: _Pair, corners: NDArray[np.intp]) -> tuple[Array, NDArray[np.bool_]]:
-        """Whole-pixel start of the disparity (n,), searched on images of at most 640 columns, and uniqueness (n,)."""
-        p, level = self.projection, 0
-        left, right = pair.left, pair.right
-        while left.shape[1] > 640:
-            left, right = np.asarray(cv2.pyrDown(left), np.uint8), np.asarray(cv2.pyrDown(right), np.uint8)
-            level += 1
-        scale = 0.5**level
+    def _coarse(self, pair: _Pair) -> tuple[_Pair, float]:
+        """The pair at no more than 800 columns, and its scale: corners of the size of a patch are found there, and a
+        search along the row is short."""
+        scale = 1.0
+        while pair.left.shape[1] > 800:
+            pair = _Pair(np.asarray(cv2.pyrDown(pair.left), np.uint8), np.asarray(cv2.pyrDown(pair.right), np.uint8))
+            scale /= 2
+        return pair, scale
+
+    def _disparity_range(self, scale: float) -> tuple[int, int]:
+        p = self.projection
         far = p.cx_left_px - p.cx_right_px
         near = far + self.config.max_disparity_share * p.width
-        span = (int(np.floor(far * scale)) - 1, int(np.ceil(near * scale)))
-        found, unique = search_rows(left, right, np.asarray(corners * scale, np.float64), span)
-        return found / scale, unique
+        return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from . import pose as se3
 from .pose import Array
-from .stereo import StereoProjection, information_of_views
+from .stereo import StereoProjection, whitening_of_views
 
 _HYPOTHESES = 96  # at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6
 _MEDIAN_CHI2_4 = 3.36
@@ -75,37 +75,37 @@ class _Problem:
         self.points = points
         self.cov_points = cov_points
         self.z_px = z_px
+        self.z = np.nan_to_num(z_px)  # a missing side has no weight
         self.cov_px = cov_px
         self.sides = np.isfinite(z_px).sum(axis=1)  # measured coordinates: 4, or 2 without the right view
         self.gate = chdtri(np.maximum(self.sides, 1), 1 - gate_probability)
 
     def whitening(self, cam_from_ref: Array) -> Array:
-        """Information (n, 4, 4) of the residuals: view noise, and the points' own uncertainty seen from here."""
+        """Roots (n, 4, 4) that whiten the residuals: view noise, and the points' own uncertainty seen from here."""
         cov = self.cov_px
         if self.cov_points is not None:
             in_cam = self.points @ cam_from_ref.T
             j = self.projection.jacobian_homogeneous(np.maximum(in_cam, _front(in_cam))) @ cam_from_ref
             cov = cov + j @ self.cov_points @ np.swapaxes(j, -1, -2)
-        return information_of_views(self.z_px, cov)
+        return whitening_of_views(self.z_px, cov)
 
-    def residuals(self, cam_from_ref: Array, info: Array) -> tuple[Array, Array, Array]:
-        """In-camera points (n, 4), residuals (n, 4), their squared Mahalanobis norms (n,), inf behind the camera."""
+    def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array, Array]:
+        """In-camera points (n, 4), whitened residuals (n, 4), their squared norms (n,), inf behind the camera."""
         in_cam = self.points @ cam_from_ref.T
         behind = in_cam[:, 2] < _MIN_DEPTH
         in_cam = np.maximum(in_cam, _front(in_cam))
-        r = np.nan_to_num(self.z_px - self.projection.project_homogeneous(in_cam))
-        s2 = np.einsum("ni,nij,nj->n", r, info, r)
-        return in_cam, r, np.where(behind, np.inf, s2)
+        r = (root @ (self.z - self.projection.project_homogeneous(in_cam))[..., None])[..., 0]
+        return in_cam, r, np.where(behind, np.inf, (r * r).sum(1))
 
-    def normal_equations(self, in_cam: Array, r: Array, info: Array, weight: Array) -> tuple[Array, Array]:
-        a = self.projection.jacobian_homogeneous(in_cam)[..., :3]
+    def normal_equations(self, in_cam: Array, r: Array, root: Array, weight: Array) -> tuple[Array, Array]:
+        a = root @ self.projection.jacobian_homogeneous(in_cam)[..., :3]
         j = np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
-        jw = np.swapaxes(j, 1, 2) @ info * weight[:, None, None]
-        return (jw @ j).sum(0), (jw @ r[..., None]).sum(0)[:, 0]
+        weighted = (j * weight[:, None, None]).reshape(-1, 6).T
+        return weighted @ j.reshape(-1, 6), weighted @ r.ravel()
 
-    def step(self, cam_from_ref: Array, in_cam: Array, r: Array, info: Array, weight: Array) -> tuple[Array, float]:
+    def step(self, cam_from_ref: Array, in_cam: Array, r: Array, root: Array, weight: Array) -> tuple[Array, float]:
         """One weighted Gauss-Newton step and its squared length in standard deviations."""
-        h, g = self.normal_equations(in_cam, r, info, weight)
+        h, g = self.normal_equations(in_cam, r, root, weight)
         scale = 1 / np.sqrt(np.maximum(np.diag(h), 1e-12))
         delta = scale * np.linalg.lstsq(h * np.outer(scale, scale), g * scale, rcond=1e-10)[0]
         size = np.linalg.norm(delta[3:])
@@ -117,26 +117,26 @@ class _Problem:
         n = len(self.z_px)
         if n < 6:
             return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, False)
-        info = self.whitening(cam_from_ref)
-        in_cam, r, s2 = self.residuals(cam_from_ref, info)
+        root = self.whitening(cam_from_ref)
+        in_cam, r, s2 = self.residuals(cam_from_ref, root)
         for k in range(8):
             finite = np.isfinite(s2)
             spread = max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
             width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
-            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, info, 1 / (1 + s2 / width))
-            in_cam, r, s2 = self.residuals(cam_from_ref, info)
+            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, root, 1 / (1 + s2 / width))
+            in_cam, r, s2 = self.residuals(cam_from_ref, root)
             if moved < 1e-2 and (k > 1 or spread < 2):
                 break
-        info = self.whitening(cam_from_ref)
-        in_cam, r, s2 = self.residuals(cam_from_ref, info)
+        root = self.whitening(cam_from_ref)
+        in_cam, r, s2 = self.residuals(cam_from_ref, root)
         accepted = s2 < self.gate
         for _ in range(4):
-            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, info, accepted.astype(float))
-            in_cam, r, s2 = self.residuals(cam_from_ref, info)
+            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, root, accepted.astype(float))
+            in_cam, r, s2 = self.residuals(cam_from_ref, root)
             before, accepted = accepted, s2 < self.gate
             if moved < 1e-3 and (before == accepted).all():
                 break
-        h, _ = self.normal_equations(in_cam, r, info, accepted.astype(float))
+        h, _ = self.normal_equations(in_cam, r, root, accepted.astype(float))
         cov, ok = _inverse(h)
         dof = int(self.sides[accepted].sum()) - 6
         chi2 = float(s2[accepted].sum())
@@ -160,8 +160,8 @@ class _Problem:
         translation = (mt - ms @ np.swapaxes(rotation, 1, 2))[:, 0]
         candidates = np.concatenate([start[None], se3.from_rotation_translation(rotation, translation)])
         cov = self.cov_px + 4 * np.eye(4)  # triples are noisy: a tolerant score ranks them better
-        info = information_of_views(self.z_px, cov)
-        costs = [np.minimum(self.residuals(c, info)[2], 9.0).sum() for c in candidates]
+        root = whitening_of_views(self.z_px, cov)
+        costs = [np.minimum(self.residuals(c, root)[2], 9.0).sum() for c in candidates]
         return candidates[int(np.argmin(costs))]
 
 
