@@ -120,7 +120,7 @@ class MessageDecoder:
                 return decoder
         except Exception as error:  # a broken definition raises what its library raises
             problem = f"{error}".splitlines()[0] if f"{error}" else type(error).__name__
-            raise LogError(f"{where}: its schema {schema.name} cannot be read ({problem})") from None
+            raise LogError(f"{where}: its schema {schema.name!r} cannot be read ({problem})") from None
         raise LogError(
             f"{where}: messages in {channel.message_encoding!r} with a {schema.encoding!r} schema are not read; "
             "read are protobuf, json, cdr with ros2msg or ros2idl, and ros1 with ros1msg"

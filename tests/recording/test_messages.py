@@ -1,0 +1,77 @@
+"""Dialects at their edges: broken definitions, foreign encodings, video of every make."""
+
+import pytest
+from mcap.records import Channel, Schema
+
+from stream_sfm import LogError
+from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
+from stream_sfm.recording.records import LogMessage
+from tests.recording import idl
+from tests.recording.make_logs import ROS1, ROS2
+
+
+def message(name: str, schema_encoding: str, definition: str, encoding: str, data: bytes = b"") -> LogMessage:
+    schema = Schema(1, definition.encode(), schema_encoding, name)
+    return LogMessage(Channel(1, "/left/image", encoding, {}, 1), schema, 0, data)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("foxglove.CompressedVideo", "video"),
+        ("foxglove_msgs/msg/CompressedVideo", "video"),
+        ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "video"),
+        ("theora_image_transport/Packet", "video"),
+        ("sensor_msgs/Image", "image"),
+        ("foxglove_msgs/msg/RawImage", "image"),
+        ("tf2_msgs/msg/TFMessage", "transform"),
+        ("my_msgs/msg/Image", ""),
+        ("sensor_msgs/msg/PointCloud2", ""),
+    ],
+)
+def test_kinds_are_told_by_package_and_name(name, kind):
+    assert kind_of(Schema(1, b"", "ros2msg", name)) == kind
+
+
+IMAGE2, IMAGE1 = "sensor_msgs/msg/Image", "sensor_msgs/Image"
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        message(IMAGE2, "ros2msg", "std_msgs/Header header\nuint32 height", "cdr"),  # Header is not described
+        message(IMAGE2, "ros2msg", "no field at all !!", "cdr"),
+        message(IMAGE2, "ros2idl", idl.definition(IMAGE2)[:-60], "cdr"),
+        message(IMAGE2, "ros2idl", "", "cdr"),
+        message(IMAGE1, "ros1msg", ROS1[IMAGE1].replace("MSG: std_msgs/Header", ""), "ros1"),
+        message("sensor_msgs/x: int\nimport os/Image", "ros2msg", "uint32 height", "cdr"),  # not a name of a type
+        message("foxglove.RawImage", "protobuf", "not a descriptor", "protobuf"),
+    ],
+)
+def test_a_definition_that_cannot_be_read_is_named(broken):
+    with pytest.raises(LogError, match=r"topic /left/image: its schema .* cannot be read") as caught:
+        MessageDecoder("log.mcap").image(broken)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema_encoding"), [("cbor", ""), ("flatbuffer", "flatbuffer"), ("cdr", "omgidl")]
+)
+def test_other_encodings_are_named_with_what_is_read(encoding, schema_encoding):
+    with pytest.raises(LogError, match="are not read; read are protobuf, json, cdr with ros2msg or ros2idl"):
+        MessageDecoder("log.mcap").image(message("foxglove.RawImage", schema_encoding, "", encoding))
+
+
+@pytest.mark.parametrize(
+    ("name", "schema_encoding", "definition", "encoding"),
+    [
+        (IMAGE2, "ros2msg", ROS2[IMAGE2], "cdr"),
+        (IMAGE2, "ros2idl", idl.definition(IMAGE2), "cdr"),
+        (IMAGE2, "ros2msg", ROS2[IMAGE2].replace("\n", "\r\n"), "cdr"),
+        (IMAGE1, "ros1msg", ROS1[IMAGE1], "ros1"),
+    ],
+)
+def test_bytes_that_do_not_fit_cost_one_message(name, schema_encoding, definition, encoding):
+    for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"\xff" * 64):
+        with pytest.raises(UndecodableMessage, match="does not fit its schema"):
+            MessageDecoder("log.mcap").image(message(name, schema_encoding, definition, encoding, data))
