@@ -15,7 +15,8 @@ def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
     x = points_in_cam[:, 0] / points_in_cam[:, 2]
     y = points_in_cam[:, 1] / points_in_cam[:, 2]
     d = camera.D
-    if any(d) and camera.distortion_model == "equidistant":
+    if camera.distortion_model == "equidistant":  # a fisheye also where its coefficients are all zero
+        d = d or (0.0,) * 4
         r = np.hypot(x, y)
         theta = np.arctan(r)
         bent = theta * (1 + theta**2 * (d[0] + theta**2 * (d[1] + theta**2 * (d[2] + theta**2 * d[3]))))

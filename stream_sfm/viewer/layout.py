@@ -22,17 +22,26 @@ TAIL_COLOUR = (255, 255, 255, 150)
 _SHARES = (1e-3, 1e-1)
 _STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
+_STEPS = 256
 
 
-def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint8]:
-    """(n, 3) uint8 by σ over distance of points (n, 3) with covariances (n, 3, 3)."""
+def _packed_colours() -> NDArray[np.uint32]:
+    """(_STEPS,) 0xRRGGBBAA from the first stop to the last; packed, because Rerun takes three times as long else."""
+    place = np.linspace(0, len(_STOPS) - 1, _STEPS)
+    rgb = [np.interp(place, range(len(_STOPS)), channel).astype(np.uint32) for channel in _STOPS.T]
+    return rgb[0] << 24 | rgb[1] << 16 | rgb[2] << 8 | np.uint32(255)
+
+
+_COLOURS = _packed_colours()
+
+
+def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
+    """(n,) 0xRRGGBBAA by σ over distance of points (n, 3) with covariances (n, 3, 3)."""
     sigma = np.sqrt(np.maximum(np.trace(cov_points, axis1=1, axis2=2), 0))
     share = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
     low, high = np.log(_SHARES)
-    place = (np.log(np.clip(share, *_SHARES)) - low) / (high - low) * (len(_STOPS) - 1)
-    first = np.minimum(place.astype(int), len(_STOPS) - 2)
-    rest = (place - first)[:, None]
-    return (_STOPS[first] * (1 - rest) + _STOPS[first + 1] * rest).astype(np.uint8)
+    place = (np.log(np.clip(share, *_SHARES)) - low) / (high - low)
+    return _COLOURS[(place * (_STEPS - 1)).astype(int)]
 
 
 def blueprint() -> rrb.Blueprint:

@@ -132,7 +132,7 @@ class RerunSink:
         shape = rr.Ellipsoids3D.from_fields(half_sizes=half_sizes, quaternions=quaternion)
         self._stream.log(layout.ELLIPSOID, shape)
 
-    def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint8]) -> None:
+    def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint32]) -> None:
         """The points in both images as delivered, in the left one with a tail of where they were before."""
         points_in_right = se3.transform(self._rig.right_from_left, estimate.points_in_cam)
         front = (estimate.points_in_cam[:, 2] > 0) & (points_in_right[:, 2] > 0)

@@ -77,6 +77,8 @@ def test_a_comparison_takes_depths_as_they_come_and_keeps_none():
         ("plumb_bob", (-0.28, 0.07, 2e-4, 1e-4, 0.01)),
         ("rational_polynomial", (0.5, 0.1, 1e-3, -1e-3, 0.02, 0.6, 0.2, 0.01)),
         ("equidistant", (-0.01, 0.02, -0.003, 0.001)),
+        ("equidistant", (0.0, 0.0, 0.0, 0.0)),
+        ("equidistant", ()),
     ],
 )
 def test_projection_agrees_with_opencv(model: str, coefficients: tuple[float, ...]):
