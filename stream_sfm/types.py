@@ -12,6 +12,7 @@ from .errors import ConfigError
 from .geometry import pose as se3
 from .geometry.pose import Array
 
+MAX_PIXELS = 2**25  # of an image: more is a damaged header, or hostile
 DISTORTION_COEFFICIENTS = {
     "none": (0,),
     "plumb_bob": (0, 4, 5),
@@ -48,8 +49,11 @@ class Camera:
         d = tuple(float(x) for x in np.ravel(np.asarray(self.D, dtype=float)))
         object.__setattr__(self, "K", k)
         object.__setattr__(self, "D", d)
-        if self.width < 16 or self.height < 16:
-            raise ConfigError(f"camera size {self.width}×{self.height}: give width and height in pixels, ≥ 16")
+        if self.width < 16 or self.height < 16 or self.width * self.height > MAX_PIXELS:
+            raise ConfigError(
+                f"camera size {self.width}×{self.height}: give width and height in pixels, each at least 16, "
+                f"together at most {MAX_PIXELS / 1e6:.0f} megapixels"
+            )
         if k.shape != (3, 3) or not np.isfinite(k).all():
             raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")
         if k[0, 0] <= 0 or k[1, 1] <= 0 or not np.allclose(k[2], (0, 0, 1)):
@@ -80,8 +84,8 @@ class StereoRig:
 
     def __post_init__(self) -> None:
         pose = np.array(self.right_from_left, dtype=float)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ConfigError(f"right_from_left must be a finite 4×4 pose, got shape {pose.shape}")
+        if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # false for NaN too
+            raise ConfigError(f"right_from_left must be a 4×4 pose in metres, got {pose.tolist()}")
         r = pose[:3, :3]
         if not np.allclose(r @ r.T, np.eye(3), atol=1e-3) or np.linalg.det(r) < 0:
             raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")

@@ -42,6 +42,11 @@ class Rectifier:
         extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         spans = np.mean([e[1] - e[0] for e in extents], axis=0)
+        if not (spans > 0).all():  # false for NaN too
+            raise ConfigError(
+                f"K and the distortion coefficients {list(rig.left.D)} and {list(rig.right.D)} leave no image: "
+                "are they of these cameras, in OpenCV's order?"
+            )
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
         f = f_lens if f_fit > 0.999 * f_lens else max(f_fit, _MIN_FOCAL_SHARE * f_lens)
         middle = [(e[0] + e[1]) / 2 for e in extents]
@@ -73,7 +78,8 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
     fisheye, d = _distortion(camera)
     rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
-    rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
+    with np.errstate(invalid="ignore"):  # where the lens model has no answer, the caller says so
+        rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
     # a lens of 180° and more reaches behind the rectified plane; the focal share bounds what is kept of it
     rays = rays[:, :2] / np.maximum(rays[:, 2:], 0.2)
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
@@ -85,7 +91,8 @@ def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tu
     fisheye, d = _distortion(camera)
     module = cv2.fisheye if fisheye else cv2
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k, size, cv2.CV_32FC1)
-    grid_v, grid_u = np.mgrid[: size[1], : size[0]]
-    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v).max()) < 1e-2:
+    # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
+    grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
+    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < 1e-2:
         return None
     return cv2.convertMaps(u, v, cv2.CV_16SC2)

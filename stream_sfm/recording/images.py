@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from ..types import MAX_PIXELS
 from .messages import ImageMessage
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
@@ -33,7 +34,7 @@ _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2"
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 _MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
 
-ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE, "png", "jpeg", "webp")
+RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
 
 class UndecodableImage(Exception):
@@ -88,7 +89,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
-        if name not in _PLAIN and name not in _LUMA_BYTE and name not in _LUMA_PLANE:
+        if name not in RAW_ENCODINGS:
             raise LogError(
                 f"{where}: image encoding {message.encoding!r} is not known; known are mono8, mono16, rgb8, bgr8, "
                 "rgba8, bgra8 (8 or 16 bits), bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24, i420: record one of them"
@@ -119,8 +120,11 @@ def decode_grey(message: ImageMessage) -> Grey:
 
 
 def _decode_compressed(message: ImageMessage) -> Grey:
-    if not message.data:
-        raise UndecodableImage(f"{message.topic}: an image of 0 bytes")
+    width, height = image_size(message) or (0, 0)
+    if not 0 < width * height <= MAX_PIXELS:  # before a few bytes become gigabytes
+        raise UndecodableImage(
+            f"{message.topic}: {len(message.data)} bytes that claim to be {width}×{height} pixels"
+        )
     # A recorded orientation tag is not the camera's business: pixels as the calibration means them.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
@@ -133,6 +137,8 @@ def _decode_compressed(message: ImageMessage) -> Grey:
 
 def _decode_raw(message: ImageMessage) -> Grey:
     name = message.encoding.lower()
+    if name not in RAW_ENCODINGS:
+        raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not known")
     bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
     rows = raw_rows(message, channels * bits // 8)
     if name in _LUMA_BYTE:

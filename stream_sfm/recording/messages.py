@@ -29,6 +29,8 @@ _KINDS = {
     "TFMessage": "transform", "tfMessage": "transform",
 }  # fmt: skip
 
+_MISFITS = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
+
 
 class UndecodableMessage(Exception):
     """One message does not fit its schema; the next may."""
@@ -146,7 +148,7 @@ class MessageDecoder:
                 step=int(_get(m, "step")),
                 big_endian=bool(_get(m, "is_bigendian", default=0)),
             )
-        except (ValueError, TypeError) as error:
+        except _MISFITS as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
 
     def calibration(self, message: LogMessage) -> CalibrationMessage:
@@ -164,7 +166,7 @@ class MessageDecoder:
                 R=_matrix(_get(m, "R", "r", default=()), 3, 3),
                 P=_matrix(_get(m, "P", "p", default=()), 3, 4),
             )
-        except (ValueError, TypeError) as error:
+        except _MISFITS as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
 
     def poses(self, message: LogMessage) -> list[PoseMessage]:
@@ -174,7 +176,7 @@ class MessageDecoder:
             if _has(m, "transforms"):
                 return [_pose(t) for t in _get(m, "transforms")]
             return [_pose(m)]
-        except (ValueError, TypeError) as error:
+        except _MISFITS as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
 
 
@@ -194,7 +196,10 @@ def _get(message: Any, *names: str, default: Any = None) -> Any:
 def _stamp_ns(message: Any) -> int:
     stamp = _get(message, "timestamp") if _has(message, "timestamp") else _get(_get(message, "header"), "stamp")
     sec = int(_get(stamp, "sec", "seconds", "secs"))
-    return sec * 1_000_000_000 + int(_get(stamp, "nanosec", "nsec", "nanos", "nsecs"))
+    stamp_ns = sec * 1_000_000_000 + int(_get(stamp, "nanosec", "nsec", "nanos", "nsecs"))
+    if not -(2**63) <= stamp_ns < 2**63:
+        raise ValueError(f"a stamp of {sec} s")
+    return stamp_ns
 
 
 def _frame_id(message: Any) -> str:
@@ -208,7 +213,9 @@ def _bytes(data: Any) -> bytes:
         return data
     if isinstance(data, str):
         return base64.b64decode(data, validate=True)
-    return bytes(data)
+    if isinstance(data, list | np.ndarray):
+        return bytes(data)
+    raise ValueError(f"data of type {type(data).__name__}")  # of a number, bytes() would make so many zeros
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Array:

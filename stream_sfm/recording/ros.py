@@ -6,10 +6,15 @@ from functools import lru_cache
 from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 _RULE = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # stands between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines, as #include
+# rosbags makes Python code of a definition, so a hostile one could ask for any amount of it, or for endless loops.
+_MAX_DEFINITION_BYTES = 2**15
+_MAX_ELEMENTS = 64
+_WIDE_SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")
 _READ = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2),
     (MessageEncoding.CDR, SchemaEncoding.ROS2IDL),
@@ -28,14 +33,19 @@ def ros_decoder(
     """
     if (message_encoding, schema_encoding) not in _READ:
         return None
+    if len(definition) > _MAX_DEFINITION_BYTES:
+        raise ValueError(f"a definition of {len(definition)} bytes")
     text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
     types: dict[str, Any] = {}
     if schema_encoding == SchemaEncoding.ROS2IDL:
+        if _WIDE_SHIFT.search(text):
+            raise ValueError("a constant that would fill the memory")
         for part in _RULE.split(text):
             if idl := _NOT_IDL.sub("", part).strip():
                 types |= get_types_from_idl(idl)
     else:
         types = get_types_from_msg(_RULE.sub("=" * 80, text), schema_name)  # recorders differ in the rule's length
+    _refuse_endless(types)
     store = get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
     package, *_, short_name = schema_name.split("/")
@@ -43,3 +53,20 @@ def ros_decoder(
     store.get_msgdef(name)  # here, so that what is lacking is told of the schema, not of every message
     deserialise = store.deserialize_ros1 if message_encoding == MessageEncoding.ROS1 else store.deserialize_cdr
     return lambda data: deserialise(data, name)
+
+
+def _refuse_endless(types: dict[str, Any]) -> None:
+    """Raises ValueError where rosbags would write a line for each of very many elements, or read elements of no bytes.
+
+    No ROS message of a camera, a pose or a transform has such a type.
+    """
+    for name, (_, fields) in types.items():
+        if not fields:
+            raise ValueError(f"type {name} is empty")
+        for field, (kind, of) in fields:
+            if kind != Nodetype.ARRAY:
+                continue
+            (element, what), length = of
+            plain = element == Nodetype.BASE and what[0] != "string"
+            if length == 0 or (length > _MAX_ELEMENTS and not plain):
+                raise ValueError(f"field {field} of type {name} has {length} elements")

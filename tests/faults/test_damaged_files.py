@@ -66,7 +66,9 @@ def test_a_wrong_length_costs_no_more_than_its_chunk(length: int, path: Path, tm
     change(base, path, broken.start + 1, struct.pack("<Q", length))
     found, warnings, complete = read(path)
     assert set(found) >= set(stamps) - {stamps[2]} and not complete
-    assert any(str(broken.start) in w and "read on at byte" in w for w in warnings) or "damaged chunk" in warnings[0]
+    assert (
+        any(str(broken.start) in w and "read on at byte" in w for w in warnings) or "damaged chunk" in warnings[0]
+    )
 
 
 def test_an_end_in_the_middle_is_no_end(path: Path, tmp_path: Path):

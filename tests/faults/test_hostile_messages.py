@@ -1,0 +1,177 @@
+"""Messages and definitions that fit their format and mean harm: each costs its own frame, and nothing else."""
+
+import base64
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+import stream_sfm as sfm
+from stream_sfm.recording.ros import ros_decoder
+from stream_sfm.run import replay
+from tests.recording.make_logs import (
+    PERIOD_NS,
+    START_NS,
+    Calib,
+    LogWriter,
+    Spec,
+    encode,
+    right_calib,
+    scene,
+    write_info,
+    write_log,
+)
+
+FAST = sfm.Config(method="frame-to-frame")
+FRAMES, BAD = 6, 3
+INFINITY = float("inf")
+_RAW = {
+    "encoding": "mono8",
+    "width": 96,
+    "height": 64,
+    "step": 96,
+    "data": base64.b64encode(bytes(96 * 64)).decode(),
+}
+_BOMB = cv2.imencode(".png", np.zeros((16_000, 16_000), np.uint8))[1].tobytes()
+
+
+def stamp(sec: Any) -> dict[str, Any]:
+    return {"timestamp": {"sec": sec, "nsec": 0}}
+
+
+# what one left image is replaced by: the fields that differ, or the whole text
+IMAGES: dict[str, dict[str, Any] | str] = {
+    "infinite stamp": stamp(INFINITY),
+    "stamp that is no number": stamp(float("nan")),
+    "stamp beyond 64 bits": stamp(10**30),
+    "stamp of another age": stamp(9 * 10**9),
+    "stamp before the epoch": stamp(-5),
+    "stamp of a list": stamp([1]),
+    "stamp of a word": {"timestamp": "now"},
+    "a number of bytes for the bytes": {"data": 2 * 10**9},
+    "bytes that are none": {"data": [1, 2, 300]},
+    "an object for the bytes": {"data": {"a": 1}},
+    "nothing for the bytes": {"data": None},
+    "text that is no base64": {"data": "{}"},
+    "nested without end": "[" * 100_000,
+    "a list": "[1, 2]",
+    "a number": "5",
+    "null": "null",
+    "a number of 10 000 digits": "1" * 10_000,
+    "raw, of an unknown encoding": {"format": None} | _RAW | {"encoding": "mono7"},
+    "raw, of infinite width": {"format": None} | _RAW | {"width": INFINITY},
+    "raw, of a width of 400 digits": {"format": None} | _RAW | {"width": 10**400},
+    "raw, with fewer bytes than it claims": {"format": None} | _RAW | {"height": 65},
+    "256 megapixels in 270 kB": {"data": base64.b64encode(_BOMB).decode()},
+    "another format in disguise": {"data": base64.b64encode(cv2.imencode(".bmp", scene(3, 0))[1]).decode()},
+}
+
+
+def write(path: Path, replaced: dict[str, Any] | str, both_sides: bool = False) -> Path:
+    """JSON images, of which the left one of frame `BAD` is `replaced`; on `both_sides` the right one too."""
+    log = LogWriter(path)
+    for n in range(FRAMES):
+        time_ns = START_NS + n * PERIOD_NS
+        if n == 0:
+            for topic, info in zip(Spec.info_topics, (Calib(), right_calib()), strict=True):
+                write_info(log, "json", topic, time_ns, info)
+        for side, topic in enumerate(Spec.topics):
+            sec, nsec = divmod(time_ns, 10**9)
+            image = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "left", "format": "png"}
+            image["data"] = base64.b64encode(encode(scene(n, side), "png")[0]).decode()
+            text = json.dumps(image)
+            if n == BAD and (side == 0 or both_sides):
+                changed = image | replaced if isinstance(replaced, dict) else {}
+                kept = {k: v for k, v in changed.items() if k != "format" or v is not None}
+                text = replaced if isinstance(replaced, str) else json.dumps(kept)
+            log.add(topic, "foxglove.CompressedImage", ("json", "jsonschema"), b"{}", time_ns, text.encode())
+    log.close()
+    return path
+
+
+@pytest.mark.parametrize("both_sides", [False, True])
+@pytest.mark.parametrize("name", IMAGES)
+def test_a_hostile_image_costs_its_frame(name: str, both_sides: bool, tmp_path: Path):
+    log = write(tmp_path / "hostile.mcap", IMAGES[name], both_sides)
+    result = replay(log, tmp_path / "out", FAST)
+    good = [START_NS + n * PERIOD_NS for n in range(FRAMES) if n != BAD]
+    stamps = result.trajectory.stamps_ns.tolist()
+    # a stamp alone makes no frame unusable if both cameras agree on it
+    agreed = {"stamp of another age": [9 * 10**18], "stamp before the epoch": [-5 * 10**9]}.get(name, [])
+    assert stamps == sorted(good + agreed * both_sides)
+    assert result.summary["warnings"] or agreed
+
+
+def definition(fields: str, parts: str = "") -> str:
+    rule = "=" * 80
+    return f"{fields}\n{rule}\nMSG: sensor_msgs/Part\n{parts}\n" if parts is not None else fields
+
+
+_IDL = "module sensor_msgs {{ module msg {{ {} struct Image {{ {} }}; }}; }};"
+_CONSTANT = "module Image_Constants {{ const {}; }};"
+DEFINITIONS: dict[str, tuple[str, str]] = {  # schema encoding, definition
+    "code generated for each of many strings": (SchemaEncoding.ROS2, "string[3000000] a\n"),
+    "code generated for each of many messages": (SchemaEncoding.ROS2, definition("Part[3000000] a", "uint8 b")),
+    "an endless list of nothing": (SchemaEncoding.ROS1, definition("Part[] a", "# empty")),
+    "an endless list of empty arrays": (SchemaEncoding.ROS1, definition("Part[] a", "uint8[0] b")),
+    "a type within itself": (SchemaEncoding.ROS2, "Image a\n"),
+    "a very long definition": (SchemaEncoding.ROS2, "".join(f"uint8 a{i}\n" for i in range(20_000))),
+    "code in a constant": (SchemaEncoding.ROS2, "string A='''+open('{out}', 'w').name+'''\nuint8 a\n"),
+    "code in a field": (SchemaEncoding.ROS2, "uint8 a=open('{out}','w')\n"),
+    "IDL: many strings": (SchemaEncoding.ROS2IDL, _IDL.format("", "string a[3000000];")),
+    "IDL: a constant of gigabytes": (
+        SchemaEncoding.ROS2IDL, _IDL.format(_CONSTANT.format("long A = 1 << 100000000000"), "uint8 a;"),
+    ),
+    "IDL: brackets without end": (SchemaEncoding.ROS2IDL, _IDL.format(_CONSTANT.format("long A = " + "(" * 9000), "")),
+    "IDL: code in a constant": (
+        SchemaEncoding.ROS2IDL,
+        _IDL.format(_CONSTANT.format("string A = \"'''+open('{out}','w').name+'''\"").replace("{", "{{"), "uint8 a;"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_a_hostile_ros_definition_is_refused_at_once_and_never_run(name: str, tmp_path: Path):
+    encoding, text = DEFINITIONS[name]
+    written = tmp_path / "written by the log"
+    text = text.replace("{out}", str(written))
+    message = MessageEncoding.ROS1 if encoding == SchemaEncoding.ROS1 else MessageEncoding.CDR
+    schema = "sensor_msgs/Image" if encoding == SchemaEncoding.ROS1 else "sensor_msgs/msg/Image"
+    began_s = time.process_time()
+    try:
+        ros_decoder(message, encoding, schema, text.encode())
+    except Exception as error:
+        assert not isinstance(error, MemoryError)
+    else:
+        assert "code" in name  # what is a mere text is no harm
+    assert time.process_time() - began_s < 5 and not written.exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["sensor_msgs/msg/A:\n  pass\nopen('{out}', 'w')\nclass B/Image", "../../Image", "Image"]
+)
+def test_a_hostile_schema_name_is_never_run(name: str, tmp_path: Path):
+    written = tmp_path / "written by the log"
+    with pytest.raises(Exception):  # noqa: B017  what its library raises; the caller makes a LogError of it
+        ros_decoder("cdr", "ros2msg", name.replace("{out}", str(written)), b"uint8 a\n")
+    assert not written.exists()
+
+
+def test_topics_never_become_paths(tmp_path: Path):
+    up = "/../../../outside/%2e%2e/~/$(touch x)`touch x`\\..\\"
+    spec = Spec(topics=(f"{up}/left", f"{up}/right"), info_topics=(f"{up}/left/info", f"{up}/right/info"))
+    log = write_log(tmp_path / "log.mcap", spec)
+    out = tmp_path / "a" / "b" / "c" / "out"
+    assert replay(log, out, FAST).summary["frames"]["estimated"] == 12
+    assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()) == [
+        *(
+            f"a/b/c/out/{n}"
+            for n in ("config.toml", "estimates.mcap", "summary.json", "trajectory.kitti", "trajectory.tum")
+        ),
+        "log.mcap",
+    ]
