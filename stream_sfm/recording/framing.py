@@ -12,7 +12,7 @@ from typing import Any
 from mcap.data_stream import ReadDataStream
 
 MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD_BYTES = 256 * 2**20  # a record or an inflated chunk beyond this is damage, or hostile
+MAX_RECORD_BYTES = 128 * 2**20  # a record or an inflated chunk beyond this is damage, or hostile
 FRAME = struct.Struct("<BQ")
 
 

@@ -77,7 +77,7 @@ class PairReader:
                 if side in unchecked:
                     check_encoding(image, self.file.path)
                     unchecked.remove(side)
-                for left, right in pairer.push(side, image.stamp_ns, image):
+                for left, right in pairer.push(side, image.stamp_ns, image, len(image.data)):
                     self._count(stats, damage, pairer.counts)
                     yield StereoPair(left, right)
             for left, right in pairer.finish():

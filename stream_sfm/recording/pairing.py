@@ -16,6 +16,7 @@ T = TypeVar("T")
 
 _REORDER = 4  # messages of one side held back to be sorted
 _PENDING = 128  # frames of one side waiting for the other
+_PENDING_BYTES = 128 * 2**20  # of one side; sorting and waiting end earlier where images are so large
 _PERIODS = 31  # the frame period is the median of so many
 _UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only
 
@@ -38,27 +39,31 @@ class Pairer(Generic[T]):
 
     def __init__(self) -> None:
         self.counts = PairingCounts()
-        self._heaps: tuple[list[tuple[int, int, T]], list[tuple[int, int, T]]] = ([], [])
+        self._heaps: tuple[list[tuple[int, int, int, T]], list[tuple[int, int, int, T]]] = ([], [])
         self._last: list[int | None] = [None, None]
-        self._queues: tuple[deque[tuple[int, T]], deque[tuple[int, T]]] = (deque(), deque())
+        self._queues: tuple[deque[tuple[int, int, T]], deque[tuple[int, int, T]]] = (deque(), deque())
+        self._bytes = [0, 0]  # held in heap and queue
         self._recent: tuple[deque[int], deque[int]] = (deque(maxlen=_PERIODS + 1), deque(maxlen=_PERIODS + 1))
         self._serial = 0
         self._unpaired_since = 0  # the last pair
         self._finished = False
 
-    def push(self, side: int, stamp_ns: int, item: T) -> Iterator[tuple[T, T]]:
+    def push(self, side: int, stamp_ns: int, item: T, size_bytes: int = 0) -> Iterator[tuple[T, T]]:
         """A frame of `side` (0 left, 1 right); yields pairs in ascending order of the left stamp."""
         self._serial += 1  # equal stamps keep the order of the file, and items need no order
         self.counts.read[side] += 1
-        heapq.heappush(self._heaps[side], (stamp_ns, self._serial, item))
-        if len(self._heaps[side]) > _REORDER:
+        self._bytes[side] += size_bytes
+        heapq.heappush(self._heaps[side], (stamp_ns, self._serial, size_bytes, item))
+        while self._heaps[side] and (len(self._heaps[side]) > _REORDER or self._bytes[side] > _PENDING_BYTES):
             self._sorted(side)
             yield from self._merge()
-        if len(self._queues[side]) >= _PENDING:
+        if self._full(side):
             # The other side is silent: what it still holds back to be sorted must not be missed.
             while self._heaps[1 - side] and not self._queues[1 - side]:
                 self._sorted(1 - side)
                 yield from self._merge()
+        while self._full(side):
+            self._drop(side)
 
     def finish(self) -> Iterator[tuple[T, T]]:
         """The pairs still waiting; what is left over is unpaired."""
@@ -71,14 +76,19 @@ class Pairer(Generic[T]):
             self.counts.unpaired[side] += len(self._queues[side])
             self._queues[side].clear()
 
+    def _full(self, side: int) -> bool:
+        queue = self._queues[side]
+        return len(queue) >= _PENDING or (len(queue) > 1 and self._bytes[side] > _PENDING_BYTES)
+
     def _sorted(self, side: int) -> None:
-        stamp_ns, _, item = heapq.heappop(self._heaps[side])
+        stamp_ns, _, size_bytes, item = heapq.heappop(self._heaps[side])
         last = self._last[side]
         if last is not None and stamp_ns <= last:
             self.counts.backwards[side] += 1
+            self._bytes[side] -= size_bytes
             return
         self._last[side] = stamp_ns
-        self._queues[side].append((stamp_ns, item))
+        self._queues[side].append((stamp_ns, size_bytes, item))
         self._recent[side].append(stamp_ns)
 
     def _half_period_ns(self) -> int:
@@ -97,7 +107,7 @@ class Pairer(Generic[T]):
             if offset_ns:
                 early = 0 if lefts[0][0] < rights[0][0] else 1
                 queue, other = self._queues[early], self._queues[1 - early]
-                if len(queue) < 2 and not self._finished and len(other) < _PENDING:
+                if len(queue) < 2 and not self._finished and not self._full(1 - early):
                     return  # the next frame of the early side may fit better
                 nearer = len(queue) > 1 and abs(queue[1][0] - other[0][0]) < offset_ns
                 if nearer or offset_ns > self._half_period_ns():
@@ -110,12 +120,14 @@ class Pairer(Generic[T]):
             self._unpaired_since = 0
             self.counts.paired += 1
             self.counts.largest_offset_ns = max(self.counts.largest_offset_ns, offset_ns)
-            yield lefts.popleft()[1], rights.popleft()[1]
-        for side in (0, 1):
-            while len(self._queues[side]) > _PENDING:
-                self._drop(side)
+            yield self._taken(0), self._taken(1)
+
+    def _taken(self, side: int) -> T:
+        _, size_bytes, item = self._queues[side].popleft()
+        self._bytes[side] -= size_bytes
+        return item
 
     def _drop(self, side: int) -> None:
-        self._queues[side].popleft()
+        self._taken(side)
         self.counts.unpaired[side] += 1
         self._unpaired_since += 1

@@ -1,8 +1,11 @@
 """Damage of one kind at a known place: what it costs, and what is said of it."""
 
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
@@ -10,7 +13,19 @@ import stream_sfm as sfm
 from stream_sfm.recording.records import Damage, LogFile
 from stream_sfm.run import replay
 from tests.faults.mutations import BASES, FRAMES, Base, make_base
-from tests.recording.make_logs import CONTAINERS, Spec, write_log
+from tests.recording.make_logs import (
+    CONTAINERS,
+    PERIOD_NS,
+    START_NS,
+    Calib,
+    LogWriter,
+    Spec,
+    right_calib,
+    scene,
+    write_image,
+    write_info,
+    write_log,
+)
 
 FAST = sfm.Config(method="frame-to-frame")
 
@@ -125,6 +140,29 @@ def test_records_of_gigabytes_are_passed_over_unread(path: Path):
     found, warnings, complete = read(path)
     assert len(found) == 12 and not complete
     assert sum("a record of 4096 MiB is passed over" in w for w in warnings) == 3
+
+
+def test_chunks_that_inflate_to_a_hundred_megabytes_each_do_not_add_up(path: Path):
+    """Black raw images of 100 megapixels on one side: 3 kB a chunk, and the frames of the calibrated size go on."""
+    log = LogWriter(path, chunk_size=1000)
+    for n in range(12):
+        time = START_NS + n * PERIOD_NS
+        for topic, info in zip(Spec.info_topics, (Calib(), right_calib()), strict=True):
+            if n == 0:
+                write_info(log, "foxglove", topic, time, info)
+        black = np.zeros((10_000, 10_000), np.uint8)
+        write_image(log, "foxglove", Spec.topics[0], time, scene(n, 0) if n < 2 else black, "mono8")
+        if n < 2:
+            write_image(log, "foxglove", Spec.topics[1], time, scene(n, 1), "mono8")
+    log.close()
+    assert path.stat().st_size < 200_000
+    script = "import sys; from stream_sfm.run import replay; s = replay(sys.argv[1]).summary; "
+    script += "print(s['frames']['estimated'], s['peak_rss_mib'])"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=120, check=True
+    )
+    frames, peak_mib = done.stdout.split()
+    assert frames == "2" and float(peak_mib) < 1024
 
 
 def test_notes_of_damage_stay_few(path: Path):

@@ -92,3 +92,27 @@ def test_waiting_is_bounded_when_one_side_is_silent():
     assert len(pairer._queues[0]) <= 128
     assert not list(pairer.finish())
     assert pairer.counts.unpaired == [10_000, 0]
+
+
+def test_large_frames_of_one_side_do_not_pile_up():
+    """Of 60 MiB each: three wait for the silent side, and those of both sides still meet."""
+    pairer = Pairer()
+    held = max_held = 0
+
+    class Frame:
+        def __init__(self) -> None:
+            nonlocal held, max_held
+            held += 1
+            max_held = max(max_held, held)
+
+        def __del__(self) -> None:
+            nonlocal held
+            held -= 1
+
+    pairs = 0
+    for n in range(40):
+        for side in (0, 1) if n < 5 or n > 30 else (0,):
+            pairs += sum(1 for _ in pairer.push(side, 100 * n, Frame(), 60 * 2**20))
+    pairs += sum(1 for _ in pairer.finish())
+    assert pairs == 14 and pairer.counts.unpaired == [26, 0]
+    assert max_held <= 8
