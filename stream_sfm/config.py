@@ -21,7 +21,7 @@ class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 class FrontendConfig(_Section, frozen=True):
     """Detection, left-right matching, tracking."""
 
-    max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 240
+    max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 200
     renew_share: Annotated[
         float, Meta(description="new points are sought when this share is missing", ge=0, le=1)
     ] = 0.05

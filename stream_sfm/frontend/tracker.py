@@ -215,16 +215,19 @@ class FrontEnd:
         corners, disparity = corners[unique] * step, disparity[unique] / scale
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         gradients = self.atlas.store(pair.left, corners, free)
-        left = corners.astype(float)
-        facing = np.broadcast_to(np.eye(2), (len(left), 2, 2))
-        start = np.stack([left[:, 0] - disparity, left[:, 1] - self.rows.difference(left)], axis=1)
+        facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
+        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - self.rows.difference(corners)], axis=1)
         right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
-        ok &= np.linalg.norm(right - start, axis=1) < 2.0 / scale
+        ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
+        corners, free, gradients, right, error = (a[ok] for a in (corners, free, gradients, right, error))
+        facing, left = facing[ok], corners.astype(float)
         slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
-        sheared: Array = facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)
-        mosaics = self.atlas.mosaics(free, np.asarray(np.linalg.inv(sheared), np.float64), pair.left.shape)
-        right, aligned, error = self.atlas.align(mosaics, pair.right, right)
-        ok &= aligned & (error < cfg.max_grey_error)
+        slanted = slopes.any(axis=1)
+        warps = np.asarray(np.linalg.inv(facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)))[slanted]
+        mosaics = self.atlas.mosaics(free[slanted], warps, pair.left.shape)
+        right[slanted], aligned, error[slanted] = self.atlas.align(mosaics, pair.right, right[slanted])
+        ok = error < cfg.max_grey_error
+        ok[slanted] &= aligned
         self.rows.learn(left[ok], (left - right)[ok, 1])
         right[:, 1] += self.rows.difference(left)
         ok &= self._on_row(left, right)

@@ -80,63 +80,66 @@ class _Problem:
         self.sides = np.isfinite(z_px).sum(axis=1)  # measured coordinates: 4, or 2 without the right view
         self.gate = chdtri(np.maximum(self.sides, 1), 1 - gate_probability)
 
-    def whitening(self, cam_from_ref: Array) -> Array:
-        """Roots (n, 4, 4) that whiten the residuals: view noise, and the points' own uncertainty seen from here."""
+    def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
+        """Roots (n, 4, 4) that whiten the residuals (view noise, and the points' own uncertainty seen from here), and
+        the whitened Jacobian (n, 4, 6) of the left perturbation."""
+        in_cam = self.points @ cam_from_ref.T
+        in_cam = np.maximum(in_cam, _front(in_cam))
+        j = self.projection.jacobian_homogeneous(in_cam)
         cov = self.cov_px
         if self.cov_points is not None:
-            in_cam = self.points @ cam_from_ref.T
-            j = self.projection.jacobian_homogeneous(np.maximum(in_cam, _front(in_cam))) @ cam_from_ref
-            cov = cov + j @ self.cov_points @ np.swapaxes(j, -1, -2)
-        return whitening_of_views(self.z_px, cov)
+            by_point = j @ cam_from_ref
+            cov = cov + by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
+        root = whitening_of_views(self.z_px, cov)
+        a = root @ j[..., :3]
+        return root, np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
 
-    def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array, Array]:
-        """In-camera points (n, 4), whitened residuals (n, 4), their squared norms (n,), inf behind the camera."""
+    def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
+        """Whitened residuals (n, 4) and their squared norms (n,), inf behind the camera."""
         in_cam = self.points @ cam_from_ref.T
         behind = in_cam[:, 2] < _MIN_DEPTH
         in_cam = np.maximum(in_cam, _front(in_cam))
         r = (root @ (self.z - self.projection.project_homogeneous(in_cam))[..., None])[..., 0]
-        return in_cam, r, np.where(behind, np.inf, (r * r).sum(1))
+        return r, np.where(behind, np.inf, (r * r).sum(1))
 
-    def normal_equations(self, in_cam: Array, r: Array, root: Array, weight: Array) -> tuple[Array, Array]:
-        a = root @ self.projection.jacobian_homogeneous(in_cam)[..., :3]
-        j = np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
+    def step(self, cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array, float, Array]:
+        """One weighted Gauss-Newton step, its squared length in standard deviations, and its information (6, 6)."""
         weighted = (j * weight[:, None, None]).reshape(-1, 6).T
-        return weighted @ j.reshape(-1, 6), weighted @ r.ravel()
-
-    def step(self, cam_from_ref: Array, in_cam: Array, r: Array, root: Array, weight: Array) -> tuple[Array, float]:
-        """One weighted Gauss-Newton step and its squared length in standard deviations."""
-        h, g = self.normal_equations(in_cam, r, root, weight)
+        h, g = weighted @ j.reshape(-1, 6), weighted @ r.ravel()
         scale = 1 / np.sqrt(np.maximum(np.diag(h), 1e-12))
         delta = scale * np.linalg.lstsq(h * np.outer(scale, scale), g * scale, rcond=1e-10)[0]
         size = np.linalg.norm(delta[3:])
         if size > 0.3:  # a wild step from a bad start: keep its direction only
             delta *= 0.3 / size
-        return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta)
+        return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta), h
 
     def solve(self, cam_from_ref: Array) -> Resection:
+        """Annealed weights, then the gate and plain least squares. The Jacobian is renewed after every third step:
+        between them the pose moves too little to matter."""
         n = len(self.z_px)
         if n < 6:
             return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, False)
-        root = self.whitening(cam_from_ref)
-        in_cam, r, s2 = self.residuals(cam_from_ref, root)
-        for k in range(8):
+        root, j = self.linearise(cam_from_ref)
+        r, s2 = self.residuals(cam_from_ref, root)
+        for k in range(9):
             finite = np.isfinite(s2)
             spread = max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
             width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
-            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, root, 1 / (1 + s2 / width))
-            in_cam, r, s2 = self.residuals(cam_from_ref, root)
+            cam_from_ref, moved, _ = self.step(cam_from_ref, j, r, 1 / (1 + s2 / width))
             if moved < 1e-2 and (k > 1 or spread < 2):
                 break
-        root = self.whitening(cam_from_ref)
-        in_cam, r, s2 = self.residuals(cam_from_ref, root)
+            if k % 3 == 2:
+                root, j = self.linearise(cam_from_ref)
+            r, s2 = self.residuals(cam_from_ref, root)
+        root, j = self.linearise(cam_from_ref)
+        r, s2 = self.residuals(cam_from_ref, root)
         accepted = s2 < self.gate
         for _ in range(4):
-            cam_from_ref, moved = self.step(cam_from_ref, in_cam, r, root, accepted.astype(float))
-            in_cam, r, s2 = self.residuals(cam_from_ref, root)
+            cam_from_ref, moved, h = self.step(cam_from_ref, j, r, accepted.astype(float))
+            r, s2 = self.residuals(cam_from_ref, root)
             before, accepted = accepted, s2 < self.gate
             if moved < 1e-3 and (before == accepted).all():
                 break
-        h, _ = self.normal_equations(in_cam, r, root, accepted.astype(float))
         cov, ok = _inverse(h)
         dof = int(self.sides[accepted].sum()) - 6
         chi2 = float(s2[accepted].sum())
@@ -161,7 +164,7 @@ class _Problem:
         candidates = np.concatenate([start[None], se3.from_rotation_translation(rotation, translation)])
         cov = self.cov_px + 4 * np.eye(4)  # triples are noisy: a tolerant score ranks them better
         root = whitening_of_views(self.z_px, cov)
-        costs = [np.minimum(self.residuals(c, root)[2], 9.0).sum() for c in candidates]
+        costs = [np.minimum(self.residuals(c, root)[1], 9.0).sum() for c in candidates]
         return candidates[int(np.argmin(costs))]
 
 
