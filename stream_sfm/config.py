@@ -72,6 +72,38 @@ class MotionConfig(_Section, frozen=True):
     ] = 3.0
 
 
+class DenseConfig(_Section, frozen=True):
+    """Dense stereo and surfaces (`stream-sfm surface`)."""
+
+    max_disparity_share: Annotated[
+        float, Meta(description="largest disparity that is looked for, share of the width", gt=0, le=0.9)
+    ] = 0.5
+    block_px: Annotated[int, Meta(description="edge of the block that is matched, odd", ge=3, le=21)] = 7
+    uniqueness_percent: Annotated[
+        int, Meta(description="a match must be better by this than its next rival", ge=0, le=50)
+    ] = 5
+    smoothing_px: Annotated[float, Meta(description="Gaussian smoothing before the sub-pixel step", ge=0, le=5)] = (
+        1.0
+    )
+    window_radius_px: Annotated[int, Meta(description="half width of the sub-pixel step's window", ge=2, le=30)] = 6
+    std_start_px: Annotated[
+        float, Meta(description="what the matched disparity is worth to the sub-pixel step", gt=0)
+    ] = 0.3
+    std_bias_px: Annotated[float, Meta(description="error of disparity that all frames share", ge=0)] = 0.06
+    max_std_px: Annotated[float, Meta(description="pixels with a larger σ of disparity are left out", gt=0)] = 1.0
+    max_std_share: Annotated[
+        float, Meta(description="pixels with a larger σ are left out, share of the distance", gt=0, le=1)
+    ] = 0.05
+    max_disparity_step_px: Annotated[
+        float, Meta(description="neighbouring pixels further apart are not joined", gt=0)
+    ] = 1.0
+    voxel_m: Annotated[float, Meta(description="edge of a voxel of the fused surface; 0: by itself", ge=0)] = 0.0
+    max_voxels: Annotated[
+        int, Meta(description="voxels kept at most; then their edge is doubled", ge=10_000, le=100_000_000)
+    ] = 4_000_000
+    min_frames: Annotated[int, Meta(description="frames that must have seen a fused surface", ge=1)] = 3
+
+
 class Config(_Section, frozen=True):
     """All settings; every one has a default."""
 
@@ -82,6 +114,7 @@ class Config(_Section, frozen=True):
     window: WindowConfig = WindowConfig()
     robust: RobustConfig = RobustConfig()
     motion: MotionConfig = MotionConfig()
+    dense: DenseConfig = DenseConfig()
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import StreamSfmError
-from . import batch, compare, config, import_, inspect, replay, simulate
+from . import batch, compare, config, import_, inspect, replay, simulate, surface
 
-COMMANDS = (replay, batch, compare, inspect, import_, simulate, config)
+COMMANDS = (replay, batch, compare, surface, inspect, import_, simulate, config)
 EXIT_DEFECT = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130

@@ -29,6 +29,12 @@ _BAYER = {
 for _pattern, _code in _BAYER.items():
     _PLAIN[f"bayer_{_pattern}8"] = (8, 1, _code)
     _PLAIN[f"bayer_{_pattern}16"] = (16, 1, _code)
+_TO_RGB = {
+    cv2.COLOR_RGB2GRAY: None, cv2.COLOR_BGR2GRAY: cv2.COLOR_BGR2RGB,
+    cv2.COLOR_RGBA2GRAY: cv2.COLOR_RGBA2RGB, cv2.COLOR_BGRA2GRAY: cv2.COLOR_BGRA2RGB,
+    cv2.COLOR_BayerRGGB2GRAY: cv2.COLOR_BayerRGGB2RGB, cv2.COLOR_BayerBGGR2GRAY: cv2.COLOR_BayerBGGR2RGB,
+    cv2.COLOR_BayerGBRG2GRAY: cv2.COLOR_BayerGBRG2RGB, cv2.COLOR_BayerGRBG2GRAY: cv2.COLOR_BayerGRBG2RGB,
+}  # fmt: skip
 # where the luma stands among the two bytes of a pixel
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
@@ -135,21 +141,45 @@ def _decode_compressed(message: ImageMessage) -> Grey:
     return cast(Grey, image)
 
 
+def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
+    """(h, w, 3) red, green, blue of an image of 8 bits; None where it is grey, deeper, or in a luma encoding.
+
+    Raises as `decode_grey`, which has accepted the message before.
+    """
+    if message.compressed:
+        flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
+        conversion: int | None = cv2.COLOR_BGR2RGB
+        if pixels is None or pixels.ndim == 2:
+            return None
+    else:
+        pixels, to_grey = _raw_pixels(message)
+        if to_grey is None:
+            return None
+        conversion = _TO_RGB[to_grey]
+    if pixels.dtype != np.uint8:
+        return None
+    return np.asarray(pixels if conversion is None else cv2.cvtColor(pixels, conversion), np.uint8)
+
+
 def _decode_raw(message: ImageMessage) -> Grey:
+    pixels, to_grey = _raw_pixels(message)
+    return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
+
+
+def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None]:
+    """Pixels (h, w) or (h, w, channels) and OpenCV's conversion to grey, None where they are grey."""
     name = message.encoding.lower()
     if name not in RAW_ENCODINGS:
         raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not known")
     bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
     rows = raw_rows(message, channels * bits // 8)
     if name in _LUMA_BYTE:
-        return np.ascontiguousarray(rows[:, _LUMA_BYTE[name] :: 2])
+        return np.ascontiguousarray(rows[:, _LUMA_BYTE[name] :: 2]), None
     pixels: Any = np.ascontiguousarray(rows)
     if bits == 16:
         pixels = pixels.view(">u2" if message.big_endian else "<u2").astype(np.uint16)
-    if conversion is not None:
-        shape = (message.height, message.width, channels)
-        pixels = cv2.cvtColor(pixels.reshape(shape) if channels > 1 else pixels, conversion)
-    return pixels
+    return pixels.reshape(message.height, message.width, channels) if channels > 1 else pixels, conversion
 
 
 def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:

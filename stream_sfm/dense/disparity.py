@@ -1,0 +1,144 @@
+"""Dense stereo: the disparity of every pixel of a rectified pair, its σ, and where there is none.
+
+A small copy of the pair tells which disparities occur; semi-global matching with its left-right check (Hirschmüller
+2008, OpenCV) finds the whole pixel; `refine` the fraction and the σ.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import DenseConfig
+from ..geometry.pose import Array
+from ..geometry.stereo import StereoProjection
+from .refine import refine
+
+Grey = NDArray[np.uint8]
+Image = NDArray[np.float32]
+_SEARCH_WIDTH_PX = 320  # the copy that the range is sought in is about as wide
+_RANGE_PERCENTILES = (0.1, 99.9)
+_SMOOTHNESS = (8, 32)  # OpenCV's own advice for P1 and P2, times the block's area
+_LEFT_RIGHT_PX = 1
+_SPECKLE_PX, _SPECKLE_STEP_PX = 100, 2  # smaller islands of disparity are taken for mismatches
+_SLOPE_RADIUS_PX = 3
+_MAX_SLOPE = 1.0  # pixels a pixel: beyond it is an edge
+_SUBDIVISIONS = 16  # of OpenCV's fixed-point disparities
+
+
+@dataclass(frozen=True, slots=True)
+class DisparityMap:
+    """Of each pixel of the rectified left image, (h, w) float32, NaN where nothing is known.
+
+    `disparity_px` > 0, counted from infinity: Z = f B / disparity. `std_noise_px`: its error from the images' noise,
+    new with every frame; `std_bias_px`: the error that all frames share (lens model, interpolation).
+    """
+
+    disparity_px: Image
+    std_noise_px: Image
+    std_bias_px: float
+
+    @property
+    def std_px(self) -> Image:
+        """(h, w) σ of one frame's disparity: noise and bias."""
+        return np.hypot(self.std_noise_px, np.float32(self.std_bias_px))
+
+
+class DenseStereo:
+    """Disparity maps of one rectified pair of cameras; `valid` (h, w): pixels that the left camera really has."""
+
+    def __init__(self, projection: StereoProjection, config: DenseConfig, valid: NDArray[np.bool_]) -> None:
+        self.projection, self.config, self.valid = projection, config, valid
+        self._infinity_px = projection.cx_left_px - projection.cx_right_px
+
+    def match(self, left: Grey, right: Grey) -> DisparityMap:
+        """The disparities of rectified images (h, w)."""
+        c = self.config
+        start = self._matched(left, right, *self._range(left, right))
+        disparity, std_noise = refine(left, right, start, c)
+        disparity -= np.float32(self._infinity_px)
+        found = DisparityMap(disparity, std_noise, c.std_bias_px)
+        std = found.std_px
+        with np.errstate(invalid="ignore"):
+            known = self.valid & (std < c.max_std_px) & (std < c.max_std_share * disparity)
+        disparity[~known] = std_noise[~known] = np.nan
+        return found
+
+    def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
+        """First and last disparity, pixels of the images, that a small copy of them shows."""
+        first = self._infinity_px - 1
+        last = self._infinity_px + self.config.max_disparity_share * self.projection.width
+        scale = 1
+        while left.shape[1] > _SEARCH_WIDTH_PX * 1.5:
+            left, right, scale = cv2.pyrDown(left), cv2.pyrDown(right), 2 * scale  # type: ignore[assignment]
+        if scale > 1:
+            found = self._matched(left, right, int(np.floor(first / scale)) - 1, int(np.ceil(last / scale)))
+            found = found[np.isfinite(found)]
+            if len(found):
+                low, high = np.percentile(found, _RANGE_PERCENTILES)
+                first, last = max(first, scale * (low - 2)), min(last, scale * (high + 2))
+        return int(np.floor(first)), int(np.ceil(last))
+
+    def _matched(self, left: Grey, right: Grey, first: int, last: int) -> Image:
+        """Disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
+        block = self.config.block_px
+        smooth, jump = (factor * block * block for factor in _SMOOTHNESS)
+        count = 16 * -(-(last - first + 1) // 16)  # OpenCV wants a multiple of 16
+        matcher = cv2.StereoSGBM.create(
+            minDisparity=first,
+            numDisparities=count,
+            blockSize=block,
+            P1=smooth,
+            P2=jump,
+            disp12MaxDiff=_LEFT_RIGHT_PX,
+            uniquenessRatio=self.config.uniqueness_percent,
+            speckleWindowSize=_SPECKLE_PX,
+            speckleRange=_SPECKLE_STEP_PX,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        # OpenCV leaves out every column for which some disparity of the range points outside: give it a margin
+        before, after = max(first + count, 0), max(-first, 0)
+        wide = [cv2.copyMakeBorder(i, 0, 0, before, after, cv2.BORDER_CONSTANT) for i in (left, right)]
+        width = left.shape[1]
+        raw = matcher.compute(*wide)[:, before : before + width]
+        disparity = raw.astype(np.float32) / _SUBDIVISIONS
+        in_right = np.arange(width, dtype=np.float32) - disparity
+        disparity[(raw < _SUBDIVISIONS * first) | (in_right < 0) | (in_right > width - 1)] = np.nan
+        return np.asarray(disparity, np.float32)
+
+
+def rays(projection: StereoProjection) -> Array:
+    """(h, w, 3) rays with Z = 1 through the pixels of the rectified left image."""
+    v, u = np.mgrid[: projection.height, : projection.width]
+    x, y = (u - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px
+    return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+
+def std_along_ray(
+    projection: StereoProjection, ray: Array, disparity_px: NDArray[np.floating], std_px: NDArray[np.floating]
+) -> Array:
+    """σ (…), metres, along rays (…, 3) with Z = 1, of points with disparities (…) of σ (…).
+
+    The point is X = ray · f B / d; hence |∂X/∂d| = |ray| f B / d² = |ray| Z² / (f B).
+    """
+    fb = projection.f_px * projection.baseline_m
+    return np.linalg.norm(ray, axis=-1) * fb / np.square(disparity_px, dtype=float) * std_px
+
+
+def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:
+    """Cosine (h, w) between the viewing ray and the surface's normal; that of a frontal plane where it is not known.
+
+    Where disparity is d = a u + b v + …, the surface is a plane with n ∝ (f a, f b, d − a (u − cx) − b (v − cy)) and
+    n · ray ∝ d in the same unit.
+    """
+    offset = np.arange(-_SLOPE_RADIUS_PX, _SLOPE_RADIUS_PX + 1, dtype=np.float64)
+    slope, mean = offset / (offset**2).sum(), np.full(len(offset), 1 / len(offset))
+    f = projection.f_px
+    across, down = (cv2.sepFilter2D(disparity_px, cv2.CV_64F, *k) for k in ((slope, mean), (mean, slope)))
+    with np.errstate(invalid="ignore"):
+        smooth = np.hypot(across, down) < _MAX_SLOPE
+    across, down = (np.where(smooth, f * s, 0.0) for s in (across, down))
+    length = np.linalg.norm(ray, axis=-1)
+    facing = disparity_px - across * ray[..., 0] - down * ray[..., 1]
+    return np.asarray(disparity_px / (length * np.sqrt(across**2 + down**2 + facing**2)))

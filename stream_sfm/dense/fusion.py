@@ -1,0 +1,151 @@
+"""Disparity maps of many frames into one surface: weighted signed distances on voxels (Curless and Levoy 1996).
+
+A voxel near a seen surface averages its distance to it over the frames, each with the weight 1/σ² of its disparity's
+noise. What frames share does not average out: bias of the disparities and the error of the estimated poses are kept
+beside and added to the σ of the surface. Only voxels near a surface exist; when they become too many, their
+edge is doubled, so that memory stays bounded however long the log.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import DenseConfig
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..geometry.stereo import StereoProjection
+from . import voxels
+from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
+from .isosurface import isosurface
+from .mesh import Mesh
+
+_REACH = 2  # voxels on either side of the surface
+_VOXEL_FOOTPRINTS = 2.0  # edge of a voxel: so many pixels at the median depth …
+_VOXEL_STD = 0.5  # … and no finer than this share of the median σ
+_MAX_STD_VOXELS = 3.0  # less certain pixels would be cut off by the reach
+_WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
+_COLUMNS = 7
+
+
+class Fusion:
+    """The surface so far; `voxel_m`: edge of a voxel, 0 before the first frame; `frames`: frames added."""
+
+    def __init__(self, projection: StereoProjection, config: DenseConfig) -> None:
+        self.projection, self.config = projection, config
+        self.voxel_m = config.voxel_m
+        self.frames = 0
+        self._rays = rays(projection)
+        self._keys = np.empty(0, np.int64)  # ascending
+        self._slots = np.empty(0, np.int32)  # rows of the sums that belong to the keys
+        # Sums over frames: weight; weight × (distance, shared variance); frames; weight × colour. Zeros take no
+        # memory before they are written to.
+        self._sums = np.zeros((config.max_voxels, _COLUMNS), np.float32)
+
+    def add(
+        self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
+    ) -> None:
+        """Take a frame: colours (h, w, 3), pose (4, 4) and covariance (3, 3), m², of its position in rectified axes."""
+        p = self.projection
+        depth = p.f_px * p.baseline_m / found.disparity_px.astype(float)
+        std_noise = std_along_ray(p, self._rays, found.disparity_px, found.std_noise_px)
+        if not self.voxel_m:
+            self.voxel_m = self._fitting_voxel(depth, std_noise)
+        with np.errstate(invalid="ignore"):
+            certain = (std_noise < _MAX_STD_VOXELS * self.voxel_m) & (depth < _REACH * p.f_px * self.voxel_m)
+        if not certain.any():
+            return
+        cosine = cosine_of_incidence(p, self._rays, found.disparity_px)
+        self.frames += 1
+        surface = se3.transform(world_from_rect, self._rays[certain] * depth[certain][:, None])
+        keys = voxels.grown(voxels.distinct(voxels.keys_of(surface, self.voxel_m)), _REACH)
+
+        points = se3.transform(se3.inverse(world_from_rect), self._centres(keys))
+        front = points[:, 2] > self.voxel_m
+        keys, points = keys[front], points[front]
+        u, v = np.rint(p.project(points)[:, :2]).astype(np.int64).T
+        inside = (u >= 0) & (u < p.width) & (v >= 0) & (v < p.height)
+        keys, points, u, v = keys[inside], points[inside], u[inside], v[inside]
+        along_ray = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
+        distance = along_ray * cosine[v, u]
+        near = certain[v, u] & (np.abs(distance) < _REACH * self.voxel_m)
+        keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
+
+        weight = 1 / np.square(np.maximum(std_noise[v, u], 1e-3 * self.voxel_m))
+        disparity = found.disparity_px[v, u]
+        bias = std_along_ray(p, self._rays[v, u], disparity, np.full(disparity.shape, found.std_bias_px))
+        shared = bias**2 + _variance_along(points, cov_position)
+        sums = np.empty((len(keys), _COLUMNS), np.float32)
+        sums[:, _WEIGHT], sums[:, _FRAMES] = weight, 1
+        sums[:, _DISTANCE], sums[:, _SHARED] = weight * distance, weight * shared
+        sums[:, _COLOUR] = weight[:, None] * colours[v, u]
+        self._accumulate(keys, sums)
+
+    def __len__(self) -> int:
+        """Number of voxels kept."""
+        return len(self._keys)
+
+    def mesh(self) -> Mesh:
+        """The surface where at least `min_frames` frames (all, if there were fewer) have seen it; in the world."""
+        sums = self._sums[self._slots]
+        seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
+        keys, sums = self._keys[seen], sums[seen]
+        weight = sums[:, _WEIGHT]
+        means = sums / weight[:, None]
+        attributes = np.column_stack([means[:, _COLOUR], 1 / weight + means[:, _SHARED]])
+        surface = isosurface(keys, means[:, _DISTANCE], attributes)
+        return Mesh(
+            ((surface.points + 0.5) * (self.voxel_m or 1.0)).astype(np.float32),
+            surface.faces,
+            surface.normals.astype(np.float32),
+            np.clip(np.rint(surface.attributes[:, :3]), 0, 255).astype(np.uint8),
+            np.sqrt(surface.attributes[:, 3]).astype(np.float32),
+        )
+
+    def _fitting_voxel(self, depth: Array, std_noise: Array) -> float:
+        """From a frame: some pixels wide at its median depth, and no finer than its σ allows. 0: nothing is seen."""
+        if not np.isfinite(depth).any():
+            return 0.0
+        footprint = _VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px
+        return float(max(footprint, _VOXEL_STD * np.nanmedian(std_noise)))
+
+    def _centres(self, keys: voxels.Keys) -> Array:
+        return np.asarray((voxels.cells_of(keys) + 0.5) * self.voxel_m)
+
+    def _accumulate(self, keys: voxels.Keys, sums: NDArray[np.float32]) -> None:
+        at = voxels.find(self._keys, keys)
+        new = np.flatnonzero(at < 0)
+        while len(self._keys) + len(new) > self.config.max_voxels:
+            self._coarsen()
+            keys, sums = _averaged(voxels.halved(keys), sums)
+            at = voxels.find(self._keys, keys)
+            new = np.flatnonzero(at < 0)
+        old = at >= 0
+        self._sums[self._slots[at[old]]] += sums[old]
+        slots = np.arange(len(self._keys), len(self._keys) + len(new), dtype=np.int32)
+        self._sums[slots] = sums[new]
+        places = np.searchsorted(self._keys, keys[new])
+        self._keys = np.insert(self._keys, places, keys[new])
+        self._slots = np.insert(self._slots, places, slots)
+
+    def _coarsen(self) -> None:
+        """Twice the edge: a voxel takes the mean of its children's sums."""
+        keys, sums = _averaged(voxels.halved(self._keys), self._sums[self._slots])
+        self.voxel_m *= 2
+        self._keys, self._slots = keys, np.arange(len(keys), dtype=np.int32)
+        self._sums = np.zeros_like(self._sums)
+        self._sums[: len(keys)] = sums
+
+
+def _averaged(keys: voxels.Keys, sums: NDArray[np.float32]) -> tuple[voxels.Keys, NDArray[np.float32]]:
+    """Ascending unique keys and the mean row of each."""
+    unique, row, count = np.unique(keys, return_inverse=True, return_counts=True)
+    columns = [np.bincount(row, sums[:, i]) / count for i in range(sums.shape[1])]
+    return unique, np.stack(columns, axis=1).astype(np.float32)
+
+
+def _variance_along(points: Array, cov_position: Array) -> Array:
+    """Variance (n,) m² along the viewing rays of points (n, 3) in the camera from the error of its pose.
+
+    A right perturbation (ρ, ω) moves a point X by ρ + ω × X in the camera's axes; along X only ρ counts.
+    """
+    direction = points / np.linalg.norm(points, axis=1, keepdims=True)
+    return np.einsum("ni,ij,nj->n", direction, cov_position, direction)

@@ -1,0 +1,80 @@
+"""A surface of triangles, and that of one disparity map."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..geometry.stereo import StereoProjection
+from .disparity import DisparityMap, rays, std_along_ray
+
+_MAX_STEP_SHARE = 0.1  # of the disparity: beyond, far away, a pixel's noise would be drawn out into a spike
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """`vertices` (n, 3) float32, metres; `faces` (m, 3) int32, counter-clockwise seen from the camera's side.
+
+    `normals` (n, 3) float32 point to that side; `colours` (n, 3) uint8, red green blue; `std_m` (n,) float32: σ of
+    the vertex along its viewing ray. Its distance to the surface has that σ or, on slanted surfaces, a smaller one.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    normals: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    std_m: NDArray[np.float32]
+
+    def moved(self, target_from_source: Array) -> "Mesh":
+        """The same surface in other axes."""
+        vertices = se3.transform(target_from_source, self.vertices).astype(np.float32)
+        normals = (self.normals @ target_from_source[:3, :3].T).astype(np.float32)
+        return Mesh(vertices, self.faces, normals, self.colours, self.std_m)
+
+
+def mesh_of_frame(
+    projection: StereoProjection, found: DisparityMap, colours: NDArray[np.uint8], max_step_px: float
+) -> Mesh:
+    """The surface in rectified axes: a vertex a pixel, two triangles between four neighbours.
+
+    `colours` (h, w, 3) of the rectified left image. Neighbours whose disparities differ by more than `max_step_px`
+    are not joined: 1 px a pixel is the disparity gradient beyond which human vision does not fuse a surface either
+    (Burt and Julesz 1980). Vertices that belong to no triangle are left out.
+    """
+    d = found.disparity_px
+    number = np.arange(d.size, dtype=np.int32).reshape(d.shape)
+    a, b, c, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]  # above a b, below c e
+    faces = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, c, b), (b, c, e))])
+    corners = d.ravel()[faces]
+    step, nearest = np.ptp(corners, axis=1), corners.max(axis=1)
+    with np.errstate(invalid="ignore"):  # NaN compares false
+        faces = faces[(step <= max_step_px) & (step <= _MAX_STEP_SHARE * nearest)]
+    used = np.zeros(d.size, bool)
+    used[faces] = True
+    kept = np.flatnonzero(used)
+    renumber = np.full(d.size, -1, np.int32)
+    renumber[kept] = np.arange(len(kept), dtype=np.int32)
+    faces = renumber[faces]
+
+    ray, disparity = rays(projection).reshape(-1, 3)[kept], d.ravel()[kept].astype(float)
+    vertices = ray * (projection.f_px * projection.baseline_m / disparity)[:, None]
+    return Mesh(
+        vertices.astype(np.float32),
+        faces,
+        normals_of(vertices, faces),
+        colours.reshape(-1, 3)[kept],
+        std_along_ray(projection, ray, disparity, found.std_px.ravel()[kept]).astype(np.float32),
+    )
+
+
+def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Unit normals (n, 3) of vertices: the mean of their triangles' normals, weighted by area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    normals = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(across[:, i], 3), minlength=len(vertices)) for i in range(3)], axis=1
+    )
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return (normals / np.maximum(length, 1e-30)).astype(np.float32)

@@ -1,0 +1,112 @@
+"""A picture of a mesh from a chosen side: perspective, depth buffer, light from the viewer. No display, no GPU."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import pose as se3
+from ..geometry.pose import Array
+from ..recording.part_file import PartFile
+from .mesh import Mesh
+
+_FIELD_OF_VIEW_RAD = np.deg2rad(45)
+_SHOWN_PERCENT = 99.8  # of the vertices must lie in the picture; a few strays must not make the rest small
+_MARGIN = 1.05
+_OVERSAMPLING = 2
+_BACKGROUND = 255
+_AMBIENT = 0.6  # share of the light that comes from everywhere
+_FRAGMENTS = 2_000_000  # candidates for pixels that are worked on at a time
+
+
+def preview(
+    mesh: Mesh, azimuth_deg: float, elevation_deg: float, width: int = 800, height: int = 600
+) -> NDArray[np.uint8]:
+    """The picture (height, width, 3), red green blue, of a viewer who has walked around the surface.
+
+    From where the first camera looks, `azimuth_deg` to the right around the surface's middle and `elevation_deg` up.
+    """
+    size = np.array([width, height]) * _OVERSAMPLING
+    focal_px = size.max() / 2 / np.tan(_FIELD_OF_VIEW_RAD / 2)
+    points, direction = _seen_from(mesh, np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg), size / 2 / focal_px)
+    light = _AMBIENT + (1 - _AMBIENT) * np.abs(np.einsum("ni,ni->n", mesh.normals, direction))
+    colours = mesh.colours * light[:, None].astype(np.float32)
+    picture = np.full((size[1] * size[0], 3), _BACKGROUND, np.float32)
+    nearest = np.full(size[1] * size[0], np.inf, np.float32)
+    for pixels, depths, shown in _fragments(points, mesh.faces, colours, focal_px, size):
+        front = depths < nearest[pixels]
+        pixels, depths, shown = pixels[front], depths[front], shown[front]
+        order = np.argsort(-depths)  # of several values for one pixel the last, nearest one stays
+        nearest[pixels[order]], picture[pixels[order]] = depths[order], shown[order]
+    image = picture.reshape(size[1], size[0], 3)
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+
+
+def write_png(path: str | Path, picture: NDArray[np.uint8]) -> None:
+    """Write a picture (h, w, 3), red green blue. Raises OutputError."""
+    file = PartFile(path)
+    file.write(cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
+    file.close()
+
+
+def _seen_from(mesh: Mesh, azimuth_rad: float, elevation_rad: float, half_view: Array) -> tuple[Array, Array]:
+    """Vertices in the viewer's axes, at a distance from which they fit in, and directions to the viewer (n, 3)."""
+    world_from_view = se3.exp_so3([0, -azimuth_rad, 0]) @ se3.exp_so3([-elevation_rad, 0, 0])
+    if not len(mesh.vertices):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    points = mesh.vertices @ world_from_view
+    points = points - np.percentile(points, [100 - _SHOWN_PERCENT, _SHOWN_PERCENT], axis=0).mean(axis=0)
+    needed = np.abs(points[:, :2]) / half_view - points[:, 2:]
+    points[:, 2] += _MARGIN * np.percentile(needed.max(axis=1), _SHOWN_PERCENT)
+    to_viewer = -points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-9)
+    return points, to_viewer @ world_from_view.T
+
+
+def _fragments(
+    points: Array, faces: NDArray[np.int32], colours: NDArray[np.float32], focal_px: float, size: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]]:
+    """Pixel numbers, depths and colours that triangles cover, a bounded number at a time.
+
+    Triangles of one size are worked on together: each tries all the pixels of a square as large as they are.
+    """
+    faces = faces[(points[faces, 2] > 1e-3 * np.median(np.abs(points[:, 2]))).all(axis=1)]
+    corners = focal_px * points[faces, :2] / points[faces, 2:] + (size - 1) / 2
+    low = np.ceil(corners.min(axis=1)).astype(np.int64)
+    extent = (np.floor(corners.max(axis=1)).astype(np.int64) - low + 1).max(axis=1)
+    in_view = (extent > 0) & (low < size).all(axis=1) & (corners.max(axis=1) >= 0).all(axis=1)
+    step = 1
+    while in_view.any():
+        rows = np.flatnonzero(in_view & (extent <= step))
+        in_view[rows] = False
+        square = np.stack(np.meshgrid(np.arange(step), np.arange(step)), axis=-1).reshape(-1, 2)
+        for some in np.array_split(rows, -(-len(rows) * len(square) // _FRAGMENTS) or 1):
+            yield _covered(points, faces[some], corners[some], low[some][:, None] + square, colours, size)
+        step = 2 * step if step < size.max() else int(extent.max(initial=1))
+
+
+def _covered(
+    points: Array,
+    faces: NDArray[np.int32],
+    corners: Array,
+    pixels: NDArray[np.int64],
+    colours: NDArray[np.float32],
+    size: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+    """Those of the pixels (t, k, 2) that lie in their triangle (t, 3, 2) and in the picture."""
+    a, b, c = (corners[:, i] for i in range(3))
+    u, v = b - a, c - a
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    area = np.where(np.abs(area) < 1e-9, np.inf, area)
+    p = pixels - a[:, None]
+    second = (p[..., 0] * v[:, None, 1] - p[..., 1] * v[:, None, 0]) / area[:, None]
+    third = (u[:, None, 0] * p[..., 1] - u[:, None, 1] * p[..., 0]) / area[:, None]
+    share = np.stack([1 - second - third, second, third], axis=-1)
+    inside = (share >= 0).all(axis=-1) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)
+    triangle, _ = np.nonzero(inside)
+    share, pixels = share[inside], pixels[inside]
+    depth = 1 / np.einsum("fi,fi->f", share, 1 / points[faces[triangle], 2])  # 1/Z is linear in the picture
+    shown = np.einsum("fi,fik->fk", share, colours[faces[triangle]])
+    return pixels[:, 1] * size[0] + pixels[:, 0], depth.astype(np.float32), shown.astype(np.float32)

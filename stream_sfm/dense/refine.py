@@ -1,0 +1,78 @@
+"""The fraction of a disparity and its σ: least-squares alignment of left and right in a window around each pixel.
+
+Semi-global matching prefers whole pixels; on a fronto-parallel wall that is a bias of 0.15 px. The window's images
+are aligned by one correction e on top of the disparities already there (so that slanted surfaces keep their slant):
+e = −Σ g r / (Σ g² + s/σ₀²), r = left − warped right, both without their means (a gain or offset between the cameras
+does not count), g the gradient along the row, s the noise of r, σ₀ what the start is worth. The σ is that of the
+least squares without the start, √(s/Σ g²) (Förstner and Gülch 1987).
+
+A plain background beside a textured object is matched as part of it, as far as the windows reach. Near a step to the
+background, or to what is unknown, Σ g² of σ is therefore taken over the pixel's own surroundings only.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import DenseConfig
+
+Image = NDArray[np.float32]
+_ITERATIONS = 2
+_BILATERAL_PX = 1.0  # disparities further apart belong to different surfaces
+_MIN_NOISE_GREY = 1.0  # smoothed images hide the rounding of grey levels
+_MAX_STEP_PX = 1.0
+_OWN_PX = 5  # edge of the window in which a pixel near an edge of depth must have texture
+_FAR_BELOW_PX = 10.0  # stands for "unknown" in the bilateral filter, too far away to be averaged in
+
+
+def refine(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], start_px: Image, config: DenseConfig
+) -> tuple[Image, Image]:
+    """Disparity and σ of its noise, (h, w) px, from a start (h, w), NaN where unknown, which stays so."""
+    known = np.isfinite(start_px)
+    if not known.any():
+        return start_px, np.full_like(start_px, np.nan)
+    size = 2 * config.window_radius_px + 1
+    smoothing = config.smoothing_px
+    shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # so many have one noise value in common
+    soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
+    slope_left, slope_right = (_slope(image) for image in (soft_left, soft_right))
+    v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
+    unknown = np.float32(np.nanmin(start_px) - _FAR_BELOW_PX)
+
+    def total(values: NDArray, size: int = size) -> Image:
+        masked = np.where(known, values, 0).astype(np.float32)
+        return np.asarray(cv2.boxFilter(masked, -1, (size, size), normalize=False), np.float32)
+
+    n = np.maximum(total(known), 1)
+    disparity = np.where(known, start_px, unknown)
+    for _ in range(_ITERATIONS):
+        disparity = cv2.bilateralFilter(disparity, size, _BILATERAL_PX, config.window_radius_px)
+        disparity = np.where(known, disparity, unknown)
+        warped, slope = (
+            cv2.remap(image, u - disparity, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for image in (soft_right, slope_right)
+        )
+        g, r = (slope + slope_left) / 2, soft_left - warped
+        mean_g, mean_r = total(g) / n, total(r) / n
+        gg = np.maximum(total(g * g) - n * mean_g**2, 1e-3)
+        gr = total(g * r) - n * mean_g * mean_r
+        rr = total(r * r) - n * mean_r**2
+        noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), _MIN_NOISE_GREY**2)
+        step = -gr / (gg + noise / config.std_start_px**2)
+        disparity = disparity + np.clip(step, -_MAX_STEP_PX, _MAX_STEP_PX)
+    own = np.maximum(total(g * g, _OWN_PX) - total(g, _OWN_PX) ** 2 / np.maximum(total(known, _OWN_PX), 1), 1e-3)
+    step_down = disparity - cv2.erode(disparity, np.ones((3, 3), np.uint8)) > config.max_disparity_step_px
+    near_step = cv2.dilate(step_down.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    std = np.sqrt(noise / np.where(near_step, own, gg))
+    return np.where(known, disparity, np.float32(np.nan)), np.where(known, std, np.float32(np.nan))
+
+
+def _smoothed(image: NDArray[np.uint8], sigma_px: float) -> Image:
+    grey = image.astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma_px), np.float32) if sigma_px > 0 else grey
+
+
+def _slope(image: Image) -> Image:
+    """Grey levels a pixel along the row."""
+    return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), np.float32)

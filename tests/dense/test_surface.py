@@ -1,0 +1,323 @@
+"""Dense stereo and surfaces: the truth is found, σ says how well, edges stay open, files can be read."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+
+from stream_sfm import open_log
+from stream_sfm.cli.main import main
+from stream_sfm.config import Config, DenseConfig
+from stream_sfm.dense import voxels
+from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays, std_along_ray
+from stream_sfm.dense.fusion import Fusion
+from stream_sfm.dense.isosurface import isosurface
+from stream_sfm.dense.mesh import Mesh, mesh_of_frame
+from stream_sfm.dense.ply import write_ply
+from stream_sfm.dense.preview import preview
+from stream_sfm.dense.refine import refine
+from stream_sfm.evaluation.structure import structure_errors
+from stream_sfm.frontend.rectify import Rectifier
+from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.surface import surface_of_frame
+from tests.frontend.plane_world import Wall, rig
+from tests.recording.make_logs import Calib, LogWriter, write_info
+from tests.wall_log import LEFT, RIGHT, START_NS, write_wall_log
+
+ROOM = Path(__file__).parents[2] / "logs" / "room.mcap"
+PAIR = StereoProjection(200.0, 79.5, 70.5, 59.5, 0.2, 160, 120)  # its infinity lies at a disparity of 9 px
+GREY = np.full((120, 160, 3), 128, np.uint8)
+
+
+def texture(height: int, width: int, seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(size=(height, width))
+    soft = cv2.GaussianBlur(noise, (0, 0), 1.5)
+    return 128 + 40 * soft / soft.std()
+
+
+def shifted(image: np.ndarray, disparity_px: float) -> np.ndarray:
+    """What the right camera sees of a frontal texture, disparity in pixels of the images."""
+    matrix = np.array([[1, 0, -disparity_px], [0, 1, 0.0]])
+    return cv2.warpAffine(image, matrix, image.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+def noisy(image: np.ndarray, rng: np.random.Generator, std: float) -> np.ndarray:
+    return np.clip(np.rint(image + rng.normal(scale=std, size=image.shape)), 0, 255).astype(np.uint8)
+
+
+def match(left: np.ndarray, right: np.ndarray) -> DisparityMap:
+    return DenseStereo(PAIR, DenseConfig(), np.ones(left.shape, bool)).match(left, right)
+
+
+def plane_map(depth_m: np.ndarray | float, std_px: float = 0.1) -> DisparityMap:
+    disparity = np.broadcast_to(PAIR.f_px * PAIR.baseline_m / np.asarray(depth_m), (120, 160)).astype(np.float32)
+    return DisparityMap(disparity.copy(), np.full((120, 160), std_px, np.float32), 0.0)
+
+
+@pytest.mark.parametrize("vergence_rad", [0.0, 0.05])
+def test_a_slanted_wall_is_where_it_is_and_sigma_says_how_well(vergence_rad):
+    stereo, wall = rig(vergence_rad), Wall(3)
+    left = wall.image(stereo.left, np.eye(4), noise=6)
+    right = wall.image(stereo.right, se3.inverse(stereo.right_from_left), noise=6)
+    rectifier = Rectifier(stereo)
+    config = DenseConfig(std_bias_px=0.0)  # these images have no error but noise
+    found = DenseStereo(rectifier.projection, config, rectifier.valid).match(*rectifier.rectify(left, right))
+    assert np.isfinite(found.disparity_px).mean() > 0.85  # the rest is what the right camera does not see
+    picture = np.zeros((*found.disparity_px.shape, 3), np.uint8)
+    mesh = mesh_of_frame(rectifier.projection, found, picture, 1.0)
+    points = mesh.vertices.astype(float) @ rectifier.rect_from_cam
+    normal, offset = wall.world_from_wall[:3, 2], wall.world_from_wall[:3, 2] @ wall.world_from_wall[:3, 3]
+    length = np.linalg.norm(points, axis=1)
+    along_ray = (points @ normal - offset) / (points @ normal / length)
+    ratio = np.abs(along_ray) / mesh.std_m
+    assert np.median(np.abs(along_ray)) < 0.02  # a tenth of a pixel is 17 mm here
+    assert 0.45 < np.median(ratio) < 1.0  # 0.67 is exact
+    assert np.percentile(ratio, 95) < 2.5
+    towards_camera = np.sign(-offset) * normal @ rectifier.rect_from_cam.T
+    assert np.median(mesh.normals @ towards_camera) > 0.9
+
+
+def test_sigma_along_the_ray_is_that_of_monte_carlo():
+    rng = np.random.default_rng(1)
+    ray, disparity, std = np.array([0.3, -0.2, 1.0]), 20.0, 0.2
+    fb = PAIR.f_px * PAIR.baseline_m
+    drawn = np.linalg.norm(ray) * fb / (disparity + std * rng.normal(size=20_000))
+    claimed = std_along_ray(PAIR, ray, np.array(disparity), np.array(std))
+    assert drawn.std() == pytest.approx(claimed, rel=0.03)  # 0.5 % of sampling, 0.03 % of curvature
+
+
+def test_sigma_of_the_subpixel_step_is_that_of_monte_carlo():
+    """30 trials of the same scene with other noise, a disparity between two whole pixels.
+
+    That smoothed noise is shared by 4π smoothing² pixels is exact for coarse texture and generous for fine one.
+    """
+    scene, true = texture(120, 160, 2), 21.4
+    rng = np.random.default_rng(3)
+    config = DenseConfig(std_start_px=100.0)  # from the images alone, as σ says
+    inner = (slice(20, 100), slice(40, 140))
+    errors, claimed = [], []
+    for _ in range(30):
+        left, right = noisy(scene, rng, 4), noisy(shifted(scene, true), rng, 4)
+        start = np.full(scene.shape, np.float32(np.rint(true)))
+        disparity, std = refine(left, right, start, config)
+        errors.append(disparity[inner] - true)
+        claimed.append(std[inner])
+    scatter, sigma = np.std(errors, axis=0), np.mean(claimed, axis=0)
+    assert 0.65 < np.median(scatter / sigma) < 1.1
+    assert abs(np.mean(errors)) < 0.02  # no preference for whole pixels
+
+
+def test_a_step_is_not_bridged_and_nothing_floats_between():
+    near, far = 40.0 / 24, 40.0 / 10  # disparities of 24 and 10 px, seen 9 px further apart in the images
+    rng = np.random.default_rng(5)
+    front, back = texture(120, 160, 6), texture(120, 160, 7)
+    left, right = back.copy(), shifted(back, 10 + 9)
+    left[30:90, 70:120] = front[30:90, 70:120]
+    right[30:90, 70 - 33 : 120 - 33] = front[30:90, 70:120]
+    found = match(noisy(left, rng, 1), noisy(right, rng, 1))
+    mesh = mesh_of_frame(PAIR, found, GREY, 1.0)
+    depths = mesh.vertices[:, 2]
+    on_near, on_far = np.abs(depths - near) < 0.1, np.abs(depths - far) < 0.4
+    assert on_near.sum() > 2000 and on_far.sum() > 5000
+    assert (on_near | on_far).mean() > 0.995
+    corners = depths[mesh.faces]
+    assert np.ptp(corners, axis=1).max() < 0.5
+    hidden = found.disparity_px[35:85, 58:68]  # of the background, seen by the left camera alone
+    assert np.isnan(hidden).mean() > 0.7
+
+
+def test_the_cosine_of_a_slanted_plane():
+    normal, offset = np.array([0.5, 0.3, -0.8]) / np.linalg.norm([0.5, 0.3, -0.8]), -2.0
+    ray = rays(PAIR)
+    found = plane_map(offset / (ray @ normal))
+    expected = np.abs(ray @ normal) / np.linalg.norm(ray, axis=-1)
+    given = cosine_of_incidence(PAIR, ray, found.disparity_px)
+    np.testing.assert_allclose(given[5:-5, 5:-5], expected[5:-5, 5:-5], rtol=1e-3)
+
+
+def test_a_sphere_comes_out_whole():
+    grid = np.stack(np.meshgrid(*[np.arange(-14, 15)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    keys = np.sort(voxels.keys_of(grid + 0.5, 1.0))
+    cells = voxels.cells_of(keys)
+    radius = np.linalg.norm(cells, axis=1)
+    found = isosurface(keys, radius - 10.3, radius[:, None])
+    mesh = trimesh.Trimesh(found.points, found.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 10.3**3, rel=0.02)  # positive: faces look outwards
+    outwards = found.points / np.linalg.norm(found.points, axis=1, keepdims=True)
+    assert np.einsum("ni,ni->n", outwards, found.normals).min() > 0.99
+    assert np.abs(found.attributes[:, 0] - 10.3).max() < 1
+
+
+def fused(frames: int, config: DenseConfig, cov_position: np.ndarray, seed: int = 8) -> tuple[Fusion, Mesh]:
+    """A frontal wall 2 m ahead, seen with noise of 0.2 px from a camera that moves sideways."""
+    rng, fusion = np.random.default_rng(seed), Fusion(PAIR, config)
+    for i in range(frames):
+        true = plane_map(2.0, std_px=0.2)
+        smooth = cv2.GaussianBlur(rng.normal(size=true.disparity_px.shape), (0, 0), 3)
+        noise = 0.2 * smooth / smooth.std()
+        found = DisparityMap(true.disparity_px + noise.astype(np.float32), true.std_noise_px, 0.0)
+        fusion.add(found, GREY, se3.exp([0.01 * i, 0, 0, 0, 0, 0]), cov_position)
+    return fusion, fusion.mesh()
+
+
+def test_a_fused_wall_gets_better_with_frames_and_sigma_says_so():
+    few, many = (fused(n, DenseConfig(voxel_m=0.02), np.zeros((3, 3)))[1] for n in (4, 16))
+    for mesh, limit in ((few, 0.010), (many, 0.006)):  # one frame: 0.2 px is 20 mm
+        error = np.abs(mesh.vertices[:, 2] - 2.0)
+        assert np.median(error) < limit
+        assert 0.4 < np.median(error / mesh.std_m) < 1.1
+        assert np.median(mesh.normals[:, 2]) < -0.9
+    assert np.median(few.std_m) / np.median(many.std_m) == pytest.approx(2, rel=0.1)
+
+
+def test_what_frames_share_does_not_average_out():
+    cov = np.diag([0, 0, 0.03**2])
+    _, mesh = fused(16, DenseConfig(voxel_m=0.02), cov)
+    assert np.median(mesh.std_m) == pytest.approx(0.03, rel=0.05)
+
+
+def test_voxels_stay_within_their_number():
+    fusion, mesh = fused(4, DenseConfig(voxel_m=0.01, max_voxels=10_000), np.zeros((3, 3)))
+    assert fusion.voxel_m == pytest.approx(0.04)  # 1.6 m × 1.2 m, five layers
+    assert len(fusion) <= 10_000
+    assert len(mesh.faces) > 500
+    assert np.median(np.abs(mesh.vertices[:, 2] - 2.0)) < 0.02
+
+
+def small_mesh() -> Mesh:
+    found = plane_map(2.0)
+    colours = np.random.default_rng(9).integers(0, 256, (120, 160, 3), dtype=np.uint8)
+    return mesh_of_frame(PAIR, found, colours, 1.0)
+
+
+def test_ply_is_read_back_by_another_library(tmp_path: Path):
+    mesh = small_mesh()
+    write_ply(tmp_path / "a.ply", mesh, "a test")
+    back = trimesh.load(tmp_path / "a.ply", process=False)
+    np.testing.assert_array_equal(back.vertices.astype(np.float32), mesh.vertices)
+    np.testing.assert_array_equal(back.faces, mesh.faces)
+    np.testing.assert_array_equal(back.visual.vertex_colors[:, :3], mesh.colours)
+    np.testing.assert_allclose(back.vertex_normals, mesh.normals, atol=1e-6)
+    np.testing.assert_array_equal(back.metadata["_ply_raw"]["vertex"]["data"]["std_m"].ravel(), mesh.std_m)
+    assert not (tmp_path / "a.ply.part").exists()
+
+
+def test_a_preview_shows_the_nearer_surface_and_the_background():
+    wall = small_mesh()
+    red = np.broadcast_to(np.array([255, 0, 0], np.uint8), wall.colours.shape)
+    blue = np.broadcast_to(np.array([0, 0, 255], np.uint8), wall.colours.shape)
+    two = Mesh(
+        np.concatenate([wall.vertices, wall.vertices + np.array([0, 0, 1], np.float32)]),
+        np.concatenate([wall.faces, wall.faces + len(wall.vertices)]).astype(np.int32),
+        np.concatenate([wall.normals, wall.normals]),
+        np.concatenate([red, blue]),
+        np.concatenate([wall.std_m, wall.std_m]),
+    )
+    front, behind = (preview(two, azimuth, 0, 160, 120) for azimuth in (0, 180))
+    assert front[60, 80, 0] > 200 and front[60, 80, 2] < 30
+    assert behind[60, 80, 2] > 200 and behind[60, 80, 0] < 30
+    assert (front[0] == 255).all() and (front[-1] == 255).all()
+
+
+def test_room_against_its_depth():
+    log = open_log(ROOM)
+    mesh = surface_of_frame(log, log.decoded(), 0, Config()).mesh
+    points = mesh.vertices.astype(float)
+    ray = points / np.linalg.norm(points, axis=1, keepdims=True)
+    cov = mesh.std_m.astype(float)[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
+    found = structure_errors(log.rig.left, points, cov, next(log.depths())[1])
+    ratio = np.abs(found.errors_m) / found.sigmas_m
+    assert len(found.errors_m) > 120_000  # of 196 608 pixels
+    assert np.median(np.abs(found.errors_m)) < 0.02  # measured 0.014; a tenth of a pixel is 28 mm at 4.3 m
+    assert 0.3 < np.median(ratio) < 0.8
+    assert np.percentile(ratio, 95) < 2.4
+
+
+@pytest.fixture(scope="module")
+def wall_log(tmp_path_factory) -> Path:
+    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=5)
+
+
+def colour_log(path: Path, bgr: np.ndarray) -> Path:
+    """One raw bgr8 frame of this image in both cameras, the right one shifted by 12 px."""
+    height, width = bgr.shape[:2]
+    log = LogWriter(path)
+    k = np.array([[200.0, 0, width / 2], [0, 200.0, height / 2], [0, 0, 1]])
+    for side, offset in (("left", 0.0), ("right", -40.0)):
+        calib = Calib(width=width, height=height, K=k, D=(), P=np.c_[k, [offset, 0, 0]])
+        write_info(log, "foxglove", f"/camera/{side}/calibration", START_NS, calib)
+    for topic, image in ((LEFT, bgr), (RIGHT, np.roll(bgr, -12, axis=1))):
+        message = RawImage(width=width, height=height, encoding="bgr8", step=3 * width, data=image.tobytes())
+        message.timestamp.FromNanoseconds(START_NS)
+        log.protobuf(topic, message, START_NS)
+    log.close()
+    return path
+
+
+def test_colours_are_those_of_the_camera(tmp_path: Path):
+    grey = np.clip(texture(120, 160, 11), 0, 255)
+    orange = np.stack([0.1 * grey, 0.5 * grey, grey], axis=-1).astype(np.uint8)  # blue, green, red
+    log = open_log(colour_log(tmp_path / "c.mcap", orange))
+    red, green, blue = surface_of_frame(log, log.decoded(), 0, Config()).mesh.colours.mean(axis=0)
+    assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)
+
+
+def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, capsys):
+    files = {name: tmp_path / f"a.{name}" for name in ("ply", "png", "rrd")}
+    arguments = ["--preview", str(files["png"]), "--rrd", str(files["rrd"]), "--viewpoint", "-20", "10", "--json"]
+    assert main(["surface", str(wall_log), "--out", str(files["ply"]), "--all", *arguments]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["complete"] and said["frames"] == {"read": 5, "used": 5} and said["voxel_m"] > 0
+    mesh = trimesh.load(files["ply"], process=False)
+    assert len(mesh.vertices) == said["vertices"] > 1000
+    plane = Wall(5).world_from_wall
+    apart = (mesh.vertices - plane[:3, 3]) @ plane[:3, 2]
+    assert np.median(np.abs(apart)) < 0.01
+    assert cv2.imread(str(files["png"])).std() > 10
+    assert b"surface" in files["rrd"].read_bytes()
+
+
+def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(wall_log.read_bytes()[: wall_log.stat().st_size * 7 // 10])
+    assert main(["surface", str(cut), "--out", str(tmp_path / "a.ply"), "--all"]) == 3
+    said = capsys.readouterr()
+    assert "read in part only" in said.err and "frames" in said.out
+    assert len(trimesh.load(tmp_path / "a.ply", process=False).faces) > 1000
+    assert main(["surface", str(cut), "--out", str(tmp_path / "b.ply"), "--frame", "4"]) == 3
+    assert "frame 4 could not be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments, code, says",
+    [
+        (["--frame", "5"], 2, "no frame 5, the last one is 4"),
+        (["--frame", "-1"], 2, "not a frame number"),
+        (["--frame", "1", "--all"], 2, "not allowed with"),
+        (["--out", "surface.obj"], 2, "ends in .ply"),
+        (["--out", "nowhere/surface.ply"], 3, "no folder nowhere"),
+        (["--preview", "nowhere/surface.png"], 3, "no folder nowhere"),
+        (["--viewpoint", "left", "0"], 2, "degrees"),
+    ],
+)
+def test_wrong_use_is_told_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["surface", str(wall_log), "--out", "a.ply", *arguments]) == code
+    said = capsys.readouterr()
+    assert says in said.err and "Traceback" not in said.err and said.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("which", [["--frame", "0"], ["--all"]])
+def test_nothing_to_be_seen_is_3_with_what_to_do(which: list[str], tmp_path: Path, capsys):
+    log = colour_log(tmp_path / "black.mcap", np.zeros((120, 160, 3), np.uint8))
+    assert main(["surface", str(log), "--out", str(tmp_path / "a.ply"), *which]) == 3
+    said = capsys.readouterr().err
+    assert "black.mcap" in said and "no surface could be found" in said and "inspect" in said
+    assert not (tmp_path / "a.ply").exists()
