@@ -216,11 +216,12 @@ class FrontEnd:
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         gradients = self.atlas.store(pair.left, corners, free)
         facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
-        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - self.rows.difference(corners)], axis=1)
+        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - self.rows.difference(corners.astype(float))], axis=1)
         right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
         ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
-        corners, free, gradients, right, error = (a[ok] for a in (corners, free, gradients, right, error))
-        facing, left = facing[ok], corners.astype(float)
+        corners, free, gradients = corners[ok], free[ok], gradients[ok]
+        right, error, facing = right[ok], error[ok], facing[ok]
+        left = corners.astype(float)
         slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
         slanted = slopes.any(axis=1)
         warps = np.asarray(np.linalg.inv(facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)))[slanted]

@@ -1,0 +1,216 @@
+"""What tools/bench.py measures, one job a process, so that CPU time and peak memory are the job's own.
+
+    python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
+"""
+
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import cv2
+import numpy as np
+
+from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log, read_config, replay
+from stream_sfm.estimators import make_estimator, window
+from stream_sfm.frontend import tracker
+from stream_sfm.frontend.rectify import Rectifier
+from stream_sfm.recording.estimates import EstimatesWriter
+from stream_sfm.simulation.scenes import Scene
+
+WARM_UP = 10  # frames not counted in times
+# stage -> the functions whose time it is; what they call of other stages counts in both
+STAGES = {
+    "rectify": [(Rectifier, "rectify")],
+    "track": [(tracker.FrontEnd, "_flow"), (tracker.FrontEnd, "_align")],
+    "PnP": [(tracker, "resect"), (window.CrossFrame, "_robust_motion")],
+    "detect": [(tracker, "detect")],
+    "stereo": [(tracker.FrontEnd, "_renew")],  # detect included
+    "window": [(window.CrossFrame, "_absorb_oldest"), (window.CrossFrame, "_minimise")],
+    "covariance": [(window.CrossFrame, "_read")],
+    "write": [(EstimatesWriter, "write")],
+}
+LK = {"winSize": (21, 21), "maxLevel": 3}
+
+
+def cpu_s() -> float:
+    """CPU time of the whole process so far, all threads, imports included."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def memory_mib(field: str) -> float:
+    """VmRSS or VmHWM of this process."""
+    line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith(field))
+    return int(line.split()[1]) / 1024
+
+
+def timed(times_ms: dict[str, list[float]]) -> None:
+    """Wrap the functions of STAGES: each adds its time to the last entry of its stage."""
+
+    def wrap(function: Any, stage: str) -> Any:
+        def inner(*args: Any, **named: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return function(*args, **named)
+            finally:
+                times_ms[stage][-1] += 1e3 * (time.perf_counter() - began)
+
+        return inner
+
+    for stage, functions in STAGES.items():
+        for owner, name in functions:
+            setattr(owner, name, wrap(getattr(owner, name), stage))
+
+
+def spread(times_ms: list[float]) -> dict[str, float]:
+    """p50 and p95 after the warm-up."""
+    kept = times_ms[WARM_UP:] or times_ms
+    return {"p50": float(np.percentile(kept, 50)), "p95": float(np.percentile(kept, 95))}
+
+
+def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
+    """The whole job of `stream-sfm replay`: read, decode, estimate, write."""
+    times_ms: dict[str, list[float]] = defaultdict(lambda: [0.0])
+    timed(times_ms)
+    steps_ms: list[float] = []
+
+    def next_frame(estimate: Any) -> None:
+        steps_ms.append(sum(estimate.timings_ms.values()))
+        for stage in STAGES:
+            times_ms[stage].append(0.0)
+
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        summary = replay(path, folder, read_config(None, overrides), on_frame=next_frame).summary
+        wall_s = time.perf_counter() - began
+    frames = summary["frames"]["estimated"] + summary["frames"]["lost"] + summary["frames"]["degraded"]
+    thirds = np.array_split(np.array(steps_ms[WARM_UP:]), 3)
+    return {
+        "frames": frames,
+        "cpu_ms_per_frame": 1e3 * cpu_s() / frames,
+        "frames_per_s": frames / wall_s,
+        "peak_rss_mib": memory_mib("VmHWM"),
+        "step_ms": spread(steps_ms),
+        "decode_wait_ms": summary["timing_ms"]["decode"],
+        "stages_ms": {stage: spread(times) for stage, times in times_ms.items()},
+        "last_third_over_first": float(np.median(thirds[2]) / np.median(thirds[0])),
+        "ground_truth": {
+            k: v for k, v in (summary.get("ground_truth") or {}).items() if k.startswith(("ate", "t_rel", "final"))
+        },
+    }
+
+
+def run_floor(path: str, _: list[str]) -> dict[str, Any]:
+    """Decoding the pair, and one pyramid of each image: what any method pays."""
+    frames = 0
+    for frame in open_log(path).frames():
+        for image in (frame.left, frame.right):
+            cv2.buildOpticalFlowPyramid(image, LK["winSize"], LK["maxLevel"])
+        frames += 1
+    return {"frames": frames, "cpu_ms_per_frame": 1e3 * cpu_s() / frames}
+
+
+def run_loop(path: str, _: list[str]) -> dict[str, Any]:
+    """Plain OpenCV frame to frame: corners, KLT left to right, forward and backward through time, PnP with RANSAC."""
+    log = open_log(path)
+    rectifier = Rectifier(log.rig)
+    p = rectifier.projection
+    k = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
+    before = None
+    frames = 0
+    for frame in log.frames():
+        left, right = rectifier.rectify(frame.left, frame.right)
+        if before is not None:
+            old, corners, points = before
+            now, found, _ = cv2.calcOpticalFlowPyrLK(old, left, corners, None, **LK)
+            back, returned, _ = cv2.calcOpticalFlowPyrLK(left, old, now, None, **LK)
+            good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (np.linalg.norm(back - corners, axis=2)[:, 0] < 1)
+            if good.sum() >= 6:
+                cv2.solvePnPRansac(points[good], now[good], k, None, iterationsCount=200, reprojectionError=1.0)
+        corners = cv2.goodFeaturesToTrack(left, 600, 0.01, 8)
+        other, found, _ = cv2.calcOpticalFlowPyrLK(left, right, corners, None, **LK)
+        shift = corners[:, 0] - other[:, 0]
+        disparity = shift[:, 0] - (p.cx_left_px - p.cx_right_px)
+        good = (found[:, 0] > 0) & (np.abs(shift[:, 1]) < 1.5) & (disparity > 0.5)
+        corners, depth = corners[good], p.f_px * p.baseline_m / disparity[good]
+        rays = (corners[:, 0] - (p.cx_left_px, p.cy_px)) / p.f_px
+        before = left, corners, np.c_[rays * depth[:, None], depth]
+        frames += 1
+    return {"frames": frames, "cpu_ms_per_frame": 1e3 * cpu_s() / frames}
+
+
+def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
+    """Memory of the engine alone: 400 steps over 20 decoded frames, there and back."""
+    log = open_log(path)
+    frames = list(log.frames(max_frames=20))
+    engine = Engine(log.rig, read_config(None, overrides))
+    engine.step(frames[0])
+    before_mib = memory_mib("VmRSS")
+    peak_mib, stamp_ns = before_mib, frames[0].stamp_ns
+    there_and_back = frames[1:] + frames[-2::-1]
+    for index in range(400):
+        frame = there_and_back[index % len(there_and_back)]
+        stamp_ns += 100_000_000
+        engine.step(StereoFrame(stamp_ns, frame.left, frame.right))
+        peak_mib = max(peak_mib, memory_mib("VmRSS"))
+    images_mib = sum(f.left.nbytes + f.right.nbytes for f in frames) / 2**20
+    return {"above_images_mib": peak_mib - images_mib - IMPORTS_MIB, "growth_mib": peak_mib - before_mib}
+
+
+def run_window(_: str, overrides: list[str]) -> dict[str, Any]:
+    """The estimator with covariances on simulated views: 200 points a frame, each seen in 12 frames."""
+    sequence = Scene(frames=60, track_length=12, visible=200).sequence(np.random.SeedSequence(0))
+    estimator = make_estimator("cross-frame", sequence.projection, read_config(None, overrides))
+    times_ms: dict[str, list[float]] = defaultdict(lambda: [0.0])
+    timed(times_ms)
+    steps_ms = []
+    for observations in sequence.observations:
+        began = time.perf_counter()
+        estimator.step(observations)
+        steps_ms.append(1e3 * (time.perf_counter() - began))
+        for stage in STAGES:
+            times_ms[stage].append(0.0)
+    solve = np.array(times_ms["window"]) + np.array(times_ms["covariance"])
+    return {"solve_ms": spread(solve.tolist()), "step_ms": spread(steps_ms)}
+
+
+def run_scaled(path: str, settings: list[str]) -> dict[str, Any]:
+    """The engine on images of another size; `settings` is ["scale=0.5"]."""
+    scale = float(settings[0].partition("=")[2])
+    log = open_log(path)
+
+    def scaled(camera: Camera) -> Camera:
+        k = np.diag([scale, scale, 1]) @ camera.K
+        width, height = round(scale * camera.width), round(scale * camera.height)
+        return Camera(width, height, k, camera.D, camera.distortion_model)
+
+    engine = Engine(StereoRig(scaled(log.rig.left), scaled(log.rig.right), log.rig.right_from_left))
+    size = (engine.rig.left.width, engine.rig.left.height)
+    frames = 0
+    for frame in log.frames():
+        left, right = (cv2.resize(i, size, interpolation=cv2.INTER_AREA) for i in (frame.left, frame.right))
+        engine.step(StereoFrame(frame.stamp_ns, left, right))
+        frames += 1
+    return {"frames": frames, "cpu_ms_per_frame": 1e3 * cpu_s() / frames}
+
+
+JOBS = {
+    "replay": run_replay,
+    "floor": run_floor,
+    "loop": run_loop,
+    "step": run_step,
+    "scaled": run_scaled,
+    "window": run_window,
+}
+IMPORTS_MIB = memory_mib("VmRSS")
+
+if __name__ == "__main__":
+    print(json.dumps(JOBS[sys.argv[1]](sys.argv[2], sys.argv[3:])))
