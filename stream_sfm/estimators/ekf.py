@@ -65,7 +65,7 @@ class Ekf:
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
-        status, reason = outcome.status_of(int(found.accepted.sum()), robust)
+        status, reason = outcome.status_of(int(found.accepted.sum()), obs.note, robust)
         return self._solution(obs, status, reason, ended, rejected, nis, dof)
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:

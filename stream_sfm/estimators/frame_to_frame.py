@@ -80,7 +80,7 @@ class FrameToFrame:
         self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
         self._previous, window = obs, np.stack([self._world_from_previous, world_from_cam])
         self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
-        status, reason = outcome.status_of(int(kept.sum()), robust)
+        status, reason = outcome.status_of(int(kept.sum()), obs.note, robust)
         now = (
             ids[order],
             np.concatenate([in_world, new_in_world])[order],

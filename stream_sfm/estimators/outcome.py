@@ -16,11 +16,11 @@ Ended = tuple[NDArray[np.int64], Array, Array]  # ids (k,), points in world (k, 
 NO_ENDED: Ended = (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
 
 
-def status_of(accepted_views: int, config: RobustConfig) -> tuple[Status, str]:
-    """Status and reason of a frame that was estimated from so many accepted views."""
-    if accepted_views < config.degraded_views:
-        return Status.DEGRADED, f"only {accepted_views} accepted views (fewer than {config.degraded_views})"
-    return Status.OK, ""
+def status_of(accepted_views: int, note: str, config: RobustConfig) -> tuple[Status, str]:
+    """Status and reason of a frame that was estimated from so many accepted views; `note` as in Observations."""
+    few = f"only {accepted_views} accepted views (fewer than {config.degraded_views})"
+    reason = "; ".join(text for text in (few if accepted_views < config.degraded_views else "", note) if text)
+    return (Status.DEGRADED if reason else Status.OK), reason
 
 
 def few_views(accepted: int, known: int, config: RobustConfig) -> str:

@@ -285,7 +285,7 @@ class CrossFrameWC:
         world_from_cam = se3.orthonormalised(self._world_from_ref @ ref_from_cam)
         cov_pose = compose_cov(self._cov_ref, ref_from_cam, self._covariances.cov_pose(newest))
         self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
-        status, reason = outcome.status_of(accepted, self._config.robust)
+        status, reason = outcome.status_of(accepted, obs.note, self._config.robust)
         in_cam, cov_in_cam = self._in_newest_camera()
         _, in_world, cov_in_world = self._in_world()
         now = np.isin(self._ids, self._window[-1].ids)

@@ -353,7 +353,7 @@ class CrossFrame:
         before = self.reading
         reading = self._read()
         self.motion.record(observations.stamp_ns, reading.world_from_cam, reading.cov_pose)
-        status, reason = status_of(int(motion.accepted.sum()), self.config.robust)
+        status, reason = status_of(int(motion.accepted.sum()), observations.note, self.config.robust)
         assert before is not None
         ended = before.ended(~np.isin(before.ids, self.ids))
         newest = self.frames[-1]
@@ -361,7 +361,7 @@ class CrossFrame:
         show = np.isin(reading.ids, newest.ids[newest.used]) & reading.finite
         return Solution(
             status=status,
-            reason="; ".join(text for text in (reason, observations.note) if text),
+            reason=reason,
             world_from_cam=reading.world_from_cam,
             cov_pose=reading.cov_pose,
             track_ids=reading.ids[show],

@@ -27,6 +27,9 @@ from .tracks import Tracks
 Image = NDArray[np.uint8]
 
 
+_FEW = 8  # with fewer points something is wrong with the images
+
+
 @dataclass(frozen=True, slots=True)
 class _Pair:
     left: Image
@@ -65,15 +68,17 @@ class FrontEnd:
         kept = len(self.tracks)
         drift = np.zeros(0) if motion is None else self.noise.drift(self.tracks.points, motion)
         z_new, cov_new = self._renew(pair)
+        z = np.concatenate([z, z_new])
+        note = _note(pair, self.previous, len(self.tracks), int(np.isfinite(z).all(axis=1).sum()))
         self.previous, self.stamp_ns = pair, stamp_ns
         return Observations(
             frame_index=frame_index,
             stamp_ns=stamp_ns,
             track_ids=self.tracks.ids,
-            z_px=np.concatenate([z, z_new]),
+            z_px=z,
             cov_px=np.concatenate([cov, cov_new]),
             cam_from_previous=motion,
-            note=_note(left, right, len(self.tracks)),
+            note=note,
             n_new=len(self.tracks) - kept,
             std_drift_px=np.concatenate([drift, np.zeros(len(z_new))]),
             std_bias_px=BIAS_PX,
@@ -271,16 +276,24 @@ class FrontEnd:
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8) if sigma_px > 0 else image
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8) if sigma_px > 0 else image.copy()
 
 
-def _note(left: Image, right: Image, tracked: int) -> str:
-    """What is wrong with the images where nothing can be tracked in them; empty otherwise."""
-    if tracked >= 8:
+def _note(pair: _Pair, previous: _Pair | None, tracked: int, in_both: int) -> str:
+    """What is wrong with the images: nothing can be matched in them, or they are the last ones again; else empty."""
+    if in_both < _FEW:
+        for name, image in (("left", pair.left), ("right", pair.right)):
+            if image.max() < 8:
+                return f"the {name} image is black"
+            if image.min() > 247:
+                return f"the {name} image is white"
+    if previous is not None and np.array_equal(pair.left, previous.left) and np.array_equal(pair.right, previous.right):
+        return "both images are those of the frame before, to the bit: are the cameras frozen?"
+    if in_both >= _FEW:
         return ""
-    for name, image in (("left", left), ("right", right)):
-        if image.max() < 8:
-            return f"the {name} image is black"
-        if image.min() > 247:
-            return f"the {name} image is white"
-    return f"{tracked} points can be matched in the images: too little texture, or blurred"
+    if tracked < _FEW:
+        return f"{tracked} points can be matched in the images: too little texture, or blurred"
+    return (
+        f"only {in_both} points are found in both images: is one camera covered, are left and right exchanged, or "
+        "the images not of one moment?"
+    )

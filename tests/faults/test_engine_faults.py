@@ -1,0 +1,208 @@
+"""What the engine makes of cameras that fail, and of scenes in which nothing can be seen: the table in the README.
+
+Statuses are written as letters, one a frame: i(nitialising), o(k), d(egraded), l(ost), and r where the frame was
+refused. Frames 10 and later are the ones at fault unless said.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.geometry import pose as se3
+from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+
+STEREO = rig()
+WALL = Wall(5)
+POSES = path(110)
+Edit = Callable[[np.ndarray], np.ndarray]
+
+
+@cache
+def seen(n: int) -> sfm.StereoFrame:
+    """The frame of pose `n` of the path, at its own time."""
+    return view(POSES[n], n)
+
+
+def view(world_from_cam: np.ndarray, n: int) -> sfm.StereoFrame:
+    WALL.rng = np.random.default_rng(n)  # the same grain in whatever order the tests run
+    return WALL.frame(STEREO, world_from_cam, n)
+
+
+def edited(numbers: range, edit: Edit, frame: sfm.StereoFrame, n: int) -> sfm.StereoFrame:
+    return replace(frame, left=edit(frame.left), right=edit(frame.right)) if n in numbers else frame
+
+
+def during(numbers: range, edit: Edit) -> list[sfm.StereoFrame]:
+    """24 frames of which those of `numbers` are edited."""
+    return [edited(numbers, edit, seen(n), n) for n in range(24)]
+
+
+def noise(image: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(int(image.sum())).integers(0, 256, image.shape, dtype=np.uint8)
+
+
+def featureless(image: np.ndarray) -> np.ndarray:
+    grain = np.random.default_rng(int(image.sum())).normal(scale=2, size=image.shape)
+    return np.clip(np.rint(128 + grain), 0, 255).astype(np.uint8)
+
+
+def brighter(image: np.ndarray) -> np.ndarray:
+    return np.clip(4 * image.astype(int), 0, 255).astype(np.uint8)
+
+
+def half_black(image: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(image.shape[1]) < image.shape[1] // 2, 0, image).astype(np.uint8)
+
+
+def sides(left: Callable[[int], np.ndarray], right: Callable[[int], np.ndarray]) -> list[sfm.StereoFrame]:
+    return [sfm.StereoFrame(n * PERIOD_NS, left(n), right(n)) for n in range(24)]
+
+
+def at_fault(n: int) -> bool:
+    return 10 <= n < 14
+
+
+def jump(first: int, later_s: float) -> list[sfm.StereoFrame]:
+    """Ten frames, then those from pose `first` on, so many seconds later."""
+    begin = round(later_s * 1e9) + 9 * PERIOD_NS
+    return [seen(n) for n in range(10)] + [
+        replace(seen(first + k), stamp_ns=begin + k * PERIOD_NS) for k in range(10)
+    ]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """`frames`, `statuses` as a pattern, and what the `reason` of a frame at fault says.
+
+    `off_m`: how far the position may be from the truth although the covariance does not say so (0: it always does).
+    """
+
+    frames: list[sfm.StereoFrame]
+    statuses: str
+    reason: str = ""
+    truth: np.ndarray | None = None  # None: the pose of the path that belongs to the stamp
+    off_m: float = 0.0
+
+
+def turned() -> Fault:
+    yaw = np.concatenate([np.full(8, -0.785), [-0.26, 0.26], np.full(8, 0.785)])
+    poses = np.stack([se3.exp([0.02 * n, 0, 0, 0, 0, 0]) @ se3.exp([0, 0, 0, 0, y, 0]) for n, y in enumerate(yaw)])
+    frames = [view(pose, n) for n, pose in enumerate(poses)]
+    return Fault(frames, "io{7}[oli]{10}", truth=se3.inverse(poses[0]) @ poses, off_m=0.02)
+
+
+def covered_and_carried() -> Fault:
+    """Black for two seconds, and then another part of the wall."""
+    shown = [*range(50), *range(90, 100)]
+    frames = [edited(range(10, 50), np.zeros_like, seen(k), n) for n, k in enumerate(shown)]
+    frames = [replace(f, stamp_ns=n * PERIOD_NS) for n, f in enumerate(frames)]
+    return Fault(frames, "io{9}l{40}io{9}", "new map at the predicted pose", POSES[shown])
+
+
+def ten_minutes_at_rest() -> Fault:
+    views = [view(np.eye(4), n) for n in range(20)]
+    frames = [replace(views[n % 20], stamp_ns=n * 10 * 10**9) for n in range(61)]
+    return Fault(frames, "io{60}", truth=np.tile(np.eye(4), (61, 1, 1)))
+
+
+def poses_at(frames: list[sfm.StereoFrame]) -> np.ndarray:
+    return POSES[[f.stamp_ns // PERIOD_NS for f in frames]]
+
+
+LOST = "io{9}l{4}io{9}"
+FAULTS: dict[str, Callable[[], Fault]] = {
+    "nothing": lambda: Fault(during(range(0), np.zeros_like), "io{23}"),
+    "right camera missing for a frame": lambda: Fault([seen(n) for n in range(24) if n != 10], "io{22}"),
+    "right camera missing for 10 frames": lambda: Fault([seen(n) for n in [*range(10), *range(20, 30)]], "io{19}"),
+    "right camera missing for 100 frames": lambda: Fault(
+        jump(70, 5), "io{9}lio{8}", "views of known points", POSES[[*range(10), *range(70, 80)]]
+    ),
+    "gap of 2 s, the same scene": lambda: Fault([seen(n) for n in [*range(10), *range(50, 60)]], "io{19}"),
+    "gap of 2 s, another scene": lambda: Fault(
+        jump(90, 2), "io{9}lio{8}", "views of known points", POSES[[*range(10), *range(90, 100)]]
+    ),
+    "both images frozen": lambda: Fault(
+        sides(lambda n: seen(9 if at_fault(n) else n).left, lambda n: seen(9 if at_fault(n) else n).right),
+        "io{9}d{4}o{10}", "frozen", off_m=0.12,
+    ),
+    "right image frozen": lambda: Fault(
+        sides(lambda n: seen(n).left, lambda n: seen(9 if at_fault(n) else n).right), "io{9}[od]{4}o{10}"
+    ),
+    "black": lambda: Fault(during(range(10, 14), np.zeros_like), LOST, "image is black"),
+    "white": lambda: Fault(during(range(10, 14), lambda i: np.full_like(i, 255)), LOST, "image is white"),
+    "noise": lambda: Fault(during(range(10, 14), noise), LOST, "too little texture"),
+    "featureless wall": lambda: Fault(during(range(10, 14), featureless), LOST, "too little texture"),
+    "featureless wall at the start": lambda: Fault(during(range(4), featureless), "l{4}io{19}", "too little texture"),
+    "half of both images black": lambda: Fault(during(range(10, 14), half_black), "io{9}[od]{4}o{10}"),
+    "left image black": lambda: Fault(
+        sides(lambda n: seen(n).left * (not at_fault(n)), lambda n: seen(n).right), LOST, "left image is black"
+    ),
+    "right image black": lambda: Fault(
+        sides(lambda n: seen(n).left, lambda n: seen(n).right * (not at_fault(n))),
+        "io{9}d{4}o{10}", "right image is black",
+    ),
+    "exposure to a quarter": lambda: Fault(during(range(10, 24), lambda i: i // 4), "io{9}l?i?o{12,14}"),
+    "exposure times four": lambda: Fault(during(range(10, 24), brighter), "io{9}[lid]{2}[od]{12}"),
+    "blurred by 5 px": lambda: Fault(
+        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 5)), "io{9}[od]{4}o{10}", off_m=0.04
+    ),
+    "blurred by 15 px": lambda: Fault(
+        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 15)), "io{9}[lid]{4,5}[io]{9,10}", off_m=0.03
+    ),
+    "left and right exchanged midway": lambda: Fault(
+        sides(
+            lambda n: seen(n).left if n < 10 else seen(n).right, lambda n: seen(n).right if n < 10 else seen(n).left
+        ),
+        "io{9}[dl]{14}", "exchanged", off_m=0.21,
+    ),
+    "a turn by 90° in three frames": turned,
+    "covered, then uncovered elsewhere": covered_and_carried,
+    "ten minutes at rest": ten_minutes_at_rest,
+    "frames of another size": lambda: Fault(during(range(10, 14), lambda i: i[:-2]), "io{9}r{4}o{10}", "calibration"),
+    "stamps backwards": lambda: Fault(
+        [replace(seen(n), stamp_ns=(n - 5) * PERIOD_NS) if at_fault(n) else seen(n) for n in range(24)],
+        "io{9}r{4}o{10}", "stamps must grow",
+    ),
+    "stamps equal": lambda: Fault(
+        [replace(seen(n), stamp_ns=9 * PERIOD_NS) if at_fault(n) else seen(n) for n in range(24)],
+        "io{9}r{4}o{10}", "stamps must grow",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_has_a_defined_result(name: str):
+    fault = FAULTS[name]()
+    engine = sfm.Engine(STEREO)
+    letters, reasons, estimates = "", [], []
+    truth = poses_at(fault.frames) if fault.truth is None else fault.truth
+    kept = []
+    for frame, pose in zip(fault.frames, truth, strict=True):
+        try:
+            estimates.append(engine.step(frame))
+        except sfm.FrameError as error:
+            letters += "r"
+            reasons.append(str(error))
+            continue
+        letters += str(estimates[-1].status)[0]
+        reasons.append(estimates[-1].reason)
+        kept.append((frame, pose))
+    assert re.fullmatch(fault.statuses, letters), letters
+    assert any(fault.reason in reason for reason in reasons)
+    for index, (e, (frame, pose)) in enumerate(zip(estimates, kept, strict=True)):
+        assert (e.frame_index, e.stamp_ns) == (index, frame.stamp_ns)  # one for each frame, none made up
+        rotation = e.world_from_cam[:3, :3]
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-12
+        assert np.isfinite(e.cov_pose).all() and np.linalg.eigvalsh(e.cov_pose).min() > -1e-12
+        if e.status == sfm.Status.LOST:
+            assert not len(e.track_ids)
+            assert index == 0 or np.trace(e.cov_pose) > np.trace(estimates[index - 1].cov_pose)
+        error = se3.log(se3.inverse(e.world_from_cam) @ pose)
+        nees = error @ np.linalg.solve(e.cov_pose + 1e-12 * np.eye(6), error)
+        assert nees < 50 or np.linalg.norm(error[:3]) < fault.off_m, (index, nees, error)
