@@ -17,7 +17,7 @@ _MAX_SLOPE = 0.5
 _SIGNIFICANT = (
     13.8  # χ²(2), 0.999: a slope that the patches do not clearly show costs more noise than it saves bias
 )
-_ITERATIONS = 4
+_ITERATIONS = 3
 
 
 def disparity_slopes(

@@ -131,7 +131,8 @@ class _Problem:
             if k % 3 == 2:
                 root, j = self.linearise(cam_from_ref)
             r, s2 = self.residuals(cam_from_ref, root)
-        root, j = self.linearise(cam_from_ref)
+        if k > 0:  # a start that needed no second step was good enough to be linearised at
+            root, j = self.linearise(cam_from_ref)
         r, s2 = self.residuals(cam_from_ref, root)
         accepted = s2 < self.gate
         for _ in range(4):
