@@ -18,6 +18,7 @@ from ..geometry.pose import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection, whitening_of_views
 from ..types import Observations, Solution, Status
+from .ids import among
 from .inverse_depth import (
     CHART,
     Views,
@@ -127,7 +128,7 @@ class CrossFrame:
         solution = open_map(self.projection, self.config.robust, self.motion, observations)
         if not len(solution.track_ids):
             return solution
-        births = np.isin(observations.track_ids, solution.track_ids)
+        births = among(observations.track_ids, solution.track_ids)
         self.frames, self.strikes = [], {}
         self.ids = solution.track_ids
         self.q = self._q_of_views(observations.z_px[births])
@@ -193,10 +194,10 @@ class CrossFrame:
         frame, prior = self.frames.pop(0), self.prior
         x = frame.cam_from_ref
         # a point enters the prior with a stereo view: one side alone would leave its depth open
-        frame.used &= frame.stereo | np.isin(frame.ids, prior.ids)
+        frame.used &= frame.stereo | among(frame.ids, prior.ids)
         seen = frame.ids[frame.used]
         later = np.unique(np.concatenate([f.ids[f.used] for f in self.frames] or [seen]))
-        prior = prior.keep(np.isin(prior.ids, np.union1d(later, seen)))
+        prior = prior.keep(among(prior.ids, np.union1d(later, seen)))
         self.charts = se3.orthonormalised(x @ self.charts)  # from here on in the new reference camera
         lin = linearise(self.projection, np.eye(4)[None], self.charts, self.q, frame.views(self.ids, 0))
         at = np.searchsorted(self.ids, prior.ids)
@@ -206,18 +207,20 @@ class CrossFrame:
         cov = symmetric(np.linalg.inv(lin.v[new]))
         mean = self.q[new] + (cov @ lin.g_point[new][..., None])[..., 0]
         prior = prior.joined(self.ids[new], self.charts[new], mean, cov)
-        self.prior = prior.keep(np.isin(prior.ids, later)).condensed()
+        self.prior = prior.keep(among(prior.ids, later)).condensed()
         self.y = np.zeros(self.prior.modes.shape[2])
         back = se3.inverse(x)
-        for f in self.frames:
-            f.cam_from_ref = se3.orthonormalised(f.cam_from_ref @ back)
-        self._keep(np.isin(self.ids, np.union1d(later, self.prior.ids)))
+        if self.frames:
+            cams = se3.orthonormalised(np.stack([f.cam_from_ref for f in self.frames]) @ back)
+            for f, cam in zip(self.frames, cams, strict=True):
+                f.cam_from_ref = cam
+        self._keep(among(self.ids, np.union1d(later, self.prior.ids)))
 
     def _drift_in_charts(self, frame: _Frame, ids: NDArray[np.int64], at: NDArray[np.intp]) -> Array:
         """Covariances (n, 3, 3) of q of points, rows `at` of the state, for their drift up to a frame that is now the
         reference; zero where the frame does not see them."""
         cov = np.zeros((len(ids), 3, 3))
-        known = np.isin(ids, frame.ids)
+        known = among(ids, frame.ids)
         if not len(frame.var_drift) or not known.any():
             return cov
         charts = self.charts[at[known]]
@@ -235,9 +238,9 @@ class CrossFrame:
         """The newest frame joins the window; points not yet in the state are triangulated from it."""
         self._strike(self.rejected)
         banned = self._banned(views.ids)
-        known = np.isin(views.ids, self.ids)
+        known = among(views.ids, self.ids)
         new = ~known & views.stereo & ~banned
-        views.used = (known | new) & ~banned & ~np.isin(views.ids, self.rejected)
+        views.used = (known | new) & ~banned & ~among(views.ids, self.rejected)
         back = se3.inverse(views.cam_from_ref)
         self.ids = np.concatenate([self.ids, views.ids[new]])
         self.q = np.concatenate([self.q, self._q_of_views(observations.z_px[new])])
@@ -250,12 +253,12 @@ class CrossFrame:
         """Remember who disagrees with the motion. Of a track with one view in the state, that view may be the wrong
         one: it is dropped."""
         assert self.prior is not None
-        seen = np.array([np.isin(rejected, f.ids) for f in self.frames], int)
-        young = (seen.sum(0) <= 1) & ~np.isin(rejected, self.prior.ids)
+        seen = np.array([among(rejected, f.ids) for f in self.frames], int)
+        young = (seen.sum(0) <= 1) & ~among(rejected, self.prior.ids)
         for track_id, once in zip(rejected.tolist(), young.tolist(), strict=True):
             self.strikes[track_id] = _STRIKES if once else self.strikes.get(track_id, 0) + 1
         for f in self.frames:
-            f.used &= ~np.isin(f.ids, rejected[young])
+            f.used &= ~among(f.ids, rejected[young])
 
     def _banned(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         return np.array([self.strikes.get(int(i), 0) >= _STRIKES for i in ids], bool)
@@ -278,12 +281,12 @@ class CrossFrame:
         stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
         count = np.bincount(at, minlength=len(self.ids))
         keep = np.bincount(at[stereo], minlength=len(self.ids)) > 0
-        keep &= (count > 1) | np.isin(self.ids, self.frames[-1].ids)
+        keep &= (count > 1) | among(self.ids, self.frames[-1].ids)
         keep[np.searchsorted(self.ids, self.prior.ids)] = True
         if not keep.all():
             self._keep(keep)
             for f in self.frames:
-                f.used &= np.isin(f.ids, self.ids)
+                f.used &= among(f.ids, self.ids)
 
     def _q_of_views(self, z: Array) -> Array:
         """q of stereo views (n, 4) in the camera that saw them."""
@@ -355,10 +358,10 @@ class CrossFrame:
         self.motion.record(observations.stamp_ns, reading.world_from_cam, reading.cov_pose)
         status, reason = status_of(int(motion.accepted.sum()), observations.note, self.config.robust)
         assert before is not None
-        ended = before.ended(~np.isin(before.ids, self.ids))
+        ended = before.ended(~among(before.ids, self.ids))
         newest = self.frames[-1]
         world = self.world_from_ref
-        show = np.isin(reading.ids, newest.ids[newest.used]) & reading.finite
+        show = among(reading.ids, newest.ids[newest.used]) & reading.finite
         return Solution(
             status=status,
             reason=reason,
