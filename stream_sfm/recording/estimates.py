@@ -36,6 +36,7 @@ from msgspec import json
 from .. import __version__
 from ..calibration import calibration_to_toml
 from ..config import Config, config_to_toml
+from ..errors import OutputError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from ..types import FrameEstimate, StereoRig
@@ -133,6 +134,14 @@ class EstimatesWriter:
         if self._closed:
             return
         self._closed = True
+        try:
+            self._finish()
+        except OutputError:
+            self._file.close()  # which says the same
+            raise
+        self._file.close()
+
+    def _finish(self) -> None:
         last = self._last
         if last is not None and len(last.track_ids):
             live = last.points_in_world, last.cov_points_in_world
@@ -142,7 +151,6 @@ class EstimatesWriter:
         tail = self._stream.hold()
         self._writer.finish()
         self._file.write(reordered(tail.getvalue(), offset))
-        self._file.close()
 
     def _add(self, estimate: FrameEstimate, topic: str, data: bytes) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned

@@ -135,13 +135,13 @@ class MessageDecoder:
             topic, stamp_ns, frame_id = message.channel.topic, _stamp_ns(m), _frame_id(m)
             data = _bytes(_get(m, "data"))
             if _has(m, "format"):
-                return ImageMessage(topic, stamp_ns, frame_id, True, str(_get(m, "format")), data)
+                return ImageMessage(topic, stamp_ns, frame_id, True, _text(_get(m, "format")), data)
             return ImageMessage(
                 topic,
                 stamp_ns,
                 frame_id,
                 False,
-                str(_get(m, "encoding")),
+                _text(_get(m, "encoding")),
                 data,
                 width=int(_get(m, "width")),
                 height=int(_get(m, "height")),
@@ -160,7 +160,7 @@ class MessageDecoder:
                 frame_id=_frame_id(m),
                 width=int(_get(m, "width")),
                 height=int(_get(m, "height")),
-                distortion_model=str(_get(m, "distortion_model", default="")).strip().lower(),
+                distortion_model=_text(_get(m, "distortion_model", default="")).strip().lower(),
                 D=tuple(float(x) for x in _get(m, "D", "d", default=())),
                 K=_matrix(_get(m, "K", "k", default=()), 3, 3),
                 R=_matrix(_get(m, "R", "r", default=()), 3, 3),
@@ -205,7 +205,12 @@ def _stamp_ns(message: Any) -> int:
 def _frame_id(message: Any) -> str:
     if _has(message, "header"):
         message = _get(message, "header")
-    return str(_get(message, "frame_id", "parent_frame_id", default="")).lstrip("/")
+    return _text(_get(message, "frame_id", "parent_frame_id", default="")).lstrip("/")
+
+
+def _text(value: Any) -> str:
+    """As Unicode that can be written: JSON may hold half a surrogate pair."""
+    return str(value).encode("utf-8", "backslashreplace").decode()
 
 
 def _bytes(data: Any) -> bytes:
@@ -244,5 +249,5 @@ def _pose(message: Any) -> PoseMessage:
     )
     if not np.isfinite(pose).all():
         raise ValueError("a pose that is not finite")
-    child = str(_get(message, "child_frame_id", default="")).lstrip("/")
+    child = _text(_get(message, "child_frame_id", default="")).lstrip("/")
     return PoseMessage(_stamp_ns(message), _frame_id(message), child, pose)

@@ -1,6 +1,8 @@
 """Files that appear under their name only when they are whole."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -11,12 +13,14 @@ class PartFile:
     """A binary file written as `<name>.part` and moved to `<name>` by `close`.
 
     What was flushed survives a killed process under the temporary name. Raises OutputError naming the file where
-    the disk refuses. `stream` is a file object whose `write` and `flush` do the same.
+    the disk refuses; the file then takes no more and keeps its temporary name, so that what stands under the final
+    one has no gap.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.part_path = self.path.with_name(self.path.name + ".part")
+        self._failure: OutputError | None = None
         try:
             self._file: IO[bytes] = open(self.part_path, "wb")  # noqa: SIM115
         except OSError as error:
@@ -24,17 +28,13 @@ class PartFile:
 
     def write(self, data: bytes) -> int:
         """Append."""
-        try:
+        with self._or_fail():
             return self._file.write(data)
-        except OSError as error:
-            raise self._failure(error) from None
 
     def flush(self) -> None:
         """Hand everything over to the operating system."""
-        try:
+        with self._or_fail():
             self._file.flush()
-        except OSError as error:
-            raise self._failure(error) from None
 
     def tell(self) -> int:
         """Bytes written so far."""
@@ -45,12 +45,22 @@ class PartFile:
         if self._file.closed:
             return
         try:
-            self._file.close()
+            with self._or_fail():
+                self._file.flush()
+        finally:
+            with suppress(OSError):  # a second failure to flush the same bytes
+                self._file.close()
+        with self._or_fail():
             os.replace(self.part_path, self.path)
-        except OSError as error:
-            raise self._failure(error) from None
 
-    def _failure(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"cannot write {self.path}: {error.strerror}; what was written before is in {self.part_path}"
-        )
+    @contextmanager
+    def _or_fail(self) -> Iterator[None]:
+        if self._failure is not None:
+            raise self._failure
+        try:
+            yield
+        except OSError as error:
+            self._failure = OutputError(
+                f"cannot write {self.path}: {error.strerror}; what was written before is in {self.part_path}"
+            )
+            raise self._failure from None

@@ -69,6 +69,10 @@ class LogFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        try:
+            str(self.path).encode()
+        except UnicodeEncodeError:  # it could not be named in any result
+            raise LogError(f"{str(self.path)!a}: the name of the file is not UTF-8: rename it") from None
         if self.path.is_dir():
             raise LogError(f"{self.path} is a folder: give the .mcap file in it")
         with self._open() as stream:

@@ -1,0 +1,144 @@
+"""However a run ends, what it has estimated can be read: killed at any moment, on a full disk, in a closed folder."""
+
+import multiprocessing
+import os
+import random
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.cli.main import main
+from stream_sfm.recording.estimates_reader import read_estimates, read_trajectory
+from stream_sfm.recording.trajectory_files import read_tum
+from stream_sfm.run import replay
+from tests.wall_log import write_wall_log
+
+FAST = sfm.Config(method="frame-to-frame")
+FRAMES = 60
+IN_A_SECOND = 20
+FILES = ("config.toml", "estimates.mcap", "summary.json", "trajectory.kitti", "trajectory.tum")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=16, times=4, truth=False)
+
+
+@pytest.fixture(scope="module")
+def whole(log: Path) -> sfm.Trajectory:
+    trajectory = replay(log, None, FAST).trajectory
+    assert len(trajectory) == FRAMES
+    return trajectory
+
+
+@pytest.fixture(scope="module")
+def processes() -> Iterator[Any]:
+    """Processes that start with everything imported."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.faults.test_ended_runs"])
+    yield context
+
+
+def _replay_and_tell(log: Path, out: Path, told: Connection) -> None:
+    replay(log, out, FAST, on_frame=lambda e: told.send(e.frame_index))
+
+
+def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None:
+    os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT), 2)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))  # as a full disk: write() refuses
+    os._exit(main(["replay", str(log), "--out", str(out), "-q", "--method", "frame-to-frame"]))
+
+
+def test_twenty_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path):
+    rng = random.Random(5)
+    out = tmp_path / "out"
+    for until in [*rng.sample(range(1, FRAMES), 18), FRAMES - 1, FRAMES - 1]:
+        receive, send = processes.Pipe(duplex=False)
+        process = processes.Process(target=_replay_and_tell, args=(log, out, send))
+        process.start()
+        send.close()
+        told = -1
+        while told < until:
+            told = receive.recv()
+        time.sleep(rng.uniform(0, 0.02))
+        process.kill()
+        process.join()
+        try:
+            while True:
+                told = receive.recv()
+        except EOFError:
+            receive.close()
+        finished = (out / "summary.json").exists()
+        folder = [p for p in (out / "estimates.mcap.part", out / "estimates.mcap") if p.exists()]
+        records = list(read_estimates(folder[0]))
+        assert len(records) >= told + 1 - IN_A_SECOND or finished
+        assert [r.frame_index for r in records] == list(range(len(records)))
+        for record, pose in zip(records, whole.world_from_cam, strict=False):
+            assert np.array_equal(record.world_from_cam, pose)
+        for path in out.iterdir():
+            path.unlink()
+    again = replay(log, out, FAST)
+    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert len(read_trajectory(out / "estimates.mcap")) == len(whole) == len(again.trajectory)
+
+
+@pytest.mark.parametrize("size", [2_000, 5_000, 20_000, 100_000, 250_000])
+def test_a_full_disk_keeps_what_was_written_and_says_where(
+    size: int, log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path
+):
+    out, said = tmp_path / "out", tmp_path / "said"
+    process = processes.Process(target=_replay_on_a_small_disk, args=(log, out, size, said))
+    process.start()
+    process.join()
+    message = said.read_text()
+    assert process.exitcode == 3, message
+    assert "Traceback" not in message and "cannot write" in message and ".part" in message
+    assert not (out / "estimates.mcap").exists()  # what has a gap or an open end keeps its temporary name
+    if size > 30_000:
+        records = list(read_estimates(out / "estimates.mcap.part"))
+        assert 0 < len(records) < len(whole)
+        for record, pose in zip(records, whole.world_from_cam, strict=False):
+            assert np.array_equal(record.world_from_cam, pose)
+        assert len(read_tum(out / "trajectory.tum")) >= len(records)
+
+
+def test_a_folder_that_takes_no_files_is_named(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "estimates.mcap.part").mkdir()  # a folder in its place: also root is refused
+    assert main(["replay", str(log), "--out", str(tmp_path), "-q"]) == 3
+    said = capsys.readouterr().err
+    assert str(tmp_path / "estimates.mcap") in said and "Traceback" not in said
+
+
+def test_a_name_that_is_no_text_is_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.mcap"))
+    odd.write_bytes(log.read_bytes())
+    assert main(["replay", str(odd), "--out", str(tmp_path / "out")]) == 3
+    said = capsys.readouterr().err
+    assert "not UTF-8" in said and "Traceback" not in said
+
+
+def test_a_terminal_that_knows_ascii_only_is_no_defect(log: Path, tmp_path: Path):
+    command = [
+        sys.executable,
+        "-m",
+        "stream_sfm",
+        "replay",
+        str(log),
+        "--out",
+        str(tmp_path / "out"),
+        "--max-frames",
+        "3",
+    ]
+    done = subprocess.run(
+        command, capture_output=True, timeout=120, env=os.environ | {"PYTHONIOENCODING": "ascii:strict"}
+    )
+    assert done.returncode == 0, done.stderr
