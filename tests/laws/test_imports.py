@@ -1,0 +1,100 @@
+"""Imports go one way, and each heavy package stays in its room (README, "Find your room")."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import stream_sfm
+
+ROOT = Path(stream_sfm.__file__).parent
+
+# From the ground up: a room imports from lines above its own, and from itself. Rooms of one line know nothing of each
+# other. A new room needs a place here.
+LAYERS = (
+    ("errors", "__version__"),
+    ("geometry",),
+    ("types", "config", "executors"),
+    ("calibration",),
+    ("frontend", "estimators", "evaluation", "recording"),
+    ("engine", "dense"),
+    ("accounting", "importers", "simulation"),
+    ("run", "report"),
+    ("viewer", "compare", "surface"),
+    ("comparison_files", "batch"),
+    ("cli",),
+)
+LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+# `StereoRig.from_calibration`, for the live API: imported when it is called.
+UPWARDS = {("types", "calibration")}
+
+# Packages that cost time or memory to import, or that only one room should know: where they may be.
+HOMES = {
+    "cv2": ("frontend", "dense", "recording", "importers"),
+    "mcap": ("recording",),
+    "mcap_protobuf": ("recording",),
+    "foxglove_schemas_protobuf": ("recording",),
+    "rosbags": ("recording",),
+    "filterpy": ("estimators/ekf.py",),
+    "rerun": ("viewer",),
+    "matplotlib": ("simulation/figures.py",),
+    "jinja2": ("report",),
+    "markupsafe": ("report",),
+    "rich": ("cli",),
+    "lz4": ("recording",),
+    "zstandard": ("recording",),
+    "distributed": ("executors.py",),
+}
+EVERYWHERE = {"stream_sfm", "numpy", "scipy", "msgspec"}
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Full names of modules that a file imports when it runs; not those for the type checker alone."""
+    package = ("stream_sfm", *path.relative_to(ROOT).parts[:-1])
+    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            continue
+        todo += ast.iter_child_nodes(node)
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) + 1 - node.level]) if node.level else ""
+            module = ".".join(name for name in (base, node.module) if name)
+            if module == "stream_sfm":  # from .. import name: the name is the room
+                yield from (f"{module}.{alias.name}" for alias in node.names)
+            else:
+                yield module
+
+
+def room(path: Path) -> str:
+    return path.relative_to(ROOT).with_suffix("").parts[0]
+
+
+FILES = sorted(path for path in ROOT.rglob("*.py") if room(path) not in ("__init__", "__main__"))
+IMPORTS = [(path.relative_to(ROOT).as_posix(), room(path), module) for path in FILES for module in imports(path)]
+
+
+def test_every_room_has_a_place() -> None:
+    assert {room(path) for path in FILES} == set(LEVEL) - {"__version__"}
+
+
+def test_imports_go_one_way() -> None:
+    inside = [(name, me, module.split(".")[1]) for name, me, module in IMPORTS if module.startswith("stream_sfm.")]
+    up = [(name, me, other) for name, me, other in inside if other != me and LEVEL[other] >= LEVEL[me]]
+    assert {(me, other) for _, me, other in up} == UPWARDS, [f"{name} imports {other}" for name, _, other in up]
+
+
+def test_heavy_packages_stay_in_their_rooms() -> None:
+    for name, _, module in IMPORTS:
+        package = module.split(".")[0]
+        if package not in EVERYWHERE and package not in sys.stdlib_module_names:
+            assert package in HOMES, f"{name} imports {package}: say here which rooms may"
+            assert name.startswith(HOMES[package]), f"{name} imports {package}"
+    assert set(HOMES) <= {module.split(".")[0] for _, _, module in IMPORTS}
+
+
+def test_every_file_begins_by_saying_what_it_is() -> None:
+    for path in FILES:
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
