@@ -1,0 +1,125 @@
+"""logs/FORMATS.md against what the commands write: every key, topic and schema of one is in the other."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from stream_sfm.batch.collect import run_batch
+from stream_sfm.calibration import parse_calibration
+from stream_sfm.cli.main import main
+from stream_sfm.compare import Selection
+from stream_sfm.comparison_files import compare_into
+from stream_sfm.config import Config
+from stream_sfm.executors import processes
+from stream_sfm.recording import open_log
+from stream_sfm.run import replay
+
+ROOT = Path(__file__).parents[2]
+LOG = ROOT / "logs/room.mcap"
+PAGE = (ROOT / "logs/FORMATS.md").read_text(encoding="utf-8")
+
+
+def tables(heading: str) -> list[list[list[str]]]:
+    """The tables of a section: rows of cells, without their heads."""
+    section = re.split(r"^## ", PAGE.split(f"\n## {heading}\n")[1], flags=re.MULTILINE)[0]
+    found = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
+    return [[[c.strip() for c in row.strip("|\n").split("|")] for row in t.splitlines()[2:]] for t in found]
+
+
+def names(table: list[list[str]]) -> set[str]:
+    """What stands in backticks in the first column."""
+    return {name for row in table for name in re.findall(r"`([^`]+)`", row[0])}
+
+
+def paths(value: Any, where: str = "") -> Iterator[str]:
+    """Dotted keys of all leaves."""
+    if isinstance(value, dict) and (value or not where):
+        for key, inner in value.items():
+            yield from paths(inner, f"{where}.{key}" if where else key)
+    else:
+        yield where
+
+
+def assert_same(documented: set[str], found: set[str]) -> None:
+    """`*` stands for any key; a documented key also stands for all below it."""
+    patterns = {name: re.compile(re.escape(name).replace(r"\*", r"[^.]+") + r"(\..*)?") for name in documented}
+    unknown = {path for path in found if not any(p.fullmatch(path) for p in patterns.values())}
+    missing = {name for name, p in patterns.items() if not any(p.fullmatch(path) for path in found)}
+    assert not unknown, f"not in FORMATS.md: {sorted(unknown)}"
+    assert not missing, f"only in FORMATS.md: {sorted(missing)}"
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("formats") / "run"
+    replay(LOG, folder, max_frames=8)
+    return folder
+
+
+def test_summary(replayed: Path) -> None:
+    assert_same(names(tables("summary.json")[0]), set(paths(json.loads((replayed / "summary.json").read_bytes()))))
+
+
+def test_estimates(replayed: Path) -> None:
+    topics, keys = tables("estimates.mcap")
+    with (replayed / "estimates.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        found = [[c.topic, c.message_encoding, summary.schemas[c.schema_id].name] for c in summary.channels.values()]
+        assert sorted(found) == sorted([cell.strip("`") for cell in row[:3]] for row in topics)
+        last = {channel.topic: message for _, channel, message in reader.iter_messages()}
+        assert set(json.loads(last["/stream_sfm/estimate"].data)) == names(keys)
+        timing = next(row[3] for row in topics if row[0] == "`/stream_sfm/timing`")
+        assert all(key in timing for key in json.loads(last["/stream_sfm/timing"].data))
+        assert {m.name for m in reader.iter_metadata()} == {"stream_sfm", "configuration"}
+        assert [a.name for a in reader.iter_attachments()] == ["calibration.toml"]
+        assert reader.get_header().profile == "ros2"
+
+
+def test_trajectories(replayed: Path) -> None:
+    assert all(len(line.split()) == 8 for line in (replayed / "trajectory.tum").read_text().splitlines())
+    assert all(len(line.split()) == 12 for line in (replayed / "trajectory.kitti").read_text().splitlines())
+
+
+def test_report(tmp_path: Path) -> None:
+    """24 frames are the fewest with a growth; there and back, so that this is in it too."""
+    of_all, of_method = map(names, tables("report.json"))
+    accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
+    methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=24)
+    compare_into(open_log(LOG), tmp_path, Config(), methods, chosen, there_and_back=True)
+    content = json.loads((tmp_path / "report.json").read_bytes())
+    assert_same(of_all, set(paths(content)))
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])
+    for figures in content["methods"].values():
+        assert set(figures) == of_method | accuracy
+        inner = re.search(r"\| `there_and_back` \| {(.*)}", PAGE)
+        assert inner and set(figures["there_and_back"]) == set(inner[1].split(", "))
+
+
+def test_batch(tmp_path: Path) -> None:
+    of_all, of_log = map(names, tables("batch.json, job.json"))
+    with processes(1) as executor:
+        content = run_batch({LOG: 1}, tmp_path, Config(), executor, options=("--max-frames=3",))
+    assert json.loads((tmp_path / "batch.json").read_bytes()) == json.loads(json.dumps(content))
+    assert_same(of_all, set(paths(content)))
+    assert set(json.loads((tmp_path / "room/job.json").read_bytes())) == of_log
+    assert set(content["logs"][0]) == of_log | {"summary"}
+
+
+def test_calibration_of_the_readme_is_read() -> None:
+    text = re.search(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert text
+    rig = parse_calibration(text[1].encode(), "README.md")
+    assert rig.baseline_m == pytest.approx(0.11)
+
+
+def test_config_has_the_sections_that_are_named(capsys) -> None:
+    assert main(["config"]) == 0
+    sections = re.findall(r"^\[(\w+)\]", capsys.readouterr().out, re.MULTILINE)
+    text = PAGE.split("\n## config.toml\n")[1]
+    assert re.findall(r"`\[(\w+)\]`", text) == sections
