@@ -74,10 +74,10 @@ def in_camera_axes(
 ) -> FrameEstimate:
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
-    The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹.
-    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B). Points seen
-    for the first time are not reported yet, but for a map's first frame: one match of left and right may be wrong,
-    and only a second view can tell.
+    The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
+    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B), eq. (18). Points
+    seen for the first time are not reported yet, but for a map's first frame: one match of left and right may be
+    wrong, and only a second view can tell.
     """
     n = len(observations.track_ids)
     shown = np.ones(len(solution.track_ids), bool)

@@ -1,5 +1,7 @@
 """Everything that turns observations into motion and structure; each keeps the contract `types.Estimator`.
 
+Not here: pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of stream_sfm/MATHEMATICS.md.
+
 `METHODS` is the list: name -> (module, class). They are imported when asked for, so that a method's heavy
 dependency (filterpy for the EKF) costs nothing to the others.
 """

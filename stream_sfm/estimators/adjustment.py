@@ -2,7 +2,7 @@
 
 Minimises Σ (z − h(X))ᵀ Ω (z − h(X)) over poses `ref_from_cam` ⊞ ξ and points in `ref`, plus Gaussian priors on
 single points. With A = ∂z/∂X at the point in the camera and R of cam_from_ref,
-∂z/∂ξ = A [−I, [X]×] (right perturbation of ref_from_cam) and ∂z/∂X_ref = A R.
+∂z/∂ξ = A [−I, [X]×] (right perturbation of ref_from_cam) and ∂z/∂X_ref = A R, eq. (44).
 Points are eliminated: S = U − W V⁻¹ Wᵀ (Triggs et al., Bundle Adjustment: A Modern Synthesis, section 6.1).
 """
 
@@ -196,7 +196,7 @@ class Covariances:
         return np.zeros((6, 6)) if c is None else self.cov_poses[c, c]
 
     def cov_points_in_cam(self, frame: int, ref_from_cam: Array, points_in_cam: Array) -> Array:
-        """Covariance (p, 3, 3) of points carried into one camera: X_c = R X + t, δX_c = R δX + [−I, [X_c]×] ξ."""
+        """Covariance (p, 3, 3) of points carried into one camera: δX_c = R δX + [−I, [X_c]×] ξ, eq. (45)."""
         r = ref_from_cam[:3, :3].T
         cov = r @ self.cov_points @ r.T
         c = self.columns(frame)

@@ -1,7 +1,7 @@
 """All frames and all points at once: the maximum-likelihood adjustment, and the bound that no estimator beats.
 
-The Cramér–Rao bound is the inverse Fisher information at the truth with the first camera fixed; for Gaussian
-noise it is the adjustment's own covariance evaluated at the truth.
+The Cramér–Rao bound, eq. (46), is the inverse Fisher information at the truth with the first camera fixed; for
+Gaussian noise it is the adjustment's own covariance evaluated at the truth.
 """
 
 from collections.abc import Sequence

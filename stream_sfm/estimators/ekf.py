@@ -124,7 +124,7 @@ class Ekf:
     ) -> tuple[float, int]:
         """One predict, which leaves the pose with `cov_free` (6, 6), and one update of filterpy's filter.
 
-        Returns the squared innovation and its degrees of freedom.
+        Eqs. (50) and (51). Returns the squared innovation and its degrees of freedom.
         """
         used = np.flatnonzero(accepted)
         predicted_views, h = self._measurement(used)
@@ -162,7 +162,7 @@ class Ekf:
         return q.reshape(3 * m, 3 * m)
 
     def _add(self, obs: Observations) -> None:
-        """New points: X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]; correlated with all that is known."""
+        """New points: X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×], eq. (52), correlated with the rest."""
         new = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, self._ids)
         in_cam, cov = triangulated(self._projection, obs.z_px[new], obs.cov_px[new])
         r = self._world_from_cam[:3, :3]

@@ -1,7 +1,7 @@
 """Baseline: the motion between two frames, over and over. Each pair is solved to its maximum likelihood.
 
-Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated;
-the covariance is composed as if pairs were independent, though neighbours share a frame.
+Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated, eq.
+(5); the covariance is composed as if pairs were independent, though neighbours share a frame.
 """
 
 import numpy as np

@@ -2,9 +2,9 @@
 
 In this chart a stereo view is nearly linear, so a Gaussian over q stays honest for far points, a point at infinity
 is an ordinary one, and a point beside or behind today's camera stays one too. Homogeneous points in the reference
-camera are C (q₁, q₂, 1, q₃)ᵀ, with C = ref_from_chart a known pose, a choice of coordinates and no part of the
-state; a frame s with pose X_s = cam_s_from_ref sees P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose moves as Exp(ξ) X_s (left),
-which is the right perturbation −ξ of ref_from_cam_s. All arrays are batched: F frames, P points, V views, no loops.
+camera are C (q₁, q₂, 1, q₃)ᵀ, with C = ref_from_chart, eq. (24), a known pose, a choice of coordinates and no part of
+the state; a frame s with pose X_s = cam_s_from_ref sees P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose moves as Exp(ξ) X_s
+(left), which is the right perturbation −ξ of ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ def q_jacobian(points: Array) -> Array:
 
 
 def pose_jacobian(points: Array) -> Array:
-    """G = ∂P/∂ξ (…, 4, 6) of Exp(ξ)·P at homogeneous points P (…, 4)."""
+    """G = ∂P/∂ξ (…, 4, 6) of Exp(ξ)·P at homogeneous points P (…, 4), eq. (21)."""
     g = np.zeros((*points.shape[:-1], 4, 6))
     g[..., 0, 0] = g[..., 1, 1] = g[..., 2, 2] = points[..., 3]
     g[..., :3, 3:] = -se3.skew(points[..., :3])
@@ -54,7 +54,7 @@ def pose_jacobian(points: Array) -> Array:
 
 
 def metric_jacobian(points: Array) -> Array:
-    """∂X/∂P (…, 3, 4) of the metric point X = P₁..₃/ρ at homogeneous points (…, 4)."""
+    """∂X/∂P (…, 3, 4) of the metric point X = P₁..₃/ρ at homogeneous points (…, 4), eq. (38)."""
     j = np.zeros((*points.shape[:-1], 3, 4))
     inv = 1 / points[..., 3]
     j[..., 0, 0] = j[..., 1, 1] = j[..., 2, 2] = inv
@@ -109,7 +109,7 @@ def whitened_residuals(
 def linearise(
     projection: StereoProjection, cams_from_ref: Array, charts: Array, q: Array, views: Views
 ) -> Linearised:
-    """Gauss-Newton normal equations of all views (Schur form of bundle adjustment, Triggs et al. 2000, sec. 6)."""
+    """Gauss-Newton normal equations of all views, eqs. (25) and (26)."""
     frames, points = len(cams_from_ref), len(q)
     in_cam, r = whitened_residuals(projection, cams_from_ref, charts, q, views)
     by_cam = views.root @ projection.jacobian_homogeneous(in_cam)

@@ -47,7 +47,7 @@ class MotionPrior:
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Pose (4, 4) and covariance (6, 6) at a later time; before the first frame the world itself, exactly.
 
-        T Exp(ξ Δt) with Σ' = Ad Σ Adᵀ + Q; Q from the assumed acceleration: half a Δt² along each axis.
+        T Exp(ξ Δt) with Σ' = Ad Σ Adᵀ + Q, eqs. (42) and (43); Q from the assumed acceleration, half a Δt² an axis.
         """
         dt = self._seconds_since(stamp_ns)
         step = se3.exp(self._velocity * dt)

@@ -3,12 +3,12 @@
 The last b frames are solved as a whole over all their motions and points. A frame that leaves turns into priors
 of its points; correlations between points are dropped, as in the paper. Three choices of where priors live:
 
-* WC: in the world, each leaving view fused into its own point with the noise of its pose. The priors forget that
-  all points share the drift, so the pose's covariance claims too much.
-* CC, anchored: in the last camera that left. With every frame that leaves, points are carried into it with the
-  cross-covariance of points and motion; the pose in the world is the composition of the window's motions.
-* CC, literal: the paper's two-frame transform X' = R X + T, Σ' = R Σ Rᵀ + J Γ Jᵀ with the motion's covariance Γ
-  taken as independent of the point, then the view of the frame that leaves added to it (it is used twice).
+* WC, eq. (47): in the world, each leaving view fused into its own point with the noise of its pose. The priors forget
+  that all points share the drift, so the pose's covariance claims too much.
+* CC, anchored, eq. (49): in the last camera that left. With every frame that leaves, points are carried into it with
+  the cross-covariance of points and motion; the pose in the world is the composition of the window's motions.
+* CC, literal, eq. (48): the paper's two-frame transform X' = R X + T, Σ' = R Σ Rᵀ + J Γ Jᵀ with the motion's
+  covariance Γ taken as independent of the point, then the view of the frame that leaves added to it (used twice).
 
 b = 1 is the classical depth filter. `ref` is the world (WC) or the last camera that left (CC).
 """

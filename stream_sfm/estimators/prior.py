@@ -1,6 +1,6 @@
 """The joint prior of the window: what all frames that left it say about points and world, in the reference camera.
 
-Points that were seen from the same uncertain cameras err together. The prior keeps that in factored form,
+Points that were seen from the same uncertain cameras err together. The prior keeps that in factored form, eq. (29),
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
@@ -78,7 +78,7 @@ class Prior:
         return replace(self, cov=self.cov + cov)
 
     def absorbed(self, y: Array, cam_from_ref: Array, q: Array, v: Array, g: Array) -> "Prior":
-        """The posterior in a new reference camera after that camera's own views.
+        """The posterior in a new reference camera after that camera's own views, eqs. (31)–(35).
 
         `y` (k,), `cam_from_ref` (4, 4) and `q` (N, 3): the present estimate, where all is linearised; `v` (N, 3, 3),
         `g` (N, 3): information and right-hand side of the views (zero for a point without).
@@ -134,8 +134,8 @@ class Prior:
         )
 
     def condensed(self) -> "Prior":
-        """The same prior in as few modes as matter: six carry the world exactly, the others by principal components
-        of the points' common error in units of their own noise; what is left out goes to the points' own noise."""
+        """The same prior in as few modes as matter, eq. (36): six carry the world exactly, the others are principal
+        components of the points' common error in units of their own noise, to which goes what is left out."""
         q, r = np.linalg.qr(self.world_modes.T, mode="complete")
         modes = self.modes @ q
         shared = modes[..., 6:]

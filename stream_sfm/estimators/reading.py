@@ -1,6 +1,7 @@
 """Reads the one solution twice: CC (structure in the newest camera) and WC (pose and structure in the world).
 
-Both come from the same joint covariance of poses, points and world, so they are consistent with each other.
+Both come from the same joint covariance of poses, points and world, so they are consistent with each other: eqs. (37)
+and (38), and eqs. (39)–(41).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """The joint normal equations of the window, factored once a frame: [poses 6F | modes k] dense, points eliminated.
 
 Given the poses and the common modes of the prior, points are independent of each other, so each is eliminated by
-itself (Schur complement, Triggs et al. 2000, section 6).
+itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
 """
 
 import numpy as np
@@ -53,8 +53,8 @@ class System:
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
     def covariances(self, frame: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Blocks of the inverse: qq (P, 3, 3), q with the pose of a frame (P, 3, 6), q with the world (P, 3, 6), pose
-        (6, 6), world (6, 6), pose with world (6, 6). Frame −1 is the reference camera itself, which has no error."""
+        """Blocks of the inverse, eq. (28): qq (P, 3, 3), q with the pose of a frame and with the world (P, 3, 6),
+        pose (6, 6), world (6, 6), pose with world (6, 6). Frame −1 is the reference camera, which has no error."""
         sigma = self.chol.inverse()
         to_world = np.zeros((len(sigma), 6))
         to_world[self.poses :] = self.prior.world_modes.T

@@ -20,7 +20,7 @@ def usable_births(projection: StereoProjection, z_px: Array, cov_px: Array) -> N
 
 
 def triangulated(projection: StereoProjection, z_px: Array, cov_px: Array) -> tuple[Array, Array]:
-    """Most likely points (n, 3) m of complete views (n, 4) and their covariances (n, 3, 3) m², (AᵀΩA)⁻¹."""
+    """Most likely points (n, 3) m of complete views (n, 4) and their covariances (n, 3, 3) m², eq. (12)."""
     points = projection.triangulate(z_px)
     info = information_of_views(z_px, cov_px)
     cov: Array = np.zeros((len(points), 3, 3))
@@ -35,7 +35,7 @@ def triangulated(projection: StereoProjection, z_px: Array, cov_px: Array) -> tu
 
 
 def compose_cov(cov_first: Array, second_from_first_pose: Array, cov_second: Array) -> Array:
-    """Covariance of A·B (right perturbations, independent): Ad(B⁻¹) Σ_A Ad(B⁻¹)ᵀ + Σ_B; B is the second pose."""
+    """Covariance of A·B (right perturbations, independent), eq. (5): Ad(B⁻¹) Σ_A Ad(B⁻¹)ᵀ + Σ_B."""
     ad = se3.adjoint(se3.inverse(second_from_first_pose))
     cov = ad @ cov_first @ ad.T + cov_second
     return (cov + cov.T) / 2
@@ -44,7 +44,9 @@ def compose_cov(cov_first: Array, second_from_first_pose: Array, cov_second: Arr
 def points_to_world(
     world_from_ref: Array, cov_ref: Array, points_in_ref: Array, cov_points: Array
 ) -> tuple[Array, Array]:
-    """Points (n, 3) carried out of a frame that is itself uncertain: Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I, −[X]×]."""
+    """Points (n, 3) carried out of a frame that is itself uncertain: Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I, −[X]×].
+
+    Eq. (6)."""
     r = world_from_ref[:3, :3]
     j = -point_in_cam_jacobian(points_in_ref)
     cov = r @ (cov_points + j @ cov_ref @ np.swapaxes(j, 1, 2)) @ r.T

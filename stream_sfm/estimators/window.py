@@ -114,7 +114,7 @@ class CrossFrame:
         return self._report(observations, motion, iterations)
 
     def _var_drift(self, observations: Observations) -> Array:
-        """Drift of patches over their surfaces as variances of q (n, 3): both rays, and the disparity between them."""
+        """Drift of patches over their surfaces as variances of q (n, 3), eq. (33): rays, and disparity."""
         if observations.std_drift_px is None:
             return np.empty((0, 3))
         p = self.projection

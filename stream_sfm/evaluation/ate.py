@@ -1,4 +1,4 @@
-"""Absolute trajectory error: how far the estimated positions are from the true ones, metres.
+"""Absolute trajectory error, eq. (53): how far the estimated positions are from the true ones, metres.
 
 Arguments are poses world_from_cam (n, 4, 4) of the same moments, row by row.
 """

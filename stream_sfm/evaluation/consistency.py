@@ -8,7 +8,7 @@ from .alignment import from_first_camera
 
 
 def nees_pose(estimate: Array, cov_pose: Array, truth: Array) -> Array:
-    """ξᵀ Σ⁻¹ ξ (n,) with truth = estimate·Exp(ξ), both in axes of their first camera; 6 is expected.
+    """ξᵀ Σ⁻¹ ξ (n,) with truth = estimate·Exp(ξ), both in axes of their first camera; 6 is expected, eq. (59).
 
     Poses (n, 4, 4), `cov_pose` (n, 6, 6) of the right perturbation relative to the first camera, translation
     first. NaN where the covariance is zero (the first frame, exact by definition) or not finite; infinite where

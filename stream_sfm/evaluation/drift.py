@@ -20,7 +20,7 @@ def path_length_m(world_from_cam: Array) -> float:
 
 
 def final_drift_percent(estimate: Array, truth: Array) -> float:
-    """End-point error over the true path length, per cent, first poses aligned; NaN when standing still."""
+    """End-point error over the true path length, eq. (54), per cent, first poses aligned; NaN when standing still."""
     length = path_length_m(truth)
     if length < _STANDING_M:
         return float("nan")
@@ -29,7 +29,7 @@ def final_drift_percent(estimate: Array, truth: Array) -> float:
 
 
 def scale_error_percent(estimate: Array, truth: Array) -> float:
-    """By how much the estimate is too large (negative: too small), per cent.
+    """By how much the estimate is too large (negative: too small), per cent, eq. (58).
 
     1/s − 1 for the similarity scale s that brings the estimated positions onto the true ones (Umeyama 1991,
     eq. 42). Not the ratio of path lengths, which noise on each pose inflates. NaN when standing still.

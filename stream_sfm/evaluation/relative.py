@@ -1,4 +1,4 @@
-"""Errors of relative motions over spans of frames: RPE, its growth with the span, and how two methods compare.
+"""Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios of methods.
 
 Each start counts, so that no figure hangs on one end point. Starts overlap and follow each other in time; intervals
 come from a bootstrap over contiguous blocks of starts, not over single ones.

@@ -1,4 +1,4 @@
-"""KITTI's t_rel and r_rel: the mean error of relative motions over segments of fixed path lengths.
+"""KITTI's t_rel and r_rel, eqs. (55) and (56): mean errors of relative motions over segments of fixed lengths.
 
 Geiger, Lenz, Urtasun, CVPR 2012, and their devkit (`evaluate_odometry.cpp`): a segment begins at a frame and ends
 at the first frame *beyond* the length along the true path; its error is inverse(estimated motion)·true motion; the

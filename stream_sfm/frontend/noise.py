@@ -1,8 +1,8 @@
 """What a tracked view is worth: its covariance from the patch, and a common factor learnt from the residuals.
 
-Least-squares alignment under grey-level noise of deviation σ has covariance σ² c H⁻¹ with H the sum of gradient
-products over the window (Förstner and Gülch 1987) and c the number of pixels that share one noise value after
-smoothing. What the patch cannot know (perspective, interpolation, the lens model) enters as a floor and as one
+Least-squares alignment under grey-level noise of deviation σ has covariance σ² c H⁻¹, eq. (13), with H the sum of
+gradient products over the window (Förstner and Gülch 1987) and c the number of pixels that share one noise value
+after smoothing. What the patch cannot know (perspective, interpolation, the lens model) enters as a floor and as one
 factor for all views.
 """
 
@@ -33,7 +33,8 @@ class ViewNoise:
     def covariance(self, gradients: Array, anchor_from_now: Array, error_left: Array, error_right: Array) -> Array:
         """(n, 4, 4) px² of views from template gradients (n, 2, 2), warps (n, 2, 2) and mean grey differences (n,).
 
-        The gradient matrix of the template in today's pixels is Wᵀ H W / |det W|, W the warp now to anchor.
+        The gradient matrix of the template in today's pixels is Wᵀ H W / |det W|, W the warp now to anchor, eqs. (14)
+        and (15).
         """
         warp_t = np.swapaxes(anchor_from_now, 1, 2)
         area = np.abs(np.linalg.det(anchor_from_now))[:, None, None]
@@ -48,7 +49,7 @@ class ViewNoise:
         return cov
 
     def drift(self, points: Array, cam_from_previous: Array) -> Array:
-        """Standard deviation (n,) px of how far templates slid since the last frame, points (n, 4) homogeneous.
+        """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17); points (n, 4).
 
         The warp knows pose and depth, not the surface's slant: a change of viewing direction or distance by an angle
         |t|/Z shears the patch by as much, and a share of that displacement passes for motion of the point.
@@ -56,7 +57,7 @@ class ViewNoise:
         return _SLANT * self.radius_px * points[:, 3].clip(0) * np.linalg.norm(cam_from_previous[:3, 3])
 
     def learn(self, chi2: float, dof: int) -> None:
-        """Take the squared residuals of a frame's accepted views into the common factor."""
+        """Take the squared residuals of a frame's accepted views into the common factor, eq. (16)."""
         if dof < 20:
             return
         self.frames += 1

@@ -2,8 +2,9 @@
 
 After rectification a point lies on one row in both images. Real calibrations miss that by tenths of a pixel, smoothly
 over the image: the cameras' relative rotation, and lenses that the distortion model does not describe quite. Matches
-measure it directly. The difference is a polynomial of second order in the left image, estimated by recursive robust
-least squares from newly matched points (a point's later views repeat its first error) with a prior at zero.
+measure it directly. The difference is a polynomial of second order in the left image, eq. (19), estimated by
+recursive robust least squares from newly matched points (a point's later views repeat its first error) with a prior
+at zero.
 """
 
 import numpy as np

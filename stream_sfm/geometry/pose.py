@@ -60,14 +60,14 @@ def _vector_from_quat(q: Array) -> Array:
 
 
 def _left_jacobian(w: Array) -> Array:
-    """V(ω) with t = V ρ in Exp(ρ, ω) (Barfoot, eq. 8.33)."""
+    """V(ω) with t = V ρ in Exp(ρ, ω), eq. (3) (Barfoot, eq. 8.33)."""
     _, b, c = _coefficients(np.linalg.norm(w, axis=-1))
     k = skew(w)
     return _EYE + b[..., None, None] * k + c[..., None, None] * (k @ k)
 
 
 def exp(xi: ArrayLike) -> Array:
-    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4) (Barfoot, eq. 8.33)."""
+    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4), eq. (3) (Barfoot, eq. 8.33)."""
     xi = np.asarray(xi, dtype=float)
     k = skew(xi[..., 3:])
     k2 = k @ k
@@ -102,7 +102,7 @@ def inverse(pose: ArrayLike) -> Array:
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """Ad(T) (…, 6, 6): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ) (Barfoot, eq. 8.40)."""
+    """Ad(T) (…, 6, 6): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ), eq. (4) (Barfoot, eq. 8.40)."""
     pose = np.asarray(pose, dtype=float)
     r, t = pose[..., :3, :3], pose[..., :3, 3]
     ad = np.zeros((*pose.shape[:-2], 6, 6))

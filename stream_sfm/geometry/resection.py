@@ -53,7 +53,7 @@ def resect(
     cam_from_ref_start: Array,
     gate_probability: float = 0.999,
 ) -> Resection:
-    """Motion `cam_from_ref` that brings points onto their views.
+    """Motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
     `points_in_ref` (n, 3) metres or (n, 4) homogeneous, `cov_points` of the same dimension (None: exact),
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4).

@@ -27,14 +27,14 @@ class StereoProjection:
     height: int
 
     def project(self, points_in_cam: Array) -> Array:
-        """z (…, 4) of points (…, 3); the caller keeps points in front of the camera (Z > 0)."""
+        """z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
         s = self.f_px / depth
         v = s * y + self.cy_px
         return np.stack([s * x + self.cx_left_px, v, s * (x - self.baseline_m) + self.cx_right_px, v], axis=-1)
 
     def jacobian(self, points_in_cam: Array) -> Array:
-        """A = ∂z/∂X, (…, 4, 3), at points (…, 3)."""
+        """A = ∂z/∂X, (…, 4, 3), at points (…, 3), eq. (9)."""
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
         s = self.f_px / depth
         a = np.zeros((*points_in_cam.shape[:-1], 4, 3))
@@ -70,7 +70,7 @@ class StereoProjection:
             return self.f_px * self.baseline_m / disparity
 
     def inverse_depth(self, z_px: Array) -> Array:
-        """1/Z (…), 1/m, from the disparity of z (…, 4); 0 at infinity, NaN where the right side is missing."""
+        """1/Z (…), 1/m, from the disparity of z (…, 4), eq. (10); 0 at infinity, NaN without the right side."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         return disparity / (self.f_px * self.baseline_m)
 
@@ -91,7 +91,7 @@ def information_of_views(z_px: Array, cov_px: Array) -> Array:
 
 
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array:
-    """R (…, 4, 4) with RᵀR the `information_of_views`: R r is a residual in standard deviations."""
+    """R (…, 4, 4) with RᵀR the `information_of_views`: R r is a residual in standard deviations, eq. (11)."""
     seen = np.isfinite(z_px)
     both = seen[..., :, None] & seen[..., None, :]
     return np.where(both, np.linalg.inv(np.linalg.cholesky(np.where(both, cov_px, np.eye(4)))), 0.0)

@@ -1,4 +1,4 @@
-"""One trial of several estimators on one simulated sequence: squared errors, their bound, normalised errors."""
+"""One trial of several estimators on one simulated sequence: squared and normalised errors, the bound, eq. (62)."""
 
 from collections.abc import Sequence as Listed
 from dataclasses import dataclass

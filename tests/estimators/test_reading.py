@@ -1,0 +1,78 @@
+"""WC and CC are read from one joint covariance: against numerical propagation of the same, written out densely."""
+
+import numpy as np
+
+from stream_sfm.estimators.inverse_depth import Views, in_reference, linearise, q_from_homogeneous
+from stream_sfm.estimators.prior import Prior
+from stream_sfm.estimators.reading import read_structure
+from stream_sfm.estimators.system import System
+from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry.stereo import StereoProjection
+
+P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
+FRAMES, POINTS, MODES = 2, 6, 8
+SIZE = 6 * FRAMES + 3 * POINTS + MODES
+
+
+def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
+    """Of [poses, q, modes], eqs. (26) and (30)."""
+    h = np.zeros((SIZE, SIZE))
+    poses, y = slice(0, 6 * FRAMES), slice(SIZE - MODES, SIZE)
+    for s in range(FRAMES):
+        h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
+    h[y, y] = np.eye(MODES)
+    for i in range(POINTS):
+        a = slice(6 * FRAMES + 3 * i, 6 * FRAMES + 3 * i + 3)
+        pull = np.linalg.solve(prior.cov[i], prior.modes[i])
+        h[a, a] = lin.v[i] + np.linalg.inv(prior.cov[i])
+        h[a, poses], h[poses, a] = lin.c[i], lin.c[i].T
+        h[a, y], h[y, a] = -pull, -pull.T
+        h[y, y] += prior.modes[i].T @ pull
+    return h
+
+
+def test_readings_are_the_joint_covariance_carried_through() -> None:
+    rng = np.random.default_rng(0)
+    charts, cams = se3.exp(0.1 * rng.normal(size=(POINTS, 6))), se3.exp(0.1 * rng.normal(size=(FRAMES, 6)))
+    metric = np.c_[rng.uniform(-1, 1, (POINTS, 2)), rng.uniform(2, 4, POINTS), np.ones(POINTS)]
+    q = q_from_homogeneous((se3.inverse(charts) @ metric[..., None])[..., 0])
+    world = se3.exp(0.5 * rng.normal(size=6))
+    prior = Prior(
+        ids=np.arange(POINTS),
+        charts=charts,
+        mean=q,
+        cov=np.broadcast_to(1e-6 * np.eye(3), (POINTS, 3, 3)),
+        modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),
+        world_from_ref=world,
+        world_modes=1e-2 * rng.normal(size=(6, MODES)),
+    )
+    frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
+    z = P.project_homogeneous((cams[frame] @ in_reference(charts, q)[point][..., None])[..., 0])
+    views = Views(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)))
+    lin = linearise(P, cams, charts, q, views)
+    system = System(prior, np.arange(POINTS), lin)
+    newest = FRAMES - 1
+    reading = read_structure(system, np.arange(POINTS), charts, q, world, cams[newest], newest)
+    cov = np.linalg.inv(dense_information(system, lin, prior))
+    world_from_cam = world @ se3.inverse(cams[newest])
+    assert np.allclose(reading.world_from_cam, world_from_cam, atol=1e-12)
+
+    def read(delta: np.ndarray) -> np.ndarray:
+        """Pose error, points in the newest camera, points in the world, of a disturbed state."""
+        cam = se3.exp(delta[6 * newest : 6 * newest + 6]) @ cams[newest]
+        in_ref = in_reference(charts, q + delta[6 * FRAMES : -MODES].reshape(POINTS, 3))
+        in_ref = in_ref[:, :3] / in_ref[:, 3:]
+        world_from_ref = world @ se3.exp(prior.world_modes @ delta[-MODES:])
+        xi = se3.log(se3.inverse(world_from_cam) @ world_from_ref @ se3.inverse(cam))
+        in_cam, in_world = se3.transform(cam, in_ref), se3.transform(world_from_ref, in_ref)
+        return np.concatenate([xi, in_cam.ravel(), in_world.ravel()])
+
+    j = np.stack([(read(h) - read(-h)) / 2e-6 for h in 1e-6 * np.eye(SIZE)], axis=1)
+    carried = j @ cov @ j.T
+    blocks = carried[6:, 6:].reshape(2 * POINTS, 3, 2 * POINTS, 3)[range(2 * POINTS), :, range(2 * POINTS), :]
+    for mine, theirs in (
+        (reading.cov_pose, carried[:6, :6]),
+        (reading.cov_points, blocks[:POINTS]),
+        (reading.cov_points_in_world, blocks[POINTS:]),
+    ):
+        assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()

@@ -1,0 +1,52 @@
+"""The pages beside the code: links and names lead somewhere, equations that are cited exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(p for folder in ("", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md"))
+CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
+MATHEMATICS = (ROOT / "stream_sfm/MATHEMATICS.md").read_text(encoding="utf-8")
+NUMBERED = re.compile(r"^    .*\((\d+)\)$", re.MULTILINE)  # an equation stands alone, its number at the end of the line
+CITED = re.compile(r"\beqs?\. \((\d+)\)(?:(?:–| and |, )\((\d+)\))?")
+
+
+def anchor(heading: str) -> str:
+    """What GitHub makes of a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if re.match(r"https?:", target):
+            continue
+        name, _, place = target.partition("#")
+        there = (page.parent / name).resolve() if name else page
+        assert there.exists(), f"{page.name} links to {target}"
+        if place:
+            headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.MULTILINE)
+            assert place in map(anchor, headings), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_files_that_are_named_exist(page: Path) -> None:
+    """Names with a folder and a suffix; from the page, the root or the package."""
+    names = re.findall(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|json|mcap|png))`", page.read_text(encoding="utf-8"))
+    for name in names:
+        if not name.startswith(("runs/", "DIR/")):
+            bases = (page.parent, ROOT, ROOT / "stream_sfm")
+            assert any((base / name).exists() for base in bases), f"{page.name} names {name}"
+
+
+def test_equations_are_numbered_in_order_and_cited_ones_exist() -> None:
+    numbers = [int(n) for n in NUMBERED.findall(MATHEMATICS)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    cited = {}
+    for path in CODE:
+        for match in CITED.finditer(path.read_text(encoding="utf-8")):
+            cited |= {int(n): path.name for n in match.groups() if n}
+    assert cited, "no docstring cites an equation"
+    assert set(cited) <= set(numbers), {n: where for n, where in cited.items() if n not in numbers}
