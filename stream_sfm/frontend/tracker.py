@@ -221,7 +221,8 @@ class FrontEnd:
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         gradients = self.atlas.store(pair.left, corners, free)
         facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
-        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - self.rows.difference(corners.astype(float))], axis=1)
+        rows = self.rows.difference(corners.astype(float))
+        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - rows], axis=1)
         right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
         ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
         corners, free, gradients = corners[ok], free[ok], gradients[ok]

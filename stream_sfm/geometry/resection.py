@@ -126,7 +126,7 @@ class _Problem:
             spread = max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
             width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
             cam_from_ref, moved, _ = self.step(cam_from_ref, j, r, 1 / (1 + s2 / width))
-            if moved < 1e-2 and (k > 1 or spread < 2):
+            if moved < 0.3 and (k > 1 or spread < 2):
                 break
             if k % 3 == 2:
                 root, j = self.linearise(cam_from_ref)
@@ -139,7 +139,7 @@ class _Problem:
             cam_from_ref, moved, h = self.step(cam_from_ref, j, r, accepted.astype(float))
             r, s2 = self.residuals(cam_from_ref, root)
             before, accepted = accepted, s2 < self.gate
-            if moved < 1e-3 and (before == accepted).all():
+            if moved < 1e-2 and (before == accepted).all():
                 break
         cov, ok = _inverse(h)
         dof = int(self.sides[accepted].sum()) - 6
