@@ -20,7 +20,7 @@ from .mesh import Mesh
 
 _REACH = 2  # voxels on either side of the surface
 _VOXEL_FOOTPRINTS = 2.0  # edge of a voxel: so many pixels at the median depth …
-_VOXEL_STD = 0.5  # … and no finer than this share of the median σ
+_VOXEL_STD = 0.75  # … and no finer than this share of the median σ
 _MAX_STD_VOXELS = 3.0  # less certain pixels would be cut off by the reach
 _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 _COLUMNS = 7
@@ -89,9 +89,9 @@ class Fusion:
         seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
         keys, sums = self._keys[seen], sums[seen]
         weight = sums[:, _WEIGHT]
-        means = sums / weight[:, None]
-        attributes = np.column_stack([means[:, _COLOUR], 1 / weight + means[:, _SHARED]])
-        surface = isosurface(keys, means[:, _DISTANCE], attributes)
+        variance = (1 + sums[:, _SHARED]) / weight
+        attributes = np.column_stack([sums[:, _COLOUR] / weight[:, None], variance])
+        surface = isosurface(keys, sums[:, _DISTANCE] / weight, attributes)
         return Mesh(
             ((surface.points + 0.5) * (self.voxel_m or 1.0)).astype(np.float32),
             surface.faces,

@@ -32,11 +32,10 @@ class Isosurface:
 
 def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[np.floating]) -> Isosurface:
     """Of ascending voxel keys (v,), signed distances (v,) and attributes (v, k)."""
-    rows = np.stack([find(keys, keys + corner @ AXES) for corner in _CORNERS], axis=1)
-    whole = (rows >= 0).all(axis=1)
+    rows, cells = _whole_cells(keys)
     inside = distances[rows] < 0
-    crossed = whole & (inside.any(axis=1) != inside.all(axis=1))
-    rows, cells = rows[crossed], keys[crossed]
+    crossed = inside.any(axis=1) != inside.all(axis=1)
+    rows, cells = rows[crossed], cells[crossed]
 
     values = distances[rows].astype(float)
     sums, count = np.zeros((len(cells), 3)), np.zeros((len(cells), 1))
@@ -54,6 +53,17 @@ def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[
         normals,
         attributes[rows].mean(axis=1) if len(rows) else np.zeros((0, attributes.shape[1])),
     )
+
+
+def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
+    """Rows (n, 8) of the corners of the cells whose corners are all there, and the cells' keys (n,)."""
+    cells = keys
+    rows: list[NDArray[np.int32]] = []
+    for corner in _CORNERS:
+        row = find(keys, cells + corner @ AXES).astype(np.int32)
+        there = row >= 0
+        cells, rows = cells[there], [r[there] for r in (*rows, row)]
+    return np.stack(rows, axis=1), cells
 
 
 def _faces(keys: Keys, distances: NDArray[np.floating], cells: Keys) -> NDArray[np.int32]:
