@@ -53,19 +53,13 @@ class Fusion:
             certain = (std_noise < _MAX_STD_VOXELS * self.voxel_m) & (depth < _REACH * p.f_px * self.voxel_m)
         if not certain.any():
             return
-        cosine = cosine_of_incidence(p, self._rays, found.disparity_px)
         self.frames += 1
-        surface = se3.transform(world_from_rect, self._rays[certain] * depth[certain][:, None])
-        keys = voxels.grown(voxels.distinct(voxels.keys_of(surface, self.voxel_m)), _REACH)
-
-        points = se3.transform(se3.inverse(world_from_rect), self._centres(keys))
-        front = points[:, 2] > self.voxel_m
-        keys, points = keys[front], points[front]
-        u, v = np.rint(p.project(points)[:, :2]).astype(np.int64).T
-        inside = (u >= 0) & (u < p.width) & (v >= 0) & (v < p.height)
-        keys, points, u, v = keys[inside], points[inside], u[inside], v[inside]
-        along_ray = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
-        distance = along_ray * cosine[v, u]
+        surface = self._rays[certain] * depth[certain][:, None]
+        keys, points, (u, v) = self._voxels_in_view(surface, world_from_rect)
+        # along the ray, and by the cosine the distance to the surface's plane: on a road seen at a grazing angle the
+        # next voxel below is metres away along the ray
+        distance = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
+        distance *= cosine_of_incidence(p, self._rays, found.disparity_px)[v, u]
         near = certain[v, u] & (np.abs(distance) < _REACH * self.voxel_m)
         keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
 
@@ -107,8 +101,19 @@ class Fusion:
         footprint = _VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px
         return float(max(footprint, _VOXEL_STD * np.nanmedian(std_noise)))
 
-    def _centres(self, keys: voxels.Keys) -> Array:
-        return np.asarray((voxels.cells_of(keys) + 0.5) * self.voxel_m)
+    def _voxels_in_view(
+        self, surface: Array, world_from_rect: Array
+    ) -> tuple[voxels.Keys, Array, NDArray[np.int64]]:
+        """Voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
+        p = self.projection
+        seen = voxels.keys_of(se3.transform(world_from_rect, surface), self.voxel_m)
+        keys = voxels.grown(voxels.distinct(seen), _REACH)
+        centres = se3.transform(se3.inverse(world_from_rect), (voxels.cells_of(keys) + 0.5) * self.voxel_m)
+        front = centres[:, 2] > self.voxel_m
+        keys, centres = keys[front], centres[front]
+        u, v = pixels = np.rint(p.project(centres)[:, :2]).astype(np.int64).T
+        inside = (u >= 0) & (u < p.width) & (v >= 0) & (v < p.height)
+        return keys[inside], centres[inside], pixels[:, inside]
 
     def _accumulate(self, keys: voxels.Keys, sums: NDArray[np.float32]) -> None:
         at = voxels.find(self._keys, keys)
