@@ -25,6 +25,7 @@ from .templates import TemplateAtlas
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
+_HALF_PATCH_PX = 0.5  # between the matches of a whole patch and of its inner half
 
 
 _FEW = 8  # with fewer points something is wrong with the images
@@ -235,6 +236,7 @@ class FrontEnd:
         right[slanted], aligned, error[slanted] = self.atlas.align(mosaics, pair.right, right[slanted])
         ok = error < cfg.max_grey_error
         ok[slanted] &= aligned
+        ok &= self._of_one_depth(pair, left, right)
         self.rows.learn(left[ok], (left - right)[ok, 1])
         right[:, 1] += self.rows.difference(left)
         ok &= self._on_row(left, right)
@@ -259,6 +261,26 @@ class FrontEnd:
         self.next_id += n
         self.tracks = self.tracks.joined(new)
         return z[ok], cov[ok]
+
+    def _of_one_depth(self, pair: _Pair, left: Array, right: Array) -> NDArray[np.bool_]:
+        """Whether the inner half of each patch, by itself, is found where the whole patch was: one that lies across a
+        depth edge follows the stronger side, and its centre is given the depth of the other."""
+        if not len(left):
+            return np.zeros(0, bool)
+        half = self.config.window_radius_px // 2 * 2 + 1
+        start = np.ascontiguousarray(right, np.float32).reshape(-1, 1, 2)
+        at, status, _ = cv2.calcOpticalFlowPyrLK(
+            pair.left,
+            pair.right,
+            np.ascontiguousarray(left, np.float32).reshape(-1, 1, 2),
+            start.copy(),
+            winSize=(half, half),
+            maxLevel=0,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        moved = np.where(status > 0, np.asarray(at)[:, 0] - start[:, 0], np.inf)
+        return np.asarray(np.linalg.norm(moved, axis=1) < _HALF_PATCH_PX)
 
     def _coarse(self, pair: _Pair) -> tuple[_Pair, float]:
         """The pair at no more than 800 columns, and its scale: corners of the size of a patch are found there, and a
