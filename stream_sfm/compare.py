@@ -21,14 +21,13 @@ from .evaluation.structure import StructureComparison, structure_errors
 from .frontend.rectify import Rectifier
 from .frontend.tracker import FrontEnd
 from .recording import StereoLog, StereoPair
-from .recording.images import GreyScaler, decode_grey
 from .recording.thumbnails import jpeg
 from .report.records import Comparison, FrontRecord, MethodRun, Snapshot
 from .run import Sink, signals_noted
 from .types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
+from .way_back import TOO_LONG, WayBack
 
 COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
-RETURN_LIMIT_BYTES = 256 * 2**20  # recorded bytes kept for the way back
 _SNAPSHOT_WIDTH = 560
 _GAP = 1.6  # of the usual time between frames
 
@@ -86,17 +85,14 @@ def compare(
     pass_ = _Pass(log, config, methods, make_sink or (lambda _: []))
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
-    kept: list[StereoPair] | None = [] if back else None
-    kept_bytes = 0
+    way_back = WayBack() if back else None
     problems: list[str] = []
     with signals_noted() as signals:
         try:
             for pair, frame, seconds in _timed(log, selection):
                 estimates = pass_.forward(frame, seconds)
-                if kept is not None:
-                    kept.append(pair)
-                    kept_bytes += len(pair.left.data) + len(pair.right.data)
-                    kept = kept if kept_bytes <= RETURN_LIMIT_BYTES else None
+                if way_back is not None:
+                    way_back.keep(pair)
                 if on_frame is not None and estimates:
                     on_frame(next(iter(estimates.values())))
                 if signals:
@@ -108,13 +104,9 @@ def compare(
             problems.append(str(error))
         finally:
             pass_.close()
-    note = "not done: the log has ground truth" if not back else ""
-    if problems and back:
-        note = f"not done: {problems[0]}"
-    elif kept is not None:
-        note = pass_.way_back(kept)
-    elif back:
-        note = f"not done: the recorded images are more than {RETURN_LIMIT_BYTES // 2**20} MiB"
+    note = "not done: the log has ground truth"
+    if way_back is not None:
+        note = f"not done: {problems[0]}" if problems else pass_.way_back(way_back)
     return Comparison(
         log=Path(log.path).name,
         rig=log.rig,
@@ -207,23 +199,23 @@ class _Pass:
         self.next_index += 1
         return local
 
-    def way_back(self, pairs: list[StereoPair]) -> str:
-        """Feed the frames backwards, stamps mirrored at the last; returns what to say about it."""
-        scaler = GreyScaler()
-        turn_ns = self.stamps[-1]
+    def way_back(self, way_back: WayBack) -> str:
+        """Feed the frames backwards; returns what to say about it."""
+        if way_back.too_long:
+            return f"not done: {TOO_LONG}"
+        there = self.next_index
         for runner in self.runners:
             runner.where = " (on the way back)"
-        for pair in reversed(pairs[:-1]):
-            images = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
-            left, right = self.rectifier.rectify(*images)
-            obs = self.frontend.step(self.next_index, 2 * turn_ns - pair.stamp_ns, left, right)
+        for _, frame in way_back.frames():
+            left, right = self.rectifier.rectify(frame.left, frame.right)
+            obs = self.frontend.step(self.next_index, frame.stamp_ns, left, right)
             self.next_index += 1
             for runner in self.runners:
                 solved = runner.solve(obs)
                 if solved is not None:
                     estimate = in_camera_axes(solved[0], obs, self.rectifier, {})
                     runner.run.back.append(estimate.world_from_cam)
-        return f"{len(pairs)} frames there, {len(pairs) - 1} back"
+        return f"{there} frames there, {there - 1} back"
 
     def close(self) -> None:
         """Finish the sinks."""

@@ -7,7 +7,7 @@ they occur. In each case the estimates so far are written, and summary.json says
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +27,7 @@ from .recording.estimates import EstimatesWriter
 from .recording.part_file import PartFile
 from .recording.trajectory_files import KittiWriter, TumWriter
 from .types import FrameEstimate, StereoFrame, StereoRig, Trajectory
+from .way_back import TOO_LONG, WayBack, closure, there_and_back
 
 if TYPE_CHECKING:
     from .viewer.sink import Picture, RerunSink
@@ -73,6 +74,7 @@ def replay(
     end_s: float | None = None,
     max_frames: int | None = None,
     stride: int = 1,
+    return_too: bool = False,
     on_frame: Callable[[FrameEstimate], None] | None = None,
     sinks: Sequence[Sink] = (),
     viewer: "RerunSink | None" = None,
@@ -80,7 +82,8 @@ def replay(
     """Estimate the frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration` as in `open_log`; `start_s`, `end_s`, `max_frames`, `stride` as in
-    `StereoLog.frames`. `on_frame` sees each estimate; further `sinks` and the `viewer`, which is
+    `StereoLog.frames`. `return_too`: then the same frames backwards, and how far the run ends from where it began
+    in the summary (`there_and_back`). `on_frame` sees each estimate; further `sinks` and the `viewer`, which is
     given the recorded images too, are closed at the end. Memory does not grow
     with the images of the log, only by some 600 bytes a frame. Raises ConfigError, LogError where not one frame
     could be estimated, OutputError, ReplayInterrupted.
@@ -89,6 +92,9 @@ def replay(
         log = open_log(log, left, right, calibration)
     run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks), viewer)
     frames = log.decoded(start_s, end_s, max_frames, stride)
+    if return_too:
+        run.way_back = WayBack()
+        frames = there_and_back(frames, run.way_back)
     whole = start_s is None and end_s is None and max_frames is None and stride == 1
     with signals_noted() as signals:
         problem = run.through(frames, on_frame, signals)
@@ -117,11 +123,12 @@ class _Replay:
         self.structure: StructureComparison | None = StructureComparison(log.rig.left, log.depths())
         self.warnings: list[str] = []
         self.complete = True
+        self.way_back: WayBack | None = None
         self.cpu_began_s = time.process_time()
 
     def through(
         self,
-        frames: Iterator[tuple[StereoPair, StereoFrame]],
+        frames: Generator[tuple[StereoPair, StereoFrame], None, None],
         on_frame: Callable[[FrameEstimate], None] | None,
         signals: list[int],
     ) -> BaseException | None:
@@ -156,9 +163,7 @@ class _Replay:
             self.warnings.append(f"the run was ended by {type(error).__name__}: {error}")
             return error
         finally:
-            close = getattr(frames, "close", None)
-            if close is not None:
-                close()
+            frames.close()
         if not self.account.stamps_ns and self.account.first_refusal is not None:
             return LogError(f"{self.log.path}: no frame could be used: {self.account.first_refusal}")
         return None
@@ -229,6 +234,10 @@ class _Replay:
             "cpu_s": cpu_s,
             "peak_rss_mib": peak_rss_mib(),
         }
+        if self.way_back is not None:
+            if self.way_back.too_long:
+                summary["warnings"].append(f"no way back: {TOO_LONG}; take fewer with --max-frames")
+            summary["there_and_back"] = None if self.way_back.too_long or interrupted else closure(trajectory)
         if truth is not None:
             summary["ground_truth"] = evaluate(trajectory, truth, self.structure)
         return summary

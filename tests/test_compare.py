@@ -180,7 +180,7 @@ def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.compare.RETURN_LIMIT_BYTES", 10_000)
+    monkeypatch.setattr("stream_sfm.way_back.RETURN_LIMIT_BYTES", 10_000)
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
     found = compare(log, Config(), ("frame-to-frame",), Selection())
     assert "not done" in found.return_note and not found.runs[0].back

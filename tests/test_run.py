@@ -248,3 +248,25 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
     for folder in (first, second):
         point_latest_to(folder)
         assert (tmp_path / "runs" / "latest").resolve() == folder.resolve()
+
+
+def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
+    """Twice the frames less one; the mirrored stamps go on ascending; what it is off is in the summary."""
+    result = replay(ROOM, tmp_path / "out", max_frames=12, return_too=True)
+    assert len(result.trajectory) == 23
+    steps = np.diff(result.trajectory.stamps_ns)
+    assert (steps > 0).all() and (steps[:11] == steps[:10:-1]).all()
+    found = result.summary["there_and_back"]
+    there = result.trajectory.world_from_cam[:12, :3, 3]
+    length = np.linalg.norm(np.diff(there, axis=0), axis=1).sum()
+    assert found["path_length_m"] == pytest.approx(2 * length, rel=0.05)
+    assert found["end_position_m"] == pytest.approx(np.linalg.norm(result.trajectory.world_from_cam[-1, :3, 3]))
+    std_end = np.sqrt(np.trace(result.trajectory.cov_pose[-1][:3, :3]))
+    assert found["end_position_m"] < 4 * std_end
+
+
+def test_a_way_back_that_is_too_long_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.way_back.RETURN_LIMIT_BYTES", 10_000)
+    summary = replay(ROOM, max_frames=3, return_too=True).summary
+    assert summary["there_and_back"] is None
+    assert any("way back" in w for w in summary["warnings"])

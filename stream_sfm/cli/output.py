@@ -38,7 +38,8 @@ def frames_to_come(expected: int | None, args: argparse.Namespace) -> int | None
     """How many frames the bar should expect; None where it is not known."""
     if args.start is not None or args.end is not None or expected is None:
         return int(args.max_frames) if args.max_frames else None
-    return min(-(-expected // args.stride), args.max_frames or expected)
+    frames: int = min(-(-expected // args.stride), args.max_frames or expected)
+    return 2 * frames - 1 if getattr(args, "there_and_back", False) else frames
 
 
 @contextmanager
@@ -109,6 +110,12 @@ def print_replay(result: "ReplayResult", args: argparse.Namespace) -> None:
             )
     memory = f"{_number(summary['peak_rss_mib'], '.0f')} MiB"
     table.add_row("speed, CPU, memory", f"{summary['frames_per_s']:.1f} /s, {summary['cpu_s']:.1f} s, {memory}")
+    if back := summary.get("there_and_back"):
+        table.add_row(
+            "there and back",
+            f"ends {back['end_position_m']:.4g} m from where it began, {back['end_drift_percent']:.3g} % of "
+            f"{back['path_length_m']:.4g} m",
+        )
     for label, text in _truth_rows(summary.get("ground_truth")):
         table.add_row(label, text)
     table.add_row("results", escape(str(result.out_dir)))

@@ -22,6 +22,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--out", metavar="DIR", help="folder of the results (default runs/<log>-<time>)")
     arguments.add_method(parser)
     arguments.add_selection(parser)
+    parser.add_argument(
+        "--there-and-back",
+        action="store_true",
+        help="then the same frames backwards: the drift of a log without ground truth",
+    )
     arguments.add_configuration(parser)
     parser.add_argument("--rrd", metavar="FILE", help="write a recording for the Rerun viewer")
     parser.add_argument("--view", action="store_true", help="show the run in the Rerun viewer")
@@ -62,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
                 end_s=args.end,
                 max_frames=args.max_frames,
                 stride=args.stride,
+                return_too=args.there_and_back,
                 on_frame=tell,
                 viewer=viewer,
             )

@@ -117,7 +117,7 @@ class StereoLog:
         end_s: float | None = None,
         max_frames: int | None = None,
         stride: int = 1,
-    ) -> Iterator[tuple[StereoPair, StereoFrame]]:
+    ) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
         """As `frames`, each with the recorded bytes it came from.
 
         Left and right are decoded at the same time, one frame ahead of the consumer.
