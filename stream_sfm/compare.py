@@ -139,7 +139,8 @@ class _Pass:
     def __init__(
         self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], list[Sink]]
     ) -> None:
-        self.rectifier = Rectifier(log.rig)
+        with log.named():
+            self.rectifier = Rectifier(log.rig)
         projection = self.projection = self.rectifier.projection
         self.frontend = FrontEnd(projection, config, self.rectifier.valid)
         self.front = FrontRecord()

@@ -2,6 +2,7 @@
 
     StreamSfmError
     ├── ConfigError        a setting, a calibration file or an argument is wrong      (exit code 2)
+    │   └── RigError       no image can be rectified by this calibration
     ├── InputError         a log or a frame cannot be used                            (exit code 3)
     │   ├── LogError       the file is not a log, is damaged, or holds no stereo pair
     │   └── FrameError     one frame is unusable: type, shape, stamp
@@ -22,6 +23,10 @@ class ConfigError(StreamSfmError):
     """A setting, a calibration file or an argument is wrong."""
 
     exit_code = 2
+
+
+class RigError(ConfigError):
+    """No image can be rectified by this calibration; of a log's own one the log is told (LogError)."""
 
 
 class InputError(StreamSfmError):

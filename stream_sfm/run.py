@@ -118,7 +118,8 @@ class _Replay:
         viewer: "RerunSink | None",
     ) -> None:
         self.log, self.out_dir, self.config, self.sinks, self.viewer = log, out_dir, config, sinks, viewer
-        self.engine = Engine(log.rig, config)
+        with log.named():
+            self.engine = Engine(log.rig, config)
         self.account = Account()
         self.structure: StructureComparison | None = StructureComparison(log.rig.left, log.depths())
         self.warnings: list[str] = []

@@ -81,7 +81,8 @@ def surface_of_frame(log: StereoLog, frames: Frames, number: int, config: Config
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path}: there is no frame {number}, the last one is {read - 1}")
-    view = DenseView(Rectifier(log.rig), config)
+    with log.named():
+        view = DenseView(Rectifier(log.rig), config)
     found, picture = view.see(*wanted)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
+from ..errors import RigError
 from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Camera, StereoRig
@@ -20,7 +20,7 @@ _MIN_FOCAL_SHARE = 0.9
 class Rectifier:
     """`projection` of the rectified pair; `rect_from_cam` (3, 3): its axes from the physical left camera's.
 
-    Raises ConfigError where left and right are exchanged.
+    Raises RigError where left and right are exchanged, or where the calibration leaves no image.
     """
 
     def __init__(self, rig: StereoRig) -> None:
@@ -28,7 +28,7 @@ class Rectifier:
         right_in_left = -rotation.T @ translation
         x = right_in_left / np.linalg.norm(right_in_left)
         if x[0] < -0.5:
-            raise ConfigError(
+            raise RigError(
                 f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
                 "exchange left and right (--left, --right), or the sign of the baseline in the calibration"
             )
@@ -43,7 +43,7 @@ class Rectifier:
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         spans = np.mean([e[1] - e[0] for e in extents], axis=0)
         if not (spans > 0).all():  # false for NaN too
-            raise ConfigError(
+            raise RigError(
                 f"K and the distortion coefficients {list(rig.left.D)} and {list(rig.right.D)} leave no image: "
                 "are they of these cameras, in OpenCV's order?"
             )

@@ -2,19 +2,20 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError
+from ..errors import LogError, RigError
 from ..types import StereoFrame, StereoRig, Trajectory
 from .ground_truth import depth_topic, read_depths, read_truth, truth_topic
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .records import Damage, LogFile
-from .rig import check_sides
+from .rig import CURE, check_sides
 from .rig_finder import find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_pair
@@ -93,6 +94,14 @@ class StereoLog:
     def stats(self) -> ReadStats:
         """What the latest reading met; final when its iterator has ended."""
         return self._reader.stats
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Within, a RigError becomes a LogError that names this log."""
+        try:
+            yield
+        except RigError as error:
+            raise LogError(f"{self.path}: {error} Or {CURE}") from None
 
     def pairs(self) -> Generator[StereoPair, None, None]:
         """All pairs in ascending order of stamps, not decoded; see `PairReader.pairs`."""
