@@ -12,7 +12,7 @@ from .errors import OutputError
 from .evaluation import evaluate
 from .recording import StereoLog
 from .recording.estimates import EstimatesWriter
-from .recording.part_file import PartFile
+from .recording.part_file import json_bytes, write_whole
 from .recording.trajectory_files import KittiWriter, TumWriter
 from .report.page import write_report
 from .report.records import Comparison, MethodRun
@@ -53,8 +53,7 @@ def compare_into(
     for run in comparison.runs:
         if run.poses:
             summary = _summary(comparison, run, log, counts[run.name].account, selection is None)
-            text = msgspec.json.format(msgspec.json.encode(summary), indent=2)
-            _write(folder / run.key / "summary.json", text + b"\n")
+            write_whole(folder / run.key / "summary.json", json_bytes(summary))
     return comparison, write_report(comparison, folder)
 
 
@@ -72,7 +71,7 @@ class _Folder:
                 self._path.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise OutputError(f"cannot make the folder {self._path}: {error.strerror}") from None
-            _write(self._path / "config.toml", config_to_toml(self._config).encode())
+            write_whole(self._path / "config.toml", config_to_toml(self._config).encode())
             self._sinks = [
                 EstimatesWriter(self._path / "estimates.mcap", self._log.rig, self._config),
                 TumWriter(self._path / "trajectory.tum"),
@@ -103,9 +102,3 @@ def _summary(c: Comparison, run: MethodRun, log: StereoLog, account: Account, wh
 
 def _with(config: Config, method: str) -> Config:
     return msgspec.structs.replace(config, method=method)
-
-
-def _write(path: Path, data: bytes) -> None:
-    file = PartFile(path)
-    file.write(data)
-    file.close()

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +23,7 @@ from .errors import ConfigError, FrameError, InputError, LogError, OutputError
 from .evaluation import StructureComparison, evaluate
 from .recording import ImageMessage, StereoLog, StereoPair, open_log
 from .recording.estimates import EstimatesWriter
-from .recording.part_file import PartFile
+from .recording.part_file import json_bytes, write_whole
 from .recording.trajectory_files import KittiWriter, TumWriter
 from .types import FrameEstimate, StereoFrame, StereoRig, Trajectory
 from .way_back import TOO_LONG, WayBack, closure, there_and_back
@@ -181,7 +180,7 @@ class _Replay:
             out_dir.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder {out_dir}: {error.strerror}") from None
-        _write_text(out_dir / "config.toml", config_to_toml(self.config))
+        write_whole(out_dir / "config.toml", config_to_toml(self.config).encode())
         self.sinks.append(EstimatesWriter(out_dir / "estimates.mcap", self.log.rig, self.config))
         self.sinks.append(TumWriter(out_dir / "trajectory.tum"))
         self.sinks.append(KittiWriter(out_dir / "trajectory.kitti"))
@@ -206,9 +205,8 @@ class _Replay:
         trajectory = self.account.trajectory()
         summary = self._summary(trajectory, whole, interrupted)
         if self.out_dir is not None and self.account.stamps_ns:
-            text = msgspec.json.format(msgspec.json.encode(summary), indent=2).decode() + "\n"
             try:
-                _write_text(self.out_dir / "summary.json", text)
+                write_whole(self.out_dir / "summary.json", json_bytes(summary))
             except OutputError as error:
                 failures.append(error)
         if failures and problem is None:
@@ -273,12 +271,6 @@ def check_selection(start_s: float | None, end_s: float | None) -> None:
 def _picture(recorded: ImageMessage, decoded: NDArray[np.uint8]) -> "Picture":
     """For the viewer: compressed bytes as they were recorded; of a raw image the grey one."""
     return recorded.data if recorded.compressed else decoded
-
-
-def _write_text(path: Path, text: str) -> None:
-    file = PartFile(path)
-    file.write(text.encode())
-    file.close()
 
 
 @contextmanager

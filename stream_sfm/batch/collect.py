@@ -13,7 +13,7 @@ from .. import __version__
 from ..config import Config, config_to_toml
 from ..errors import ConfigError, OutputError
 from ..estimators import METHODS
-from ..recording.part_file import PartFile
+from ..recording.part_file import json_bytes, write_whole
 from ..report.batch_page import render_batch
 from ..run import signals_noted
 from .job import Job, Outcome, read_summary, run_job
@@ -73,11 +73,8 @@ def run_batch(
             for job, outcome in zip(jobs, outcomes, strict=True)
         ],
     }
-    text = msgspec.json.format(msgspec.json.encode(content), indent=2)
-    for name, data in ((RECORD, text + b"\n"), (PAGE, render_batch(content, out).encode())):
-        file = PartFile(out / name)
-        file.write(data)
-        file.close()
+    write_whole(out / RECORD, json_bytes(content))
+    write_whole(out / PAGE, render_batch(content, out).encode())
     return content
 
 

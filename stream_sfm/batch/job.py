@@ -20,7 +20,7 @@ import msgspec
 from .. import __version__
 from ..errors import InputError
 from ..executors import ONE_THREAD
-from ..recording.part_file import PartFile
+from ..recording.part_file import json_bytes, write_whole
 
 RESULTS = ("estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml")
 _RECORD, _ERRORS = "job.json", "stderr.txt"
@@ -83,9 +83,7 @@ def run_job(job: Job) -> Outcome:
         status, reason = _replay(job)
         seconds = time.monotonic() - began
         outcome = _outcome(job, status, reason, seconds=seconds, log_sha256=log_sha256, key=key)
-        record = PartFile(job.folder / _RECORD)
-        record.write(msgspec.json.format(msgspec.json.encode(outcome), indent=2) + b"\n")
-        record.close()
+        write_whole(job.folder / _RECORD, json_bytes(outcome))
     except OSError as error:
         return _outcome(job, "failed", f"{error.filename or job.log}: {error.strerror}")
     return outcome

@@ -16,7 +16,6 @@ from . import batch, compare, config, import_, inspect, replay, simulate, surfac
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, simulate, config)
 EXIT_DEFECT = 1
-EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 _DEBUG_HELP = "show the traceback of an error"
 

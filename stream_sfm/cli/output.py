@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from ..recording.part_file import json_bytes
 
 if TYPE_CHECKING:
     from ..run import ReplayResult
@@ -79,7 +80,7 @@ def counter(label: str, total: int, quiet: bool = False) -> Iterator[Callable[..
 
 def print_json(value: Any) -> None:
     """One JSON object; NaN and infinity become null."""
-    print(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())
+    print(json_bytes(value).decode(), end="")
 
 
 def print_replay(result: "ReplayResult", args: argparse.Namespace) -> None:

@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
     from ..errors import OutputError
     from ..executors import cluster, processes
+    from ..recording.part_file import json_bytes, write_whole
     from ..simulation import figure6, figures, rates, studies
     from . import output
 
@@ -57,14 +58,13 @@ def run(args: argparse.Namespace) -> int:
         output.counter(f"simulate {args.experiment}", total) as advance,
     ):
         report = msgspec.to_builtins(study(args.trials, args.seed, executor, advance))
-    text = msgspec.json.format(msgspec.json.encode(report), indent=2)
     try:
-        (folder / "results.json").write_bytes(text + b"\n")
+        write_whole(folder / "results.json", json_bytes(report))
         figures.save(draw(report), folder, args.experiment)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
     if args.json:
-        print(text.decode())
+        output.print_json(report)
     else:
         _print_report(args.experiment, report)
         print(f"results.json, {args.experiment}.png and .svg in {folder}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..recording.part_file import PartFile
+from ..recording.part_file import write_whole
 from .mesh import Mesh
 
 _VERTEX = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -34,7 +34,4 @@ def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
         "property list uchar int vertex_indices",
         "end_header\n",
     ]
-    file = PartFile(path)
-    for part in ("\n".join(header).encode("ascii", "replace"), vertices.tobytes(), faces.tobytes()):
-        file.write(part)
-    file.close()
+    write_whole(path, "\n".join(header).encode("ascii", "replace"), vertices.tobytes(), faces.tobytes())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import pose as se3
 from ..geometry.pose import Array
-from ..recording.part_file import PartFile
+from ..recording.part_file import write_whole
 from .mesh import Mesh
 
 _FIELD_OF_VIEW_RAD = np.deg2rad(45)
@@ -47,9 +47,7 @@ def preview(
 
 def write_png(path: str | Path, picture: NDArray[np.uint8]) -> None:
     """Write a picture (h, w, 3), red green blue. Raises OutputError."""
-    file = PartFile(path)
-    file.write(cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
-    file.close()
+    write_whole(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
 
 
 def _seen_from(mesh: Mesh, azimuth_rad: float, elevation_rad: float, half_view: Array) -> tuple[Array, Array]:

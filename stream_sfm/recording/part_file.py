@@ -1,10 +1,12 @@
-"""Files that appear under their name only when they are whole."""
+"""Files that appear under their name only when they are whole; JSON as all of them hold it."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+import msgspec
 
 from ..errors import OutputError
 
@@ -64,3 +66,16 @@ class PartFile:
                 f"cannot write {self.path}: {error.strerror}; what was written before is in {self.part_path}"
             )
             raise self._failure from None
+
+
+def write_whole(path: str | Path, *parts: bytes) -> None:
+    """Write a file at once. Raises OutputError naming it."""
+    file = PartFile(path)
+    for part in parts:
+        file.write(part)
+    file.close()
+
+
+def json_bytes(value: Any) -> bytes:
+    """Indented JSON and a line end; what is not finite becomes null."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"

@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from ..recording.part_file import PartFile
+from ..recording.part_file import json_bytes, write_whole
 from . import charts, pictures
 from .numbers import numbers, verdict
 from .records import Comparison
@@ -16,11 +14,8 @@ from .traces import trace
 def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
     """Write report.html and report.json to the folder; returns the content of the latter. Raises OutputError."""
     content = numbers(comparison)
-    text = msgspec.json.format(msgspec.json.encode(content), indent=2)
-    for name, data in (("report.json", text + b"\n"), ("report.html", render(comparison, content).encode())):
-        file = PartFile(folder / name)
-        file.write(data)
-        file.close()
+    write_whole(folder / "report.json", json_bytes(content))
+    write_whole(folder / "report.html", render(comparison, content).encode())
     return content
 
 
