@@ -83,9 +83,9 @@ def replay(
     `left`, `right`, `calibration` as in `open_log`; `start_s`, `end_s`, `max_frames`, `stride` as in
     `StereoLog.frames`. `return_too`: then the same frames backwards, and how far the run ends from where it began
     in the summary (`there_and_back`). `on_frame` sees each estimate; further `sinks` and the `viewer`, which is
-    given the recorded images too, are closed at the end. Memory does not grow
-    with the images of the log, only by some 600 bytes a frame. Raises ConfigError, LogError where not one frame
-    could be estimated, OutputError, ReplayInterrupted.
+    given the recorded images too, are closed at the end. Memory grows by some 600 bytes a frame, not with the images
+    of the log; with `return_too` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one
+    frame could be estimated, OutputError, ReplayInterrupted.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)

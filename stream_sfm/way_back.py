@@ -5,6 +5,7 @@ from contextlib import closing
 
 import numpy as np
 
+from .evaluation import path_length_m
 from .geometry import pose as se3
 from .recording import StereoPair
 from .recording.images import GreyScaler, decode_grey
@@ -61,8 +62,7 @@ def closure(trajectory: Trajectory) -> dict[str, float] | None:
     percent.
     """
     poses = trajectory.world_from_cam
-    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    path_m = float(steps.sum())
+    path_m = path_length_m(poses)
     if path_m < 1e-3:
         return None
     end = se3.inverse(poses[0]) @ poses[-1]
