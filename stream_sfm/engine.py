@@ -12,7 +12,9 @@ from .errors import FrameError
 from .estimators import make_estimator
 from .frontend.rectify import Rectifier
 from .frontend.tracker import FrontEnd
+from .geometry import pose as se3
 from .geometry.pose import Array
+from .geometry.stereo import StereoProjection
 from .types import FrameEstimate, Observations, Solution, Status, StereoFrame, StereoRig
 
 
@@ -75,9 +77,9 @@ def in_camera_axes(
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
     The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
-    The disparity bias δ that all views of a point share moves it along its ray, δX = −X Z δ / (f B), eq. (18). Points
-    seen for the first time are not reported yet, but for a map's first frame: one match of left and right may be
-    wrong, and only a second view can tell.
+    Each point's covariance gets the disparity bias that all its views share. Points seen for the first time are not
+    reported yet, but for a map's first frame: one match of left and right may be wrong, and only a second view can
+    tell.
     """
     n = len(observations.track_ids)
     shown = np.ones(len(solution.track_ids), bool)
@@ -87,10 +89,12 @@ def in_camera_axes(
     r = rectifier.rect_from_cam.T  # cam_from_rect
     c = np.eye(4)
     c[:3, :3] = rectifier.rect_from_cam
-    p = rectifier.projection
-    bias = in_cam * (in_cam[:, 2:] * observations.std_bias_px / (p.f_px * p.baseline_m))
-    cov_bias = bias[:, :, None] * bias[:, None, :]
+    cov_bias = bias_covariances(in_cam, observations.std_bias_px, rectifier.projection)
     world_r = solution.world_from_cam[:3, :3]
+    last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
+    ended = se3.transform(se3.inverse(last), solution.ended_points_in_world)
+    cov_ended = bias_covariances(ended, observations.std_bias_px, rectifier.projection)
+    cov_ended = solution.ended_cov_points_in_world + last[:3, :3] @ cov_ended @ last[:3, :3].T
     c_inv = c.T
     r6 = np.zeros((6, 6))
     r6[:3, :3] = r6[3:, 3:] = r
@@ -117,7 +121,7 @@ def in_camera_axes(
         window_world_from_cam=c_inv @ solution.window_world_from_cam @ c,
         ended_ids=solution.ended_ids,
         ended_points_in_world=points(solution.ended_points_in_world),
-        ended_cov_points_in_world=covariances(solution.ended_cov_points_in_world),
+        ended_cov_points_in_world=covariances(cov_ended),
         counts={
             "tracked": n - observations.n_new,
             "new": observations.n_new,
@@ -128,3 +132,9 @@ def in_camera_axes(
         nis_dof=solution.nis_dof,
         timings_ms={name: 1e3 * t for name, t in timings_s.items()},
     )
+
+
+def bias_covariances(points_in_cam: Array, std_bias_px: float, projection: StereoProjection) -> Array:
+    """(n, 3, 3) m²: what an error of disparity that all views of a point share does to points (n, 3), eq. (18)."""
+    moved = points_in_cam * (points_in_cam[:, 2:] * std_bias_px / (projection.f_px * projection.baseline_m))
+    return moved[:, :, None] * moved[:, None, :]

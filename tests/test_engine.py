@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.frontend.noise import BIAS_PX
 from stream_sfm.geometry import pose as se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
@@ -41,6 +42,26 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
     off_wall = se3.transform(wall_from_cam, last.points_in_cam)[:, 2]
     assert np.median(np.abs(off_wall)) < 0.02
     assert np.abs(last.world_from_cam[:3, :3] @ last.world_from_cam[:3, :3].T - np.eye(3)).max() < 1e-12
+
+
+@pytest.mark.parametrize("method", ["cross-frame", "frame-to-frame"])
+def test_points_now_and_ended_keep_the_doubt_that_all_their_views_share(frames, method: str) -> None:
+    engine = sfm.Engine(rig(0.03), sfm.Config(method=method))
+    projection = engine.rectifier.projection
+    shift = BIAS_PX / (projection.f_px * projection.baseline_m)  # of 1/Z
+    count = 0
+    for estimate in map(engine.step, frames):
+        cam = estimate.window_world_from_cam[0]
+        ended = se3.transform(se3.inverse(cam), estimate.ended_points_in_world)
+        cov_ended = cam[:3, :3].T @ estimate.ended_cov_points_in_world @ cam[:3, :3]
+        count += len(ended)
+        for points, cov in ((estimate.points_in_cam, estimate.cov_points), (ended, cov_ended)):
+            distance = np.linalg.norm(points, axis=1)
+            ray = points / distance[:, None]
+            std_m = np.sqrt(np.einsum("ni,nij,nj->n", ray, cov, ray))
+            # the depth of the rectified camera, which is turned by a hundredth or two
+            assert (std_m > 0.98 * distance * points[:, 2] * shift).all()
+    assert count > 10
 
 
 def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
