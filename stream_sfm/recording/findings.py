@@ -8,6 +8,7 @@ from .rig import CURE, right_is_left
 from .topics import PairChoice
 
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
+_NEGATIVE_SHARE = 0.05  # of the matches; logs that are calibrated well have a hundredth of it
 
 
 def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
@@ -38,7 +39,7 @@ def calibration_findings(
     if problems:
         return problems, warnings
     more_problems, more_warnings = row_findings(check)
-    return more_problems, warnings + more_warnings
+    return more_problems, warnings + more_warnings + disparity_warnings(check)
 
 
 def scale_findings(rig: StereoRig) -> Findings:
@@ -106,6 +107,17 @@ def row_findings(check: CalibrationCheck) -> Findings:
     if abs(check.vertical_px) > 0.5 or check.vertical_spread_px > 0.8:
         return [], [f"{text}: the calibration is not accurate, or the cameras are not triggered together"]
     return [], []
+
+
+def disparity_warnings(check: CalibrationCheck) -> list[str]:
+    """Matches that would lie beyond infinity, too few for cameras that are swapped."""
+    if not check.negative_share > _NEGATIVE_SHARE:  # NaN too
+        return []
+    return [
+        f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond infinity: "
+        "the angle between the cameras (rotation of right_from_left, or R) or a principal point (cx) is wrong, and "
+        "all depths with it"
+    ]
 
 
 def offset_warning(offset_ms: float, period_ms: float, right: str) -> str | None:

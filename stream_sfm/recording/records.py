@@ -74,7 +74,9 @@ class LogFile:
         except UnicodeEncodeError:  # it could not be named in any result
             raise LogError(f"{str(self.path)!a}: the name of the file is not UTF-8: rename it") from None
         if self.path.is_dir():
-            raise LogError(f"{self.path} is a folder: give the .mcap file in it")
+            raise LogError(
+                f"{self.path} is a folder: give a log (.mcap); `stream-sfm import` makes one of folders of images"
+            )
         with self._open() as stream:
             try:
                 self.size = os.fstat(stream.fileno()).st_size

@@ -94,6 +94,16 @@ def test_a_baseline_of_the_wrong_sign(file, frames):
     assert "swapped" not in problem
 
 
+def test_an_angle_between_the_cameras_that_the_calibration_has_not(file):
+    """Cameras that converge, calibrated as parallel: what is far has negative disparity."""
+    wall, stereo = Wall(5), rig(0.062)
+    frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(path(4))]
+    found = inspect_log(write(file, frames))
+    assert 0.05 < found["calibration_check"]["negative_share"] < 0.5 and found["problems"] == []
+    assert any("negative disparity" in w and "angle between the cameras" in w for w in found["warnings"])
+    assert inspect_log(write(file, frames, calibration_of(stereo, "plumb_bob")))["warnings"] == []
+
+
 def test_half_size_images_with_the_calibration_of_the_full_size(file, frames):
     (problem,) = inspect_log(write(file, frames, size=(160, 120)))["problems"]
     assert "images are 160×120, the calibration is for 320×240" in problem and "resized by 0.5" in problem
