@@ -1,4 +1,8 @@
-"""Accuracy and consistency of a trajectory against ground truth: pure functions on `Trajectory`."""
+"""Accuracy and consistency of a trajectory against ground truth: pure functions on `Trajectory`.
+
+The definitions are in stream_sfm/MATHEMATICS.md, section 10. Not here: files and plots (`report/`), simulated scenes,
+whose truth is known by track id (`simulation/measure.py`).
+"""
 
 from .association import matched
 from .ate import ate_rmse_aligned_m, ate_rmse_m

@@ -1,4 +1,7 @@
-"""Rerun: one sink for replays and for robots that run. Rerun itself is imported when a viewer is opened."""
+"""Rerun: one sink for replays and for robots that run. Rerun itself is imported when a viewer is opened.
+
+Not here: the HTML pages (`report/`).
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
