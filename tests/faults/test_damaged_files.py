@@ -184,3 +184,18 @@ def test_unknown_records_are_passed_over(container: str, path: Path):
     path.write_bytes(data[:head] + struct.pack("<BQ4s", 0x80, 4, b"mine") + data[head:])
     found, _, complete = read(path)
     assert len(found) == 12 and complete
+
+
+def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(path: Path):
+    log = LogWriter(path)
+    bare = log.writer.register_channel("/camera/left/image_raw", "json", 0)
+    for n in range(4):
+        time = START_NS + n * PERIOD_NS
+        log.writer.add_message(bare, time, b"{}", time)
+        for side, topic in enumerate(Spec.topics):
+            write_image(log, "foxglove", topic, time, scene(n, side), "png")
+    log.close()
+    rig = sfm.open_log(write_log(path.with_name("whole.mcap"))).rig
+    assert len(list(sfm.open_log(path, calibration=rig).frames())) == 4
+    with pytest.raises(sfm.LogError, match="/camera/left/image_raw is no image topic"):
+        sfm.open_log(path, left="/camera/left/image_raw", right=Spec.topics[1], calibration=rig)
