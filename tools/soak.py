@@ -43,14 +43,13 @@ def simulated(sequence: Sequence) -> Iterator[Observations]:
     born = 0
     bounds = np.searchsorted(sequence.frame, np.arange(len(sequence.world_from_cam) + 1))
     for index, k in enumerate(there_and_back(len(sequence.world_from_cam))):
-        tracks = sequence.track[bounds[k] : bounds[k + 1]]
-        new = [t for t in tracks.tolist() if t not in ids]
-        ids = {t: ids[t] for t in tracks.tolist() if t in ids} | {t: born + i for i, t in enumerate(new)}
+        tracks = sequence.track[bounds[k] : bounds[k + 1]].tolist()
+        present = set(tracks)
+        new = {t: born + i for i, t in enumerate(t for t in tracks if t not in ids)}
+        ids = {t: number for t, number in ids.items() if t in present} | new  # ascending: new ones come last
         born += len(new)
-        seen = np.array(list(ids), dtype=np.intp)  # in the order of their ids
-        exact = physical_views(
-            se3.transform(se3.inverse(sequence.world_from_cam[k]), sequence.points_in_world[seen])
-        )
+        cam_from_world = se3.inverse(sequence.world_from_cam[k])
+        exact = physical_views(se3.transform(cam_from_world, sequence.points_in_world[list(ids)]))
         z, cov = rectified_views(exact + rng.normal(scale=ROUND_OFF_PX, size=exact.shape), ROUND_OFF_PX)
         numbers = np.array(list(ids.values()), dtype=np.int64)
         yield Observations(index, index * FRAME_NS, numbers, z, cov, n_new=len(new))
