@@ -25,6 +25,8 @@ from .templates import TemplateAtlas
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
+_FULL_SEARCH = 5  # frames
+_SEARCH_MARGIN_PX = 16.0
 _HALF_PATCH_PX = 0.5  # between the matches of a whole patch and of its inner half
 
 
@@ -57,6 +59,7 @@ class FrontEnd:
         self.velocity = np.zeros(6)  # ξ of cam_from_previous a second
         self.cam_from_start = np.eye(4)
         self.stamp_ns = 0
+        self.frames = 0
 
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
         """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
@@ -71,7 +74,7 @@ class FrontEnd:
         z_new, cov_new = self._renew(pair)
         z = np.concatenate([z, z_new])
         note = _note(pair, self.previous, len(self.tracks), int(np.isfinite(z).all(axis=1).sum()))
-        self.previous, self.stamp_ns = pair, stamp_ns
+        self.previous, self.stamp_ns, self.frames = pair, stamp_ns, self.frames + 1
         return Observations(
             frame_index=frame_index,
             stamp_ns=stamp_ns,
@@ -292,9 +295,14 @@ class FrontEnd:
         return pair, scale
 
     def _disparity_range(self, scale: float) -> tuple[int, int]:
+        """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and
+        every few frames, or where little is tracked, all that the configuration allows."""
         p = self.projection
         far = p.cx_left_px - p.cx_right_px
         near = far + self.config.max_disparity_share * p.width
+        if self.frames % _FULL_SEARCH and len(self.tracks) > self.config.max_tracks // 4:
+            largest = p.f_px * p.baseline_m * float(self.tracks.points[:, 3].max())
+            near = min(near, far + 1.5 * largest + _SEARCH_MARGIN_PX)
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
