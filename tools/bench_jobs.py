@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+if len(sys.argv) > 1 and sys.argv[1] in ("replay", "step", "scaled", "window"):  # as the command line sets it
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 import cv2
 import numpy as np

@@ -41,8 +41,9 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
-    # One thread for small matrices: faster, and the same numbers on every machine. Images use their own threads.
-    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    # One thread for small matrices and some hundred small patches: waiting threads cost more than they save, and the
+    # numbers are the same on every machine. Left and right are decoded in threads of their own.
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
     for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show σ, or a name that is no text, ends no run
         if isinstance(stream, io.TextIOWrapper):

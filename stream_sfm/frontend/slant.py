@@ -39,10 +39,11 @@ def disparity_slopes(
     u = (points_px[:, 0, None, None] + steps).clip(0, left.shape[1] - 1)
     v = (points_px[:, 1, None, None] + steps[:, None]).clip(0, left.shape[0] - 1)
     patch = left[v, u].astype(np.float32)
-    template = patch[:, 1:-1, 1:-1].reshape(n, -1)
-    tu = 0.5 * (patch[:, 1:-1, 2:] - patch[:, 1:-1, :-2]).reshape(n, -1)
-    tv = 0.5 * (patch[:, 2:, 1:-1] - patch[:, :-2, 1:-1]).reshape(n, -1)
-    inner = steps[1:-1].astype(np.float32)
+    # every second pixel: neighbours share their noise, smoothing has seen to that
+    template = patch[:, 1:-1:2, 1:-1:2].reshape(n, -1)
+    tu = 0.5 * (patch[:, 1:-1:2, 2::2] - patch[:, 1:-1:2, :-2:2]).reshape(n, -1)
+    tv = 0.5 * (patch[:, 2::2, 1:-1:2] - patch[:, :-2:2, 1:-1:2]).reshape(n, -1)
+    inner = steps[1:-1:2].astype(np.float32)
     du, dv = np.tile(inner, len(inner)), np.repeat(inner, len(inner))
     steepest = np.stack([-tu, -tu * du, -tu * dv, tv], axis=2)  # (n, pixels, 4): d, a, b, row
     transposed = np.ascontiguousarray(np.swapaxes(steepest, 1, 2))

@@ -232,7 +232,7 @@ class FrontEnd:
         corners, free, gradients = corners[ok], free[ok], gradients[ok]
         right, error, facing = right[ok], error[ok], facing[ok]
         left = corners.astype(float)
-        slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 8.0)
+        slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 4.0)
         slanted = slopes.any(axis=1)
         warps = np.asarray(np.linalg.inv(facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)))[slanted]
         mosaics = self.atlas.mosaics(free[slanted], warps, pair.left.shape)
