@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection, information_of_views
+from .linear import Cholesky
 
 _MIN_DEPTH_M = 1e-3
 
@@ -142,12 +142,7 @@ class Reduced:
 
     def solve(self, g_point: Array) -> tuple[Array, Array]:
         """Steps of the poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""
-        if len(self.s):
-            scale = 1 / np.sqrt(np.maximum(np.diag(self.s), 1e-300))  # metres against radians
-            factor = cho_factor(self.s * np.outer(scale, scale), lower=True, check_finite=False)
-            xi = scale * cho_solve(factor, self.g * scale, check_finite=False)
-        else:
-            xi = np.zeros(0)
+        xi = Cholesky(self.s, repair=False).solve(self.g) if len(self.s) else np.zeros(0)
         points = (self.v_inv @ g_point[..., None])[..., 0] - self.y @ xi
         return xi.reshape(-1, 6), points
 
@@ -155,10 +150,7 @@ class Reduced:
         """S⁻¹ (6b, 6b), m² and rad²."""
         if not len(self.s):
             return self.s
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.s), 1e-300))
-        factor = cho_factor(self.s * np.outer(scale, scale), lower=True)
-        cov = cho_solve(factor, np.eye(len(scale))) * np.outer(scale, scale)
-        return (cov + cov.T) / 2
+        return Cholesky(self.s, repair=False).inverse()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,10 @@
 Every matrix is scaled by its diagonal before it is factored: metres against radians give condition numbers of 10¹⁰.
 """
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from ..geometry.pose import Array
 
@@ -16,36 +17,30 @@ def symmetric(a: NDArray) -> Array:
 
 
 class Cholesky:
-    """Factor of a symmetric positive definite matrix (n, n), scaled by its diagonal.
+    """Factor of a symmetric positive definite matrix A (n, n), scaled by its diagonal: `root` R with R Rᵀ = A⁻¹.
 
-    A matrix that has lost definiteness to rounding gets the smallest diagonal increase that restores it.
+    A matrix that has lost definiteness to rounding gets the smallest diagonal increase that restores it, if `repair`.
+    Raises LinAlgError where A is not positive definite.
     """
 
-    def __init__(self, matrix: Array) -> None:
+    def __init__(self, matrix: Array, repair: bool = True) -> None:
         diagonal = np.diag(matrix)
-        self.scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * self.scale[:, None] * self.scale
-        for damping in (0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5):
+        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        scaled = matrix * scale[:, None] * scale
+        for damping in (0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5) if repair else (0.0,):
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
-            self.factor, failed = lapack.dpotrf(scaled, lower=1, clean=1)
-            if not failed:
+            with suppress(np.linalg.LinAlgError):
+                factor = np.linalg.cholesky(scaled)
+                self.root: Array = scale[:, None] * np.linalg.inv(factor).T
                 return
         raise np.linalg.LinAlgError("information matrix is not positive definite")
 
     def solve(self, right: Array) -> Array:
         """A⁻¹ b for (n,) or (n, k)."""
-        b = right.reshape(len(right), -1)
-        x, _ = lapack.dpotrs(self.factor, self.scale[:, None] * b, lower=1)
-        return (self.scale[:, None] * x).reshape(right.shape)
+        solution: Array = self.root @ (self.root.T @ right)
+        return solution
 
     def inverse(self) -> Array:
         """A⁻¹, symmetric."""
-        inv, _ = lapack.dpotri(self.factor, lower=1)
-        low = np.tril(inv)
-        return (low + np.tril(low, -1).T) * self.scale[:, None] * self.scale
-
-    def inverse_root(self) -> Array:
-        """R (n, n) with R Rᵀ = A⁻¹."""
-        inv, _ = lapack.dtrtri(self.factor, lower=1)
-        return self.scale[:, None] * inv.T
+        return symmetric(self.root @ self.root.T)

@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from ..config import Config
 from ..geometry import pose as se3
+from ..geometry.gates import chi2_gates
 from ..geometry.pose import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection
@@ -206,7 +206,7 @@ class CrossFrameWC:
                 replace(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
             ]
             dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
-            bad = result.share > chdtri(dof, 1 - self._config.robust.gate_probability)
+            bad = result.share > chi2_gates(dof, self._config.robust.gate_probability)
             if last or not bad.any():
                 break
             for k, frame in enumerate(self._window):

@@ -114,9 +114,9 @@ class Prior:
             charts=charts,
             mean=q + seen + modes @ step,
             cov=cov,
-            modes=modes @ chol.inverse_root(),
+            modes=modes @ chol.root,
             world_from_ref=se3.orthonormalised(world @ se3.exp(world_modes @ step)),
-            world_modes=world_modes @ chol.inverse_root(),
+            world_modes=world_modes @ chol.root,
         )
 
     def joined(self, ids: NDArray[np.int64], charts: Array, mean: Array, cov: Array) -> "Prior":

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from ..config import Config
 from ..geometry import pose as se3
+from ..geometry.gates import chi2_gate
 from ..geometry.pose import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection, whitening_of_views
@@ -70,7 +70,7 @@ class CrossFrame:
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self.projection = projection
         self.config = config
-        self.gate = float(chdtri(4, 1 - config.robust.gate_probability))
+        self.gate = chi2_gate(4, config.robust.gate_probability)
         self.motion = MotionPrior(config.motion)
         self.prior: Prior | None = None
         self.frames: list[_Frame] = []

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from . import pose as se3
+from .gates import chi2_gates
 from .pose import Array
 from .stereo import StereoProjection, whitening_of_views
 
@@ -78,7 +78,7 @@ class _Problem:
         self.z = np.nan_to_num(z_px)  # a missing side has no weight
         self.cov_px = cov_px
         self.sides = np.isfinite(z_px).sum(axis=1)  # measured coordinates: 4, or 2 without the right view
-        self.gate = chdtri(np.maximum(self.sides, 1), 1 - gate_probability)
+        self.gate = chi2_gates(self.sides, gate_probability)
 
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Roots (n, 4, 4) that whiten the residuals (view noise, and the points' own uncertainty seen from here), and
