@@ -26,7 +26,7 @@ from .recording.estimates import EstimatesWriter
 from .recording.part_file import json_bytes, write_whole
 from .recording.trajectory_files import KittiWriter, TumWriter
 from .types import FrameEstimate, StereoFrame, StereoRig, Trajectory
-from .way_back import TOO_LONG, WayBack, closure, there_and_back
+from .way_back import TOO_LONG, WayBack, closure, with_return
 
 if TYPE_CHECKING:
     from .viewer.sink import Picture, RerunSink
@@ -73,7 +73,7 @@ def replay(
     end_s: float | None = None,
     max_frames: int | None = None,
     stride: int = 1,
-    return_too: bool = False,
+    there_and_back: bool = False,
     on_frame: Callable[[FrameEstimate], None] | None = None,
     sinks: Sequence[Sink] = (),
     viewer: "RerunSink | None" = None,
@@ -81,19 +81,19 @@ def replay(
     """Estimate the frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration` as in `open_log`; `start_s`, `end_s`, `max_frames`, `stride` as in
-    `StereoLog.frames`. `return_too`: then the same frames backwards, and how far the run ends from where it began
+    `StereoLog.frames`. `there_and_back`: then the same frames backwards, and how far the run ends from where it began
     in the summary (`there_and_back`). `on_frame` sees each estimate; further `sinks` and the `viewer`, which is
     given the recorded images too, are closed at the end. Memory grows by some 600 bytes a frame, not with the images
-    of the log; with `return_too` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one
-    frame could be estimated, OutputError, ReplayInterrupted.
+    of the log; with `there_and_back` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not
+    one frame could be estimated, OutputError, ReplayInterrupted.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
     run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks), viewer)
     frames = log.decoded(start_s, end_s, max_frames, stride)
-    if return_too:
+    if there_and_back:
         run.way_back = WayBack()
-        frames = there_and_back(frames, run.way_back)
+        frames = with_return(frames, run.way_back)
     whole = start_s is None and end_s is None and max_frames is None and stride == 1
     with signals_noted() as signals:
         problem = run.through(frames, on_frame, signals)

@@ -44,7 +44,7 @@ class WayBack:
             yield pair, StereoFrame(2 * turn_ns - pair.stamp_ns, left, right)
 
 
-def there_and_back(
+def with_return(
     frames: Generator[tuple[StereoPair, StereoFrame], None, None], way_back: WayBack
 ) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
     """The frames, then their way back."""

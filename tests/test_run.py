@@ -252,7 +252,7 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
 
 def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
     """Twice the frames less one; the mirrored stamps go on ascending; what it is off is in the summary."""
-    result = replay(ROOM, tmp_path / "out", max_frames=12, return_too=True)
+    result = replay(ROOM, tmp_path / "out", max_frames=12, there_and_back=True)
     assert len(result.trajectory) == 23
     steps = np.diff(result.trajectory.stamps_ns)
     assert (steps > 0).all() and (steps[:11] == steps[:10:-1]).all()
@@ -267,6 +267,6 @@ def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
 
 def test_a_way_back_that_is_too_long_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stream_sfm.way_back.RETURN_LIMIT_BYTES", 10_000)
-    summary = replay(ROOM, max_frames=3, return_too=True).summary
+    summary = replay(ROOM, max_frames=3, there_and_back=True).summary
     assert summary["there_and_back"] is None
     assert any("way back" in w for w in summary["warnings"])

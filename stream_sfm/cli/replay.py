@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
                 end_s=args.end,
                 max_frames=args.max_frames,
                 stride=args.stride,
-                return_too=args.there_and_back,
+                there_and_back=args.there_and_back,
                 on_frame=tell,
                 viewer=viewer,
             )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..geometry import pose as se3
-from ..geometry.gates import chi2_gate
+from ..geometry.gates import chi2_gates
 from ..geometry.pose import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection, whitening_of_views
@@ -70,7 +70,6 @@ class CrossFrame:
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self.projection = projection
         self.config = config
-        self.gate = chi2_gate(4, config.robust.gate_probability)
         self.motion = MotionPrior(config.motion)
         self.prior: Prior | None = None
         self.frames: list[_Frame] = []
@@ -334,7 +333,8 @@ class CrossFrame:
         """Drop views of the window that the joint minimum contradicts."""
         cams, views = self._views()
         r = whitened_residuals(self.projection, cams, self.charts, self.q, views)[1]
-        bad = (r * r).sum(1) > self.gate
+        measured = np.count_nonzero(np.diagonal(views.root, axis1=1, axis2=2), axis=1)  # one side, or both
+        bad = (r * r).sum(1) > chi2_gates(measured, self.config.robust.gate_probability)
         for row, track_id in zip(views.frame[bad].tolist(), self.ids[views.point[bad]].tolist(), strict=True):
             frame = self.frames[row]
             frame.used[np.searchsorted(frame.ids, track_id)] = False

@@ -57,7 +57,7 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("formats") / "run"
-    replay(LOG, folder, max_frames=8, return_too=True)
+    replay(LOG, folder, max_frames=8, there_and_back=True)
     return folder
 
 
