@@ -11,6 +11,8 @@ _PUBLIC = {
     "Config": "config",
     "Engine": "engine",
     "FrameEstimate": "types",
+    "MonoFrame": "types",
+    "MonoRig": "types",
     "StereoFrame": "types",
     "StereoRig": "types",
     "Status": "types",
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from .errors import ConfigError, FrameError, InputError, LogError, OutputError, StreamSfmError
     from .recording import open_log
     from .run import replay
-    from .types import Camera, FrameEstimate, Status, StereoFrame, StereoRig, Trajectory
+    from .types import Camera, FrameEstimate, MonoFrame, MonoRig, Status, StereoFrame, StereoRig, Trajectory
 
 
 def __getattr__(name: str) -> Any:

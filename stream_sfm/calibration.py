@@ -18,7 +18,8 @@
                 [0.0, 0.0, 1.0]]
     translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
 
-Instead of the last section, `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top.
+Instead of the last section, `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
+one camera (`Config.mono`) the first section is enough.
 """
 
 import tomllib
@@ -30,27 +31,24 @@ import numpy as np
 from .errors import ConfigError
 from .geometry import pose as se3
 from .geometry.pose import Array
-from .types import Camera, StereoRig
+from .types import Camera, MonoRig, StereoRig
 
 _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
 
 
 def read_calibration(path: str | Path) -> StereoRig:
     """The rig in a calibration file (format: see the module). Raises ConfigError naming file and key."""
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
-    return parse_calibration(content, path)
+    return parse_calibration(_content(path), path)
+
+
+def read_camera(path: str | Path) -> MonoRig:
+    """The left camera of a calibration file that may have no other. Raises as `read_calibration`."""
+    return parse_camera(_content(path), path)
 
 
 def parse_calibration(content: bytes, path: str | Path) -> StereoRig:
     """The rig in the `content` of a calibration file; `path` names it. Raises as `read_calibration`."""
-    try:
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"calibration {path} is not TOML: {error}") from None
-    _known(path, "the top", data, {"left", "right", "right_from_left"})
+    data = _tables(content, path)
     left, right = _camera(path, data, "left"), _camera(path, data, "right")
     pose = _right_from_left(path, data.get("right_from_left"))
     try:
@@ -59,15 +57,37 @@ def parse_calibration(content: bytes, path: str | Path) -> StereoRig:
         raise ConfigError(f"calibration {path}: {error}") from None
 
 
-def calibration_to_toml(rig: StereoRig) -> str:
-    """The rig as text that `read_calibration` takes back unchanged."""
-    lines = ["# stereo calibration: pixels and metres"]
-    for name, camera in (("left", rig.left), ("right", rig.right)):
+def parse_camera(content: bytes, path: str | Path) -> MonoRig:
+    """As `parse_calibration`, of the left camera alone."""
+    return MonoRig(_camera(path, _tables(content, path), "left"))
+
+
+def _content(path: str | Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
+
+
+def _tables(content: bytes, path: str | Path) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(content.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"calibration {path} is not TOML: {error}") from None
+    _known(path, "the top", data, {"left", "right", "right_from_left"})
+    return data
+
+
+def calibration_to_toml(rig: StereoRig | MonoRig) -> str:
+    """The rig as text that `read_calibration`, of one camera `read_camera`, takes back unchanged."""
+    lines = ["# calibration: pixels and metres"]
+    for name, camera in rig.cameras.items():
         lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
         lines += [f"K = {camera.K.tolist()}", f'distortion_model = "{camera.distortion_model}"']
         lines += [f"D = {list(camera.D)}"]
-    lines += ["", "[right_from_left]", f"rotation = {rig.right_from_left[:3, :3].tolist()}"]
-    lines += [f"translation_m = {rig.right_from_left[:3, 3].tolist()}"]
+    if isinstance(rig, StereoRig):
+        lines += ["", "[right_from_left]", f"rotation = {rig.right_from_left[:3, :3].tolist()}"]
+        lines += [f"translation_m = {rig.right_from_left[:3, 3].tolist()}"]
     return "\n".join(lines) + "\n"
 
 

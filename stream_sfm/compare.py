@@ -78,6 +78,7 @@ def compare(
     The sinks of `make_sink(method)` get each estimate of the way there, `on_frame` one method's estimate a frame.
     Raises LogError where no frame can be read, ConfigError for an unknown method.
     """
+    config.needs_scale("compare")
     for name in methods:
         if name not in METHODS:
             raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")

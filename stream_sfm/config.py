@@ -110,6 +110,9 @@ class Config(_Section, frozen=True):
     method: Annotated[
         str, Meta(description="cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
+    mono: Annotated[
+        bool, Meta(description="the left camera only: no scale, the first baseline is the unit of length")
+    ] = False
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
     robust: RobustConfig = RobustConfig()
@@ -121,6 +124,13 @@ class Config(_Section, frozen=True):
             value = getattr(self, name)
             if isinstance(value, _Section):
                 _convert(msgspec.to_builtins(value), type(value), f" of section [{name}]")
+        if self.mono and self.method != "cross-frame":
+            raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
+
+    def needs_scale(self, what: str) -> None:
+        """Raises ConfigError where `what` is to be done with one camera."""
+        if self.mono:
+            raise ConfigError(f"{what} needs two cameras: leave mono out of the configuration")
 
 
 def _convert(data: Any, kind: type, where: str) -> Any:

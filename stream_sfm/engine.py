@@ -1,6 +1,7 @@
 """The page to read first: one stereo frame in, one estimate out. No I/O, no printing.
 
-rectify -> front-end (observations) -> estimator (solution) -> the same in axes of the physical left camera.
+rectify -> front-end (observations) -> estimator (solution) -> the same in axes of the physical left camera. With one
+camera (`Config.mono`) other parts of the same kind do this; all else is the same.
 """
 
 import time
@@ -8,32 +9,55 @@ import time
 import numpy as np
 
 from .config import Config
-from .errors import FrameError
+from .errors import ConfigError, FrameError
 from .estimators import make_estimator
-from .frontend.rectify import Rectifier
+from .estimators.mono import CrossFrameMono
+from .frontend.mono import MonoFrontEnd
+from .frontend.rectify import MonoRectifier, Rectifier
 from .frontend.tracker import FrontEnd
 from .geometry import pose as se3
 from .geometry.pose import Array
 from .geometry.stereo import StereoProjection
-from .types import FrameEstimate, Observations, Solution, Status, StereoFrame, StereoRig
+from .types import (
+    Estimator,
+    FrameEstimate,
+    MonoFrame,
+    MonoRig,
+    Observations,
+    Solution,
+    Status,
+    StereoFrame,
+    StereoRig,
+)
 
 
 class Engine:
     """Stereo odometry, live: `step` takes bounded time and memory however long the run.
 
-    Raises ConfigError for a rig or configuration that cannot work.
+    With `Config.mono` only the left camera of a rig is looked at. Raises ConfigError for a rig or configuration that
+    cannot work.
     """
 
-    def __init__(self, rig: StereoRig, config: Config | None = None) -> None:
-        self.rig = rig
+    def __init__(self, rig: StereoRig | MonoRig, config: Config | None = None) -> None:
         self.config = config or Config()
-        self.rectifier = Rectifier(rig)
-        self.frontend = FrontEnd(self.rectifier.projection, self.config, self.rectifier.valid)
-        self.estimator = make_estimator(self.config.method, self.rectifier.projection, self.config)
+        self.rectifier: Rectifier | MonoRectifier
+        self.frontend: FrontEnd
+        self.estimator: Estimator
+        if self.config.mono:
+            self.rig: StereoRig | MonoRig = MonoRig(rig.left)
+            self.rectifier = MonoRectifier(rig.left)
+            self.frontend = MonoFrontEnd(self.rectifier.projection, self.config, self.rectifier.valid)
+            self.estimator = CrossFrameMono(self.rectifier.projection, self.config)
+        elif isinstance(rig, StereoRig):
+            self.rig, self.rectifier = rig, Rectifier(rig)
+            self.frontend = FrontEnd(self.rectifier.projection, self.config, self.rectifier.valid)
+            self.estimator = make_estimator(self.config.method, self.rectifier.projection, self.config)
+        else:
+            raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
-    def step(self, frame: StereoFrame) -> FrameEstimate:
+    def step(self, frame: StereoFrame | MonoFrame) -> FrameEstimate:
         """The estimate of the next frame.
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then
@@ -41,9 +65,9 @@ class Engine:
         """
         self._check(frame)
         t0 = time.perf_counter()
-        left, right = self.rectifier.rectify(frame.left, frame.right)
+        images = self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
         t1 = time.perf_counter()
-        observations = self.frontend.step(self._next_index, frame.stamp_ns, left, right)
+        observations = self.frontend.step(self._next_index, frame.stamp_ns, *images)
         t2 = time.perf_counter()
         solution = self.estimator.step(observations)
         t3 = time.perf_counter()
@@ -52,7 +76,7 @@ class Engine:
         timings = {"rectify": t1 - t0, "frontend": t2 - t1, "estimator": t3 - t2}
         return in_camera_axes(solution, observations, self.rectifier, timings)
 
-    def _check(self, frame: StereoFrame) -> None:
+    def _check(self, frame: StereoFrame | MonoFrame) -> None:
         where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
             raise FrameError(f"{where}: stamp_ns must be an integer number of nanoseconds")
@@ -60,7 +84,10 @@ class Engine:
             raise FrameError(
                 f"{where}: stamps must grow, the last frame had {self._last_stamp_ns} ns; drop this frame"
             )
-        for side, image, camera in (("left", frame.left, self.rig.left), ("right", frame.right, self.rig.right)):
+        cameras, images = self.rig.cameras, frame.images
+        if len(images) < len(cameras):
+            raise FrameError(f"{where}: one image only; give a StereoFrame, or estimate with Config(mono=True)")
+        for (side, camera), image in zip(cameras.items(), images, strict=False):
             if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
                 kind = getattr(image, "dtype", type(image).__name__)
                 raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (mono, h × w)")
@@ -72,7 +99,10 @@ class Engine:
 
 
 def in_camera_axes(
-    solution: Solution, observations: Observations, rectifier: Rectifier, timings_s: dict[str, float]
+    solution: Solution,
+    observations: Observations,
+    rectifier: Rectifier | MonoRectifier,
+    timings_s: dict[str, float],
 ) -> FrameEstimate:
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
@@ -131,6 +161,7 @@ def in_camera_axes(
         nis=solution.nis,
         nis_dof=solution.nis_dof,
         timings_ms={name: 1e3 * t for name, t in timings_s.items()},
+        unscaled=rectifier.unscaled,
     )
 
 

@@ -20,16 +20,18 @@ from .accounting import Account, log_figures, peak_rss_mib
 from .config import Config, config_to_toml
 from .engine import Engine
 from .errors import ConfigError, FrameError, InputError, LogError, OutputError
-from .evaluation import StructureComparison, evaluate
+from .evaluation import StructureComparison, evaluate, evaluate_unscaled
 from .recording import ImageMessage, StereoLog, StereoPair, open_log
 from .recording.estimates import EstimatesWriter
 from .recording.part_file import json_bytes, write_whole
 from .recording.trajectory_files import KittiWriter, TumWriter
-from .types import FrameEstimate, StereoFrame, StereoRig, Trajectory
+from .types import FrameEstimate, MonoRig, StereoFrame, StereoRig, Trajectory
 from .way_back import TOO_LONG, WayBack, closure, with_return
 
 if TYPE_CHECKING:
     from .viewer.sink import Picture, RerunSink
+
+UNSCALED = "unscaled: the distance between the first two views that show depths (one camera)"
 
 
 class Sink(Protocol):
@@ -68,7 +70,7 @@ def replay(
     *,
     left: str | None = None,
     right: str | None = None,
-    calibration: str | Path | StereoRig | None = None,
+    calibration: str | Path | StereoRig | MonoRig | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
     max_frames: int | None = None,
@@ -88,7 +90,7 @@ def replay(
     one frame could be estimated, OutputError, ReplayInterrupted.
     """
     if not isinstance(log, StereoLog):
-        log = open_log(log, left, right, calibration)
+        log = open_log(log, left, right, calibration, mono=config is not None and config.mono)
     run = _Replay(log, None if out_dir is None else Path(out_dir), config or Config(), list(sinks), viewer)
     frames = log.decoded(start_s, end_s, max_frames, stride)
     if there_and_back:
@@ -118,9 +120,11 @@ class _Replay:
     ) -> None:
         self.log, self.out_dir, self.config, self.sinks, self.viewer = log, out_dir, config, sinks, viewer
         with log.named():
-            self.engine = Engine(log.rig, config)
+            self.engine = Engine(log.cameras, config)
         self.account = Account()
-        self.structure: StructureComparison | None = StructureComparison(log.rig.left, log.depths())
+        self.structure: StructureComparison | None = None
+        if not config.mono:
+            self.structure = StructureComparison(log.cameras.left, log.depths())
         self.warnings: list[str] = []
         self.complete = True
         self.way_back: WayBack | None = None
@@ -181,8 +185,8 @@ class _Replay:
         except OSError as error:
             raise OutputError(f"cannot make the folder {out_dir}: {error.strerror}") from None
         write_whole(out_dir / "config.toml", config_to_toml(self.config).encode())
-        self.sinks.append(EstimatesWriter(out_dir / "estimates.mcap", self.log.rig, self.config))
-        self.sinks.append(TumWriter(out_dir / "trajectory.tum"))
+        self.sinks.append(EstimatesWriter(out_dir / "estimates.mcap", self.engine.rig, self.config))
+        self.sinks.append(TumWriter(out_dir / "trajectory.tum", UNSCALED if self.config.mono else ""))
         self.sinks.append(KittiWriter(out_dir / "trajectory.kitti"))
 
     def _compare(self, estimate: FrameEstimate) -> None:
@@ -226,6 +230,8 @@ class _Replay:
         summary = {
             "log": str(self.log.path),
             "method": self.config.method,
+            "unscaled": self.config.mono,
+            "unit_of_length": UNSCALED if self.config.mono else "metre",
             "complete": self.complete and stats.complete and not interrupted,
             "warnings": list(dict.fromkeys([*stats.warnings, *self.account.warnings(), *self.warnings])),
             "frames": log_figures(stats, self.account, whole),
@@ -238,7 +244,11 @@ class _Replay:
                 summary["warnings"].append(f"no way back: {TOO_LONG}; take fewer with --max-frames")
             summary["there_and_back"] = None if self.way_back.too_long or interrupted else closure(trajectory)
         if truth is not None:
-            summary["ground_truth"] = evaluate(trajectory, truth, self.structure)
+            summary["ground_truth"] = (
+                evaluate_unscaled(trajectory, truth)
+                if self.config.mono
+                else evaluate(trajectory, truth, self.structure)
+            )
         return summary
 
 

@@ -70,6 +70,7 @@ def surface_of_frame(log: StereoLog, frames: Frames, number: int, config: Config
 
     Raises ConfigError where there is no such frame, LogError where it shows no surface or could not be read.
     """
+    config.needs_scale("a surface")
     read = 0
     wanted = None
     for item in frames:
@@ -98,7 +99,9 @@ def surface_of_log(
     Frames whose pose is lost are left out. A log that breaks off, and Ctrl-C, end it with what was seen until then.
     `on_frame` sees each estimate. Raises LogError where no frame can be read or none shows a surface.
     """
+    config.needs_scale("a surface")
     engine = Engine(log.rig, config)
+    assert isinstance(engine.rectifier, Rectifier)
     view = DenseView(engine.rectifier, config)
     fusion = Fusion(view.projection, config.dense)
     rect_from_cam = engine.rectifier.rect_from_cam

@@ -102,6 +102,11 @@ class StereoRig:
             )
 
     @property
+    def cameras(self) -> dict[str, Camera]:
+        """Name -> camera, in the order of a frame's images."""
+        return {"left": self.left, "right": self.right}
+
+    @property
     def baseline_m(self) -> float:
         """Distance between the two camera centres, metres."""
         return float(np.linalg.norm(self.right_from_left[:3, 3]))
@@ -115,12 +120,63 @@ class StereoRig:
 
 
 @dataclass(frozen=True, slots=True)
+class MonoRig:
+    """One camera: the scale of what it sees is not observable (`Config.mono`)."""
+
+    left: Camera
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """As in StereoRig."""
+        return {"left": self.left}
+
+    @classmethod
+    def from_calibration(cls, path: str | Path) -> "MonoRig":
+        """The left camera of a calibration file, which needs no other section. Raises ConfigError."""
+        from .calibration import read_camera
+
+        return read_camera(path)
+
+
+@dataclass(frozen=True, slots=True)
 class StereoFrame:
     """One pair of images of the same moment, (h, w) uint8, as the cameras deliver them; `stamp_ns` integer."""
 
     stamp_ns: int
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
+
+    @property
+    def images(self) -> tuple[NDArray[np.uint8], ...]:
+        """Both images."""
+        return self.left, self.right
+
+
+@dataclass(frozen=True, slots=True)
+class MonoFrame:
+    """One image (h, w) uint8 of a camera that has no partner; `stamp_ns` integer."""
+
+    stamp_ns: int
+    left: NDArray[np.uint8]
+
+    @property
+    def images(self) -> tuple[NDArray[np.uint8], ...]:
+        """The one image."""
+        return (self.left,)
+
+
+@dataclass(frozen=True, slots=True)
+class MapStart:
+    """One camera: all that the front-end knows of a frame's depths, from which a map can begin there.
+
+    `z_px` (n, 4), `cov_px` (n, 4, 4): the frame's views with right sides pretended from those depths.
+    `first_from_cam` (4, 4), `cov_first_from_cam` (6, 6): the motion since the frame whose distance is the unit.
+    """
+
+    z_px: Array
+    cov_px: Array
+    first_from_cam: Array
+    cov_first_from_cam: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +189,8 @@ class Observations:
     front-end's own robust motion since the previous frame, a start value only, or None. `note` says what the
     front-end met ("image is black"), empty when nothing. `n_new` of the ids are new. `std_drift_px` (n,): how far
     the patch may have slid over its surface since the previous frame, for patches seen from a changing direction;
-    None where points are points. `std_bias_px`: error of a point's disparity that all its views share.
+    None where points are points. `std_bias_px`: error of a point's disparity that all its views share. `start`: of
+    one camera, where it knows depths.
     """
 
     frame_index: int
@@ -146,6 +203,7 @@ class Observations:
     n_new: int = 0
     std_drift_px: Array | None = None
     std_bias_px: float = 0.0
+    start: MapStart | None = None
 
 
 def _no_ids() -> NDArray[np.int64]:
@@ -204,7 +262,7 @@ class FrameEstimate:
     """The result of one frame, in axes of the physical left camera. Names and shapes as in `Solution`.
 
     `counts`: tracked, new, used, rejected. `timings_ms`: stage -> milliseconds (the only field that differs
-    between two runs of one log).
+    between two runs of one log). `unscaled`: of one camera; for metres read its first baseline, everywhere.
     """
 
     frame_index: int
@@ -227,6 +285,7 @@ class FrameEstimate:
     nis: float
     nis_dof: int
     timings_ms: dict[str, float]
+    unscaled: bool = False
 
 
 @dataclass(frozen=True, slots=True)

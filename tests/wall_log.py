@@ -16,9 +16,17 @@ LEFT, RIGHT = "/camera/left/image", "/camera/right/image"
 
 
 def write_wall_log(
-    file: Path, n: int = 12, times: int = 1, truth: bool = True, without_right: tuple[int, ...] = ()
+    file: Path,
+    n: int = 12,
+    times: int = 1,
+    truth: bool = True,
+    without_right: tuple[int, ...] = (),
+    right: bool = True,
 ) -> Path:
-    """`n` frames along `path`, there and back again `times` times over (so that it can be of any length)."""
+    """`n` frames along `path`, there and back again `times` times over (so that it can be of any length).
+
+    Without `right` the log is of one camera, calibration and all.
+    """
     wall, stereo = Wall(5), rig()
     poses = path(n)
     frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(poses)]
@@ -31,9 +39,10 @@ def write_wall_log(
         if i == 0:
             for side, offset in (("left", 0.0), ("right", -k[0, 0] * stereo.baseline_m)):
                 calib = Calib(P=np.c_[k, [offset, 0, 0]], **size)
-                write_info(log, "foxglove", f"/camera/{side}/calibration", time, calib)
+                if right or side == "left":
+                    write_info(log, "foxglove", f"/camera/{side}/calibration", time, calib)
         write_image(log, "foxglove", LEFT, time, frames[source].left, "mono8")
-        if i not in without_right:
+        if right and i not in without_right:
             write_image(log, "foxglove", RIGHT, time, frames[source].right, "mono8")
         if truth:
             _write_truth(log, time, poses[source], stereo.left.K, wall)

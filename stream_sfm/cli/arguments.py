@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,12 +46,12 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_settings(args: argparse.Namespace) -> "Config":
-    """The configuration of --config, --set and --method. Raises ConfigError."""
+def read_settings(args: argparse.Namespace, further: Sequence[str] = ()) -> "Config":
+    """The configuration of --config, --set, --method and `further` settings. Raises ConfigError."""
     from ..config import read_config
 
     method = [f'method="{args.method}"'] if args.method else []
-    return read_config(args.config, [*args.set, *method])
+    return read_config(args.config, [*args.set, *method, *further])
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

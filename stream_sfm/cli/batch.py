@@ -51,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from . import output
 
     config = arguments.read_settings(args)
+    config.needs_scale("batch, which compares metres,")
     check_selection(args.start, args.end)
     calibration = Path(args.calibration).resolve() if args.calibration else None
     if calibration is not None:

@@ -100,7 +100,10 @@ def print_replay(result: "ReplayResult", args: argparse.Namespace) -> None:
     read = "" if summary["complete"] else ", log or run not complete"
     table.add_row("frames", f"{frames['estimated']} estimated of {frames['paired']} paired{read}")
     table.add_row("", f"{frames['degraded']} degraded, {frames['lost']} lost, {frames['dropped']} dropped")
-    table.add_row("path", f"{summary['path_length_m']:.3f} m in {summary['duration_s']:.2f} s")
+    unit = "units" if summary["unscaled"] else "m"
+    if summary["unscaled"]:
+        table.add_row("unit of length", summary["unit_of_length"])
+    table.add_row("path", f"{summary['path_length_m']:.3f} {unit} in {summary['duration_s']:.2f} s")
     total = timing["total"]
     if total["p50"] is not None:
         table.add_row("a frame takes", f"{total['p50']:.1f} ms (median), {total['p95']:.1f} ms (95 %)")
@@ -114,8 +117,8 @@ def print_replay(result: "ReplayResult", args: argparse.Namespace) -> None:
     if back := summary.get("there_and_back"):
         table.add_row(
             "there and back",
-            f"ends {back['end_position_m']:.4g} m from where it began, {back['end_drift_percent']:.3g} % of "
-            f"{back['path_length_m']:.4g} m",
+            f"ends {back['end_position_m']:.4g} {unit} from where it began, {back['end_drift_percent']:.3g} % of "
+            f"{back['path_length_m']:.4g} {unit}",
         )
     for label, text in _truth_rows(summary.get("ground_truth")):
         table.add_row(label, text)
@@ -125,6 +128,11 @@ def print_replay(result: "ReplayResult", args: argparse.Namespace) -> None:
 
 def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     if truth is None:
+        return
+    if "ate_rmse_sim3_m" in truth:
+        share, unit_m = _number(truth["ate_sim3_percent"], ".3f"), _number(truth["metres_per_unit"], ".5g")
+        yield "ATE after Sim(3)", f"{_number(truth['ate_rmse_sim3_m'], '.4f')} m, {share} % of the path"
+        yield "one unit is", f"{unit_m} m, by the ground truth"
         return
     yield "ATE aligned", f"{_number(truth['ate_rmse_aligned_m'], '.4f')} m"
     yield "ATE, first poses aligned", f"{_number(truth['ate_rmse_m'], '.4f')} m"

@@ -19,6 +19,11 @@ def add_parser(subparsers: Any) -> None:
         "summary.json and config.toml.",
     )
     arguments.add_log(parser)
+    parser.add_argument(
+        "--mono",
+        action="store_true",
+        help="use the left camera alone (the log may have no other): lengths are then in units of the first baseline",
+    )
     parser.add_argument("--out", metavar="DIR", help="folder of the results (default runs/<log>-<time>)")
     arguments.add_method(parser)
     arguments.add_selection(parser)
@@ -45,16 +50,17 @@ def run(args: argparse.Namespace) -> int:
     from ..run import ReplayInterrupted, check_selection, new_run_folder, point_latest_to, replay
     from . import output
 
-    config = arguments.read_settings(args)
+    config = arguments.read_settings(args, ["mono=true"] if args.mono else [])
     check_selection(args.start, args.end)
-    log = open_log(args.log, args.left, args.right, args.calibration)
+    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
     interrupted = False
     viewer = None
     if args.rrd or args.view:
         from ..viewer import open_viewer
 
-        viewer = open_viewer(log.rig, args.rrd, args.view, log.ground_truth(), log.path.stem)
+        truth = None if config.mono else log.ground_truth()
+        viewer = open_viewer(log.cameras, args.rrd, args.view, truth, log.path.stem)
     try:
         with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
             if args.verbose:

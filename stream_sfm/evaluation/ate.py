@@ -22,5 +22,15 @@ def ate_rmse_aligned_m(estimate: Array, truth: Array) -> float:
     return _rms(se3.transform(truth_from_estimate, estimate[:, :3, 3]) - truth[:, :3, 3])
 
 
+def ate_rmse_sim3_m(estimate: Array, truth: Array) -> tuple[float, float]:
+    """RMS position error after the best similarity, eq. (67), and the metres of one unit of the estimate.
+
+    Of one camera, which cannot know its scale, and of nothing else.
+    """
+    scale, truth_from_estimate = umeyama(truth[:, :3, 3], estimate[:, :3, 3], with_scale=True)
+    placed = se3.transform(truth_from_estimate, scale * estimate[:, :3, 3])
+    return _rms(placed - truth[:, :3, 3]), scale
+
+
 def _rms(differences: Array) -> float:
     return float(np.sqrt((differences**2).sum(axis=-1).mean()))

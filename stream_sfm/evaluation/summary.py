@@ -6,9 +6,9 @@ import numpy as np
 
 from ..types import Trajectory
 from .association import matched
-from .ate import ate_rmse_aligned_m, ate_rmse_m
+from .ate import ate_rmse_aligned_m, ate_rmse_m, ate_rmse_sim3_m
 from .consistency import nees_pose_mean
-from .drift import final_drift_percent, scale_error_percent
+from .drift import final_drift_percent, path_length_m, scale_error_percent
 from .segments import segment_errors
 from .structure import StructureComparison
 
@@ -54,6 +54,27 @@ def evaluate(
     figures["local_structure_median_m"] = structure.median_m if structure else None
     figures["local_structure_error_over_sigma"] = structure.rms_over_sigma if structure else None
     figures["frames_compared"] = len(rows)
+    return {key: _or_none(value) for key, value in figures.items()}
+
+
+def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
+    """The figures of a trajectory of one camera, the only ones of the package after an alignment of scale.
+
+    `ate_rmse_sim3_m` and its share of the true path `ate_sim3_percent`; `metres_per_unit`: the scale so found. None
+    where the camera stands still or fewer than two frames have a truth.
+    """
+    rows, true = matched(estimate, truth)
+    e, t = estimate.world_from_cam[rows], true.world_from_cam
+    figures: dict[str, Any] = dict.fromkeys(("ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit"))
+    path_m = path_length_m(t)
+    if len(rows) >= 2 and path_m > 0:
+        error_m, scale = ate_rmse_sim3_m(e, t)
+        figures = {
+            "ate_rmse_sim3_m": error_m,
+            "ate_sim3_percent": 100 * error_m / path_m,
+            "metres_per_unit": scale,
+        }
+    figures |= {"true_path_length_m": path_m, "frames_compared": len(rows)}
     return {key: _or_none(value) for key, value in figures.items()}
 
 

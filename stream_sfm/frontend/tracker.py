@@ -101,35 +101,34 @@ class FrontEnd:
             self.tracks, self.velocity = Tracks.none(), np.zeros(6)
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
         cam_from_previous, agree = motion
-        tracks = self.tracks.moved(cam_from_previous)
+        before, tracks = self.tracks, self.tracks.moved(cam_from_previous)
         expected = self.projection.project_homogeneous(tracks.points)
         start = np.where(agree[:, None], at, expected[:, :2])  # what flow lost, the motion may find
         warps = tracks.anchor_from_now(cam_from_previous @ self.cam_from_start, self.projection.baseline_m)
         usable = self.atlas.fits(warps[0]) & self.atlas.fits(warps[1]) & self._inside(start)
-        tracks, start, expected = tracks.keep(usable), start[usable], expected[usable]
-        warps = (warps[0][usable], warps[1][usable])
+        before, tracks = before.keep(usable), tracks.keep(usable)
+        start, expected, warps = start[usable], expected[usable], (warps[0][usable], warps[1][usable])
         z, cov, good = self._align(pair, tracks, start, warps, start[:, 0] - expected[:, 0] + expected[:, 2])
-        tracks, z, cov = tracks.keep(good), z[good], cov[good]
+        before, z, cov = before.keep(good), z[good], cov[good]
+        cov_points = before.cov_points(self.noise.var_ray(self.projection))
         final = resect(
-            self.projection,
-            tracks.points,
-            tracks.cov_points(self.noise.var_ray(self.projection)),
-            z,
-            cov,
-            np.eye(4),
-            self.gate_probability,
+            self.projection, before.points, cov_points, z, cov, cam_from_previous, self.gate_probability
         )
         if not final.ok:
             self.tracks, self.velocity = Tracks.none(), np.zeros(6)
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
         self.noise.learn(final.chi2, final.dof)
-        cam_from_previous = se3.orthonormalised(final.cam_from_ref @ cam_from_previous)
+        cam_from_previous = final.cam_from_ref
         self.cam_from_start = se3.orthonormalised(cam_from_previous @ self.cam_from_start)
         self.velocity = se3.log(cam_from_previous) / dt if dt > 0 else np.zeros(6)
         good = final.accepted
-        tracks, z, cov = tracks.moved(final.cam_from_ref).keep(good), z[good], cov[good]
-        self.tracks = tracks.measured(z, cov, self.projection)
+        z, cov = z[good], cov[good]
+        self.tracks = self._measured(before.moved(cam_from_previous).keep(good), z, cov)
         return cam_from_previous, z, cov
+
+    def _measured(self, tracks: Tracks, z: Array, cov: Array) -> Tracks:
+        """Tracks in the new camera, put where they were seen in it."""
+        return tracks.measured(z, cov, self.projection)
 
     def _flow(self, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
         """Pyramidal Lucas-Kanade from the last left image, started where the predicted motion puts the points."""
@@ -183,9 +182,7 @@ class FrontEnd:
         """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
         cfg = self.config
         shape = pair.left.shape
-        left, ok_l, error_l = self.atlas.align(self.atlas.mosaics(tracks.slots, warps[0], shape), pair.left, start)
-        good = ok_l & (np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px)
-        good &= (error_l < cfg.max_grey_error) & self._inside(left)
+        left, error_l, good = self._align_left(pair, tracks, start, warps[0])
         rows = self.rows.difference(left)
         start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1] - rows], axis=1)
         mosaics = self.atlas.mosaics(tracks.slots, warps[1], shape)
@@ -196,6 +193,16 @@ class FrontEnd:
         seen &= (right[:, 0] > r) & (right[:, 0] < shape[1] - 1 - r)
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
         return z, self.noise.covariance(tracks.gradients, warps[0], error_l, error_r), good
+
+    def _align_left(
+        self, pair: _Pair, tracks: Tracks, start: Array, warps: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Positions (n, 2) in the left image, mean grey differences, and which are good."""
+        cfg = self.config
+        mosaics = self.atlas.mosaics(tracks.slots, warps, pair.left.shape)
+        left, ok, error = self.atlas.align(mosaics, pair.left, start)
+        near = np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px
+        return left, error, ok & near & (error < cfg.max_grey_error) & self._inside(left)
 
     # -- new points -------------------------------------------------------------------------------------------
 
@@ -208,14 +215,7 @@ class FrontEnd:
             return none
         coarse, scale = self._coarse(pair)
         step = round(1 / scale)
-        corners = detect(
-            coarse.left,
-            self.tracks.left_px * scale,
-            self.valid[::step, ::step],
-            wanted,
-            cfg.min_corner_distance_px * scale,
-            cfg.min_corner_response,
-        )
+        corners = self._corners(coarse.left, scale, wanted)
         if not len(corners):
             return none
         disparity, unique = search_rows(coarse.left, coarse.right, corners, self._disparity_range(scale))
@@ -264,6 +264,13 @@ class FrontEnd:
         self.next_id += n
         self.tracks = self.tracks.joined(new)
         return z[ok], cov[ok]
+
+    def _corners(self, coarse: Image, scale: float, wanted: int) -> NDArray[np.intp]:
+        """Whole pixels (k, 2) of an image of that scale, away from the tracks."""
+        cfg, step = self.config, round(1 / scale)
+        distance_px = cfg.min_corner_distance_px * scale
+        taken, allowed = self.tracks.left_px * scale, self.valid[::step, ::step]
+        return detect(coarse, taken, allowed, wanted, distance_px, cfg.min_corner_response)
 
     def _of_one_depth(self, pair: _Pair, left: Array, right: Array) -> NDArray[np.bool_]:
         """Whether the inner half of each patch, by itself, is found where the whole patch was: one that lies across a
@@ -319,7 +326,7 @@ def _note(pair: _Pair, previous: _Pair | None, tracked: int, in_both: int) -> st
             if image.min() > 247:
                 return f"the {name} image is white"
     if previous is not None and np.array_equal(pair.left, previous.left) and np.array_equal(pair.right, previous.right):
-        return "both images are those of the frame before, to the bit: are the cameras frozen?"
+        return "the images are those of the frame before, to the bit: are the cameras frozen?"
     if in_both >= _FEW:
         return ""
     if tracked < _FEW:

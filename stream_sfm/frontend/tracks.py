@@ -1,6 +1,7 @@
 """The table of live tracks: one row a point, ascending ids."""
 
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,15 +46,15 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def keep(self, rows: NDArray) -> "Tracks":
+    def keep(self, rows: NDArray) -> Self:
         """The given rows (mask or indices)."""
-        return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    def joined(self, other: "Tracks") -> "Tracks":
+    def joined(self, other: Self) -> Self:
         """These rows, then the other's; the other's ids must be larger."""
-        return Tracks(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
+        return type(self)(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
 
-    def moved(self, cam_from_previous: Array) -> "Tracks":
+    def moved(self, cam_from_previous: Array) -> Self:
         """Points carried into a new camera; `left_px` stays what was last measured."""
         points = self.points @ cam_from_previous.T
         depth = np.maximum(points[:, 2:3], 1e-3)

@@ -74,6 +74,10 @@ class StereoProjection:
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         return disparity / (self.f_px * self.baseline_m)
 
+    def rays(self, z_px: Array) -> Array:
+        """(X/Z, Y/Z) (…, 2) of the left side of views (…, 2 or 4)."""
+        return (z_px[..., :2] - (self.cx_left_px, self.cy_px)) / self.f_px
+
     def triangulate(self, z_px: Array) -> Array:
         """Points (…, 3) of stereo views (…, 4): exact when the two rows agree, their mean otherwise."""
         depth = self.depth_m(z_px)

@@ -31,6 +31,9 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
     window_frame_indices: Annotated[list[int], Meta(description="frames in the estimator's window, oldest first")]
     window_world_from_cam: Annotated[list[Matrix], Meta(description="their poses as re-estimated now, each 4×4")]
     counts: Annotated[dict[str, int], Meta(description="points tracked, new, used, rejected")]
+    unscaled: Annotated[
+        bool, Meta(description="of one camera: lengths are in units of the first baseline, not in metres")
+    ] = False
     nis: Annotated[float | None, Meta(description="whitened squared innovation of the accepted views")]
     nis_dof: Annotated[
         int, Meta(description="its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed")
@@ -58,6 +61,7 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
         window_frame_indices=estimate.window_frame_indices.tolist(),
         window_world_from_cam=estimate.window_world_from_cam.tolist(),
         counts={name: int(value) for name, value in estimate.counts.items()},
+        unscaled=estimate.unscaled,
         nis=float(estimate.nis),
         nis_dof=int(estimate.nis_dof),
     )

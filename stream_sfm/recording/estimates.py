@@ -39,7 +39,7 @@ from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
-from ..types import FrameEstimate, StereoRig
+from ..types import FrameEstimate, MonoRig, StereoRig
 from . import odometry
 from .estimate_record import SCHEMA_VERSION, EstimateRecord, TimingRecord, estimate_record, json_schema
 from .part_file import PartFile
@@ -64,14 +64,19 @@ POINT_DTYPE = np.dtype(
 class EstimatesWriter:
     """A sink of estimates. Raises OutputError where the file cannot be written."""
 
-    def __init__(self, path: str | Path, rig: StereoRig, config: Config) -> None:
+    def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
         self._file = PartFile(path)
         self._stream = _Stream(self._file)
         self._writer = Writer(cast(IO[Any], self._stream), chunk_size=4 * 2**20, use_summary_offsets=False)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         self._writer.add_metadata(
             "stream_sfm",
-            {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method},
+            {
+                "software_version": __version__,
+                "schema_version": str(SCHEMA_VERSION),
+                "method": config.method,
+                "unscaled": str(config.mono).lower(),
+            },
         )
         self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
         self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", calibration_to_toml(rig).encode())

@@ -13,10 +13,15 @@ from .records import Damage, LogFile
 
 @dataclass(frozen=True, slots=True)
 class StereoPair:
-    """Two images of one moment as recorded; the pair's stamp is the left one's."""
+    """Two images of one moment as recorded, of one camera twice the same; the pair's stamp is the left one's."""
 
     left: ImageMessage
     right: ImageMessage
+
+    @property
+    def images(self) -> tuple[ImageMessage, ImageMessage]:
+        """Left and right."""
+        return self.left, self.right
 
     @property
     def stamp_ns(self) -> int:
@@ -45,7 +50,10 @@ class ReadStats:
 
 
 class PairReader:
-    """Reads pairs from two topics of one file; each reading starts anew and renews `stats`."""
+    """Reads pairs from two topics of one file; each reading starts anew and renews `stats`.
+
+    Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
+    """
 
     def __init__(self, file: LogFile, left_topic: str, right_topic: str) -> None:
         self.file = file
@@ -62,24 +70,25 @@ class PairReader:
         damage = Damage()
         decoder = MessageDecoder(self.file.path)
         pairer: Pairer[ImageMessage] = Pairer()
-        sides = {self.left_topic: 0, self.right_topic: 1}
-        unchecked = {0, 1}
+        topics = (self.left_topic, self.right_topic)
+        unchecked = set(topics)
         problem = ""
         try:
-            for message in self.file.messages(damage, frozenset(sides)):
-                side = sides[message.channel.topic]
+            for message in self.file.messages(damage, frozenset(topics)):
+                topic = message.channel.topic
                 try:
                     image = decoder.image(message)
                 except UndecodableMessage as error:
                     stats.undecodable += 1
                     problem = problem or str(error)
                     continue
-                if side in unchecked:
+                if topic in unchecked:
                     check_encoding(image, self.file.path)
-                    unchecked.remove(side)
-                for left, right in pairer.push(side, image.stamp_ns, image, len(image.data)):
-                    self._count(stats, damage, pairer.counts)
-                    yield StereoPair(left, right)
+                    unchecked.remove(topic)
+                for side in (side for side in (0, 1) if topics[side] == topic):
+                    for left, right in pairer.push(side, image.stamp_ns, image, len(image.data)):
+                        self._count(stats, damage, pairer.counts)
+                        yield StereoPair(left, right)
             for left, right in pairer.finish():
                 self._count(stats, damage, pairer.counts)
                 yield StereoPair(left, right)

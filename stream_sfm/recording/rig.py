@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import ConfigError, LogError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
-from ..types import DISTORTION_COEFFICIENTS, Camera, StereoRig
+from ..types import DISTORTION_COEFFICIENTS, Camera, MonoRig, StereoRig
 from .messages import CalibrationMessage
 
 _MODELS = {
@@ -49,6 +49,14 @@ def rig_from_messages(
         return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
         raise LogError(f"{path}: topics {left.topic} and {right.topic}: {error}; or {CURE}") from None
+
+
+def camera_from_message(path: Path, message: CalibrationMessage, rectified: bool) -> MonoRig:
+    """The one camera of a message. Raises LogError as `rig_from_messages`."""
+    try:
+        return MonoRig(_camera(path, message, rectified))
+    except ConfigError as error:
+        raise LogError(f"{path}: topic {message.topic}: {error}; or {CURE}") from None
 
 
 def right_is_left(rig: StereoRig) -> float | None:

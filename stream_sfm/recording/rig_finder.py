@@ -4,20 +4,23 @@ An attachment goes before messages because somebody put it there on purpose, whe
 cameras that were never calibrated. Where P gives no baseline, the transform between the two cameras' frames does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from ..calibration import parse_calibration, read_calibration
+from ..calibration import parse_calibration, parse_camera, read_calibration, read_camera
 from ..errors import ConfigError, LogError
-from ..types import StereoRig
+from ..types import MonoRig, StereoRig
 from .messages import MessageDecoder
 from .records import Damage, LogFile
-from .rig import CURE, gives_baseline, rig_from_messages
+from .rig import CURE, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages
 from .topics import PairChoice, choose_calibration, is_rectified
 from .transforms import fixed_transform
 
 ATTACHMENT = "calibration.toml"
+Rig = TypeVar("Rig", StereoRig, MonoRig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,32 +39,50 @@ def find_rig(
         return FoundRig(calibration, "given by the caller")
     if calibration is not None:
         return FoundRig(read_calibration(calibration), str(calibration))
-    return _attached(file) or _sent(file, survey, choice)
+    rig = _attached(file, parse_calibration)
+    return FoundRig(rig, f"attachment {ATTACHMENT}") if rig else _sent(file, survey, choice)
 
 
-def _attached(file: LogFile) -> FoundRig | None:
+def find_camera(
+    file: LogFile, survey: Survey, topic: str, calibration: str | Path | StereoRig | MonoRig | None = None
+) -> MonoRig:
+    """The one camera of an image topic, from the same places and with the same errors as `find_rig`."""
+    if isinstance(calibration, StereoRig | MonoRig):
+        return MonoRig(calibration.left)
+    if calibration is not None:
+        return read_camera(calibration)
+    if rig := _attached(file, parse_camera):
+        return rig
+    sent_on = _calibration_topic(file, survey, topic, 0)
+    message, _ = read_calibration_messages(file, survey, (sent_on, sent_on), MessageDecoder(file.path))
+    return camera_from_message(file.path, message, is_rectified(topic))
+
+
+def _attached(file: LogFile, parse: Callable[[bytes, str], Rig]) -> Rig | None:
     for attachment in file.attachments(Damage()):
         if attachment.name.split("/")[-1] == ATTACHMENT:
             try:
-                return FoundRig(
-                    parse_calibration(attachment.data, "attached to the log"), f"attachment {ATTACHMENT}"
-                )
+                return parse(attachment.data, "attached to the log")
             except ConfigError as error:
                 raise LogError(f"{file.path}: {error}; {CURE}") from None
     return None
 
 
-def _sent(file: LogFile, survey: Survey, choice: PairChoice) -> FoundRig:
+def _calibration_topic(file: LogFile, survey: Survey, image_topic: str, side: int) -> str:
     calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
-    topics = []
-    for side, image_topic in enumerate((choice.left, choice.right)):
-        topic = choose_calibration(image_topic, side, calibrations)
-        if topic is None:
-            listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
-            raise LogError(
-                f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
-            )
-        topics.append(topic)
+    topic = choose_calibration(image_topic, side, calibrations)
+    if topic is None:
+        listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
+        raise LogError(
+            f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
+        )
+    return topic
+
+
+def _sent(file: LogFile, survey: Survey, choice: PairChoice) -> FoundRig:
+    topics = [
+        _calibration_topic(file, survey, topic, side) for side, topic in enumerate((choice.left, choice.right))
+    ]
     decoder = MessageDecoder(file.path)
     left, right = read_calibration_messages(file, survey, (topics[0], topics[1]), decoder)
     rectified = is_rectified(choice.left)

@@ -8,46 +8,57 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError, RigError
-from ..types import StereoFrame, StereoRig, Trajectory
+from ..errors import ConfigError, LogError, RigError
+from ..types import MonoRig, StereoFrame, StereoRig, Trajectory
 from .ground_truth import depth_topic, read_depths, read_truth, truth_topic
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .records import Damage, LogFile
 from .rig import CURE, check_sides
-from .rig_finder import find_rig
+from .rig_finder import find_camera, find_rig
 from .survey import Survey, survey_log
-from .topics import PairChoice, choose_pair
+from .topics import PairChoice, choose_one, choose_pair
 
 
 def open_log(
     path: str | Path,
     left: str | None = None,
     right: str | None = None,
-    calibration: str | Path | StereoRig | None = None,
+    calibration: str | Path | StereoRig | MonoRig | None = None,
+    mono: bool = False,
 ) -> "StereoLog":
     """Open an MCAP file for reading as a stereo log.
 
     `left`, `right`: topics, found by schema and name if not given. `calibration`: a calibration file or a rig,
-    instead of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    instead of the one in the log. `mono`: the left camera alone; the log need not have another. Raises LogError where
+    the log cannot be used, ConfigError for the calibration.
     """
     file = LogFile(path)
     try:
-        return _open(file, left, right, calibration)
+        return _open(file, left, right, calibration, mono)
     except LogError:
         if file.index is None or file.index.checksummed:
             raise
     # Without a checksum the index may be what is wrong: let the file speak for itself.
     file.index, file.index_problem = None, "it carries no checksum, and by it the log cannot be used"
-    return _open(file, left, right, calibration)
+    return _open(file, left, right, calibration, mono)
 
 
 def _open(
-    file: LogFile, left: str | None, right: str | None, calibration: str | Path | StereoRig | None
+    file: LogFile,
+    left: str | None,
+    right: str | None,
+    calibration: str | Path | StereoRig | MonoRig | None,
+    mono: bool,
 ) -> "StereoLog":
     damage = Damage()
     survey = survey_log(file, damage)
+    if mono:
+        one = choose_one(file.path, _images(file, survey, left, None, damage.notes), left)
+        return StereoLog(file, survey, one, find_camera(file, survey, one.left, calibration))
+    if isinstance(calibration, MonoRig):
+        raise ConfigError("the calibration is of one camera; a pair is needed, or mono")
     choice = choose_cameras(file, survey, left, right, damage.notes)
     rig = find_rig(file, survey, choice, calibration).rig
     check_sides(file.path, rig)
@@ -58,6 +69,13 @@ def choose_cameras(
     file: LogFile, survey: Survey, left: str | None, right: str | None, notes: Sequence[str] = ()
 ) -> PairChoice:
     """The two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
+    return choose_pair(file.path, _images(file, survey, left, right, notes), left, right)
+
+
+def _images(
+    file: LogFile, survey: Survey, left: str | None, right: str | None, notes: Sequence[str]
+) -> dict[str, int | None]:
+    """The image topics. Raises LogError where there can be none."""
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
@@ -69,26 +87,34 @@ def choose_cameras(
         raise LogError(
             f"{file.path} holds no message that can be read ({file.size} bytes){''.join(f'; {n}' for n in notes)}"
         )
-    return choose_pair(file.path, images, left, right)
+    return images
 
 
 class StereoLog:
     """A log whose cameras and calibration are known. Each reading opens the file anew and renews `stats`.
 
-    `path`; `rig`; `left_topic`, `right_topic` and `choice_reason`; `expected_frames`: images on the left topic by
-    the index, None where there is none; `duration_s`: span of the recording's own clock, None where not known.
+    `path`; `cameras`: the rig, and `rig` the same where it is of two; `left_topic`, `right_topic` and
+    `choice_reason`; `expected_frames`: images on the left topic by the index, None where there is none; `duration_s`:
+    span of the recording's own clock, None where not known.
     """
 
-    def __init__(self, file: LogFile, survey: Survey, choice: PairChoice, rig: StereoRig) -> None:
+    def __init__(self, file: LogFile, survey: Survey, choice: PairChoice, rig: StereoRig | MonoRig) -> None:
         self._file = file
         self.survey = survey
         self.path = file.path
-        self.rig = rig
+        self.cameras = rig
         self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
         self._reader = PairReader(file, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
         self._camera_frame = ""
+
+    @property
+    def rig(self) -> StereoRig:
+        """Both cameras. Raises ConfigError where the log was opened for one."""
+        if not isinstance(self.cameras, StereoRig):
+            raise ConfigError(f"{self.path} was opened for one camera (mono): what is asked for needs two")
+        return self.cameras
 
     @property
     def stats(self) -> ReadStats:
@@ -129,7 +155,7 @@ class StereoLog:
     ) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
         """As `frames`, each with the recorded bytes it came from.
 
-        Left and right are decoded at the same time, one frame ahead of the consumer.
+        Left and right are decoded at the same time, one frame ahead of the consumer; of one camera they are the same.
         """
         if stride < 1:
             raise ValueError(f"stride must be at least 1, got {stride}")
@@ -204,6 +230,7 @@ class _Decoding:
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
+        self._cameras = list(log.cameras.cameras.values())
         self._scaler = GreyScaler()
         self._delivered = False
         self.problem = ""
@@ -215,7 +242,7 @@ class _Decoding:
         for pair in pairs:
             if not self._fits(pair):
                 continue
-            submitted = (pair, [pool.submit(decode_grey, m) for m in (pair.left, pair.right)])
+            submitted = (pair, [pool.submit(decode_grey, m) for m in pair.images[: len(self._cameras)]])
             if ahead is not None and (frame := self._frame(*ahead)) is not None:
                 yield ahead[0], frame
             ahead = submitted
@@ -224,7 +251,7 @@ class _Decoding:
 
     def _fits(self, pair: StereoPair) -> bool:
         """Before decoding, so that a damaged header cannot ask for gigabytes."""
-        for message, camera in ((pair.left, self._log.rig.left), (pair.right, self._log.rig.right)):
+        for message, camera in zip(pair.images, self._cameras, strict=False):
             size = image_size(message)
             if size is None:
                 self._skip(f"{message.topic}: the header of an image is damaged")
@@ -245,12 +272,11 @@ class _Decoding:
 
     def _frame(self, pair: StereoPair, futures: list[Future[Grey]]) -> StereoFrame | None:
         try:
-            images = [f.result() for f in futures]
+            images = self._scaler.to_uint8(*[f.result() for f in futures])
         except UndecodableImage as error:
             self._skip(str(error))
             return None
-        left, right = self._scaler.to_uint8(*images)
-        return StereoFrame(pair.stamp_ns, left, right)
+        return StereoFrame(pair.stamp_ns, images[0], images[-1])
 
     def _skip(self, problem: str) -> None:
         self._log.stats.undecodable += 1

@@ -108,7 +108,8 @@ def choose_pair(
                 pairs = [(pairs[0][1], pairs[0][0])]
     if len(cameras) == 1 and not pairs:
         raise LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; image topics are: {listed}"
+            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two (replay --mono does with one, "
+            f"without scale); image topics are: {listed}"
         )
     if not pairs:
         raise LogError(
@@ -123,6 +124,18 @@ def choose_pair(
         return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
     options = "; ".join(f"--left {l} --right {r}" for l, r in pairs)
     raise LogError(f"{path} holds several stereo pairs; choose one: {options}")
+
+
+def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:
+    """The one camera to use, as a pair of twice the same topic: the one named, the left one of the pair that
+    `choose_pair` would take, or the only one. Raises LogError as `choose_pair`."""
+    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+    if left is not None and left in image_topics:
+        return PairChoice(left, left, "named by the user")
+    if len(cameras) == 1 and left is None:
+        return PairChoice(cameras[0], cameras[0], "the only camera")
+    pair = choose_pair(path, image_topics, left)
+    return PairChoice(pair.left, pair.left, f"left of a pair: {pair.reason}")
 
 
 def _form_rank(topic: str) -> tuple[bool, bool, bool]:

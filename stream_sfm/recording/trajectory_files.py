@@ -1,6 +1,7 @@
 """Trajectories as text: TUM (`t x y z qx qy qz qw`) and KITTI (twelve numbers of the 3×4 pose a row).
 
-Both hold `world_from_cam` of the left camera, metres. Lines are written as estimates come, under a temporary name
+Both hold `world_from_cam` of the left camera, metres; of one camera, units of the first baseline, which TUM's format
+lets a comment say. Lines are written as estimates come, under a temporary name
 that `close` moves into place.
 """
 
@@ -18,8 +19,10 @@ from .part_file import PartFile
 class TumWriter:
     """`trajectory.tum`: seconds with nine decimals, taken from the integer stamp without passing a float."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, comment: str = "") -> None:
         self._file = PartFile(path)
+        if comment:
+            self._file.write(f"# {comment}\n".encode())
 
     def write(self, estimate: FrameEstimate) -> None:
         """Append one line."""

@@ -6,7 +6,7 @@ Not here: the HTML pages (`report/`).
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..types import StereoRig, Trajectory
+from ..types import MonoRig, StereoRig, Trajectory
 
 if TYPE_CHECKING:
     from .sink import RerunSink
@@ -15,7 +15,7 @@ __all__ = ["open_viewer"]
 
 
 def open_viewer(
-    rig: StereoRig,
+    rig: StereoRig | MonoRig,
     rrd: str | Path | None = None,
     view: bool = False,
     ground_truth: Trajectory | None = None,

@@ -1,5 +1,7 @@
 """What stands where in the viewer: entity paths, the blueprint, the colours."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -44,8 +46,8 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
     return _COLOURS[(place * (_STEPS - 1)).astype(int)]
 
 
-def blueprint() -> rrb.Blueprint:
-    """3-D view, the two images with tracks, drift, tracks and timing over time, the status log."""
+def blueprint(sides: Sequence[str] = SIDES) -> rrb.Blueprint:
+    """3-D view, the images of the cameras `sides` with tracks, drift, tracks and timing over time, the status log."""
     whole_past = rrb.VisibleTimeRange(
         "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
@@ -56,12 +58,12 @@ def blueprint() -> rrb.Blueprint:
         overrides={TRAJECTORY: rrb.VisibleTimeRanges(whole_past)},
         line_grid=False,
     )
-    images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image and tracks", origin=s) for s in SIDES]
+    images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image and tracks", origin=s) for s in sides]
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
         for name, origin in (
-            ("position, metres: error and claimed σ", DRIFT),
+            ("position (metres, of one camera units): error and claimed σ", DRIFT),
             ("tracks", TRACKS),
             ("time a frame, ms", TIMING),
         )

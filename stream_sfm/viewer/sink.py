@@ -16,7 +16,7 @@ from ..evaluation.projection import project_into_image
 from ..geometry import pose as se3
 from ..geometry.pose import Array
 from ..recording.images import sniff_format
-from ..types import FrameEstimate, Status, StereoRig, Trajectory
+from ..types import FrameEstimate, MonoRig, Status, StereoRig, Trajectory
 from . import layout
 
 Picture = NDArray[np.uint8] | bytes
@@ -33,9 +33,19 @@ class RerunSink:
     """
 
     def __init__(
-        self, rig: StereoRig, rrd: str | Path | None, view: bool, ground_truth: Trajectory | None, name: str
+        self,
+        rig: StereoRig | MonoRig,
+        rrd: str | Path | None,
+        view: bool,
+        ground_truth: Trajectory | None,
+        name: str,
     ) -> None:
-        self._rig = rig
+        self._cameras = tuple(rig.cameras.values())
+        self._sides = layout.SIDES[: len(self._cameras)]
+        # of each camera, and how far its picture is shown in front of it
+        self._from_left, self._picture_at = [np.eye(4)], 1.0
+        if isinstance(rig, StereoRig):
+            self._from_left, self._picture_at = [np.eye(4), rig.right_from_left], 3 * rig.baseline_m
         self._truth = ground_truth if ground_truth is not None and len(ground_truth) else None
         self._world_from_truth: Array | None = None
         self._previous: Array | None = None
@@ -51,7 +61,7 @@ class RerunSink:
     def _open(self, rrd: str | Path | None, view: bool) -> None:
         if rrd is None and not view:
             raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
-        blueprint = layout.blueprint()
+        blueprint = layout.blueprint(self._sides)
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if rrd is not None:
             try:
@@ -75,16 +85,15 @@ class RerunSink:
         """What does not change: axes, cameras, legends, the path of the ground truth is drawn when it is placed."""
         log = self._stream.log
         log("world", rr.ViewCoordinates.RDF, static=True)
-        for side, camera in zip(layout.SIDES, (self._rig.left, self._rig.right), strict=True):
+        for side, camera, from_left in zip(self._sides, self._cameras, self._from_left, strict=True):
             pinhole = rr.Pinhole(
                 image_from_camera=camera.K,
                 resolution=(camera.width, camera.height),
                 camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=3 * self._rig.baseline_m,
+                image_plane_distance=self._picture_at,
             )
             log(side, pinhole, static=True)
-        left_from_right = se3.inverse(self._rig.right_from_left)
-        log(layout.SIDES[1], _transform(left_from_right), static=True)
+            log(side, _transform(se3.inverse(from_left)), static=True)
         drift, colours = ["claimed σ"], [layout.ELLIPSOID_COLOUR]
         if self._truth is not None:
             drift, colours = ["claimed σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
@@ -98,7 +107,7 @@ class RerunSink:
         stream = self._stream
         stream.set_time("frame", sequence=estimate.frame_index)
         stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
-        for side, picture in zip(layout.SIDES, (left, right), strict=True):
+        for side, picture in zip(self._sides, (left, right), strict=False):
             if picture is not None:
                 stream.log(f"{side}/image", _picture(picture))
         stream.log(layout.CAMERA, _transform(estimate.world_from_cam))
@@ -134,14 +143,11 @@ class RerunSink:
 
     def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint32]) -> None:
         """The points in both images as delivered, in the left one with a tail of where they were before."""
-        points_in_right = se3.transform(self._rig.right_from_left, estimate.points_in_cam)
-        front = (estimate.points_in_cam[:, 2] > 0) & (points_in_right[:, 2] > 0)
+        points = [se3.transform(from_left, estimate.points_in_cam) for from_left in self._from_left]
+        front = np.all([p[:, 2] > 0 for p in points], axis=0)
         ids, colours = estimate.track_ids[front], colours[front]
-        pixels = (
-            project_into_image(self._rig.left, estimate.points_in_cam[front]),
-            project_into_image(self._rig.right, points_in_right[front]),
-        )
-        for side, now in zip(layout.SIDES, pixels, strict=True):
+        pixels = [project_into_image(c, p[front]) for c, p in zip(self._cameras, points, strict=True)]
+        for side, now in zip(self._sides, pixels, strict=True):
             shown = rr.Points2D.from_fields(positions=(now + 0.5).astype(np.float32), colors=colours)
             self._stream.log(f"{side}/tracks", shown)
         places = [pixels[0]]
