@@ -38,7 +38,7 @@ class FrontendConfig(_Section, frozen=True):
     max_row_difference_px: Annotated[float, Meta(description="largest difference of rows, left to right", gt=0)] = (
         1.5
     )
-    max_grey_error: Annotated[float, Meta(description="largest mean grey difference to the template", gt=0)] = 16.0
+    max_grey_error: Annotated[float, Meta(description="largest deviation of greys from the template", gt=0)] = 20.0
     max_disparity_share: Annotated[float, Meta(description="largest disparity, share of the width", gt=0, le=1)] = (
         0.25
     )

@@ -16,7 +16,7 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 from ..types import MapStart, Observations
 from .parallax import MonoTracks
-from .tracker import FrontEnd, Image, _note, _Pair, _smoothed
+from .tracker import FrontEnd, Image, _coarse, _note, _Pair, _smoothed
 from .tracks import Tracks
 from .two_view import two_view_motion
 
@@ -62,7 +62,7 @@ class MonoFrontEnd(FrontEnd):
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image | None = None) -> Observations:
         """Observations of the next frame as `FrontEnd.step`; none while depths are not observable."""
         smoothed = _smoothed(left, self.config.smoothing_px)
-        pair = _Pair(smoothed, smoothed)
+        pair = _Pair.of(smoothed, smoothed)
         if self.mapped:
             motion, z, cov = self._in_front(*self._follow(pair, (stamp_ns - self.stamp_ns) / 1e9))
             if motion is None:
@@ -132,7 +132,7 @@ class MonoFrontEnd(FrontEnd):
 
     def _follow_directions(self, pair: _Pair) -> Array:
         """Follow the tracks, all taken for infinitely far; covariances (n, 4, 4) of what is left of them."""
-        at, found = self._flow(pair, self.tracks)
+        at, found = self._flow(self._as_exposed_now(pair)[0], pair, self.tracks)
         warps = self.tracks.anchor_from_now(self.cam_from_start, self.projection.baseline_m)[0]
         found &= self.atlas.fits(warps)
         tracks, at, warps = self.tracks.keep(found), at[found], warps[found]
@@ -190,8 +190,8 @@ class MonoFrontEnd(FrontEnd):
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share or (len(self.tracks) and not self.mapped):
             return
-        coarse, scale = self._coarse(pair)
-        corners = self._corners(coarse.left, scale, wanted) * round(1 / scale)
+        (image,), scale = _coarse(pair.left)
+        corners = self._corners(image, scale, wanted) * round(1 / scale)
         n = len(corners)
         if not n:
             return
@@ -205,7 +205,7 @@ class MonoFrontEnd(FrontEnd):
             left_px=left,
             points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
             var_rho=(STD_SCENE * rho) ** 2,
-            gradients=self.atlas.store(pair.left, corners, slots),
+            gradients=self.atlas.store(pair.left_grey, corners, slots),
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
             slopes=np.zeros((n, 2)),
             anchor_rays=rays,

@@ -16,7 +16,6 @@ _FLOOR_PX = 0.03  # interpolation and rectification tables
 # Such an error is the same in all views of a point; it moves the point, not the motion.
 BIAS_PX = 0.06
 _SLANT = 0.42  # see ViewNoise.drift
-_MEAN_TO_STD = 1.2533  # √(π/2): mean absolute difference to standard deviation, Gaussian
 _MEMORY_FRAMES = 20.0
 _FACTOR_RANGE = (0.05, 30.0)
 
@@ -31,7 +30,7 @@ class ViewNoise:
         self.frames = 0
 
     def covariance(self, gradients: Array, anchor_from_now: Array, error_left: Array, error_right: Array) -> Array:
-        """(n, 4, 4) px² of views from template gradients (n, 2, 2), warps (n, 2, 2) and mean grey differences (n,).
+        """(n, 4, 4) px² of views from template gradients (n, 2, 2), warps (n, 2, 2) and grey deviations (n,).
 
         The gradient matrix of the template in today's pixels is Wᵀ H W / |det W|, W the warp now to anchor, eqs. (14)
         and (15).
@@ -43,7 +42,7 @@ class ViewNoise:
         shape = np.linalg.inv(h)
         cov = np.zeros((len(gradients), 4, 4))
         for side, error in ((slice(0, 2), error_left), (slice(2, 4), error_right)):
-            grey = np.where(np.isfinite(error), error, 255.0) * _MEAN_TO_STD
+            grey = np.where(np.isfinite(error), error, 255.0)
             variance = 0.5 * self.shared_pixels * np.maximum(grey, 0.5) ** 2  # half of it is the template's
             cov[:, side, side] = self.factor * (variance[:, None, None] * shape + _FLOOR_PX**2 * np.eye(2))
         return cov

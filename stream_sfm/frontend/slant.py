@@ -21,8 +21,8 @@ _ITERATIONS = 3
 
 
 def disparity_slopes(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
+    left: NDArray[np.float32],
+    right: NDArray[np.float32],
     points_px: NDArray[np.intp],
     right_px: Array,
     radius_px: int,
@@ -38,9 +38,10 @@ def disparity_slopes(
     steps = np.arange(-radius_px - 1, radius_px + 2)
     u = (points_px[:, 0, None, None] + steps).clip(0, left.shape[1] - 1)
     v = (points_px[:, 1, None, None] + steps[:, None]).clip(0, left.shape[0] - 1)
-    patch = left[v, u].astype(np.float32)
+    patch = left[v, u]
     # every second pixel: neighbours share their noise, smoothing has seen to that
     template = patch[:, 1:-1:2, 1:-1:2].reshape(n, -1)
+    template = template - template.mean(axis=1, keepdims=True)
     tu = 0.5 * (patch[:, 1:-1:2, 2::2] - patch[:, 1:-1:2, :-2:2]).reshape(n, -1)
     tv = 0.5 * (patch[:, 2::2, 1:-1:2] - patch[:, :-2:2, 1:-1:2]).reshape(n, -1)
     inner = steps[1:-1:2].astype(np.float32)
@@ -54,14 +55,17 @@ def disparity_slopes(
     p = np.zeros((n, 4))
     p[:, 0] = points_px[:, 0] - right_px[:, 0]
     p[:, 3] = right_px[:, 1] - points_px[:, 1]
-    grey = right.astype(np.float32)
     by_pixel = np.stack([np.ones_like(du), du, dv])
     for _ in range(_ITERATIONS):
         at_u = (points_px[:, :1] + du - p[:, :3] @ by_pixel).astype(np.float32)
         at_v = (points_px[:, 1:] + dv + p[:, 3:]).astype(np.float32)
-        there = cv2.remap(grey, at_u, at_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        difference = template - np.asarray(there, np.float32)
-        difference -= difference.mean(axis=1, keepdims=True)
+        there = cv2.remap(right, at_u, at_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        there = np.asarray(there, np.float32)
+        there -= there.mean(axis=1, keepdims=True)
+        gain = (template * there).sum(axis=1) / (
+            (there * there).sum(axis=1) + 1.0
+        )  # of the left exposure to the right
+        difference = template - gain[:, None] * there
         g = (transposed @ difference[..., None])[..., 0] - prior * p * (0, 1, 1, 0)
         p = p + (cov @ g[..., None])[..., 0]
     slopes = p[:, 1:3]
@@ -69,4 +73,3 @@ def disparity_slopes(
     info = np.linalg.inv(cov[:, 1:3, 1:3]) / std_grey**2
     told = np.einsum("ni,nij,nj->n", slopes, info, slopes) > _SIGNIFICANT
     return np.where((sane & told)[:, None], slopes, 0.0)
-

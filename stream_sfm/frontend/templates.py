@@ -1,10 +1,13 @@
 """Anchored templates: every point is aligned against the patch of its first frame, never against the last one.
 
 A patch that is followed from frame to frame drifts towards zero motion under image noise, and no estimator repairs
-that. The template's own noise moves the point once and for all, which harms nobody. The patches are warped by the
-affine map that pose and depth predict and laid out as one mosaic, so that all points are aligned in one call of
-Lucas-Kanade.
+that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the affine
+map that pose and depth predict, then found by Gauss-Newton over its position and over gain and offset of its grey
+values together, inverse compositional (Baker and Matthews 2004): two cameras expose differently, and so does one from
+frame to frame.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -12,11 +15,95 @@ from numpy.typing import NDArray
 
 from ..geometry.pose import Array
 
-_ROWS = 32  # patches above each other in the atlas
+Grey = NDArray[np.float32]
+_COLUMNS = 32  # patches beside each other in the atlas
+_SPACING_PX = 2  # between samples: neighbours share their noise, smoothing has seen to that
+_ITERATIONS = 20  # two or three do, more for an image that is more blurred than the template
+_SHRINKING = 0.7  # of each step over the last one, else it leads nowhere
+_CONVERGED_PX = 0.05  # a step leaves a tenth of itself
+_GAIN_RANGE = (0.1, 10.0)
+_LEAST_EXPLAINED = 0.5  # of the image's variance, else it shows something else
+
+
+@dataclass(frozen=True, slots=True)
+class Patches:
+    """Warped templates (n) of k × k samples at all pairs of `offsets_px` (k,): the pseudo-inverse `inverse` (n, 3, k²)
+    of their slopes along u and v and of their grey values, each of mean zero; the products `information` (n, 3, 3) of
+    these three; and the mean grey value `level` (n,)."""
+
+    inverse: Grey
+    information: Array
+    level: Grey
+    offsets_px: Grey
+
+    @classmethod
+    def of_grey(cls, grey: Grey, spacing_px: int) -> "Patches":
+        """From grey values (n, 2r + 3, 2r + 3), one pixel apart: a patch of 2r + 1, and what its slopes need."""
+        n, radius = len(grey), (grey.shape[1] - 3) // 2
+        offsets = np.arange(-radius, radius + 1, spacing_px, dtype=np.float32)
+        inner, before, after = slice(1, -1, spacing_px), slice(0, -2, spacing_px), slice(2, None, spacing_px)
+        square = np.empty((n, 3, len(offsets), len(offsets)), np.float32)
+        np.subtract(grey[:, inner, after], grey[:, inner, before], out=square[:, 0])
+        np.subtract(grey[:, after, inner], grey[:, before, inner], out=square[:, 1])
+        square[:, :2] *= 0.5
+        square[:, 2] = grey[:, inner, inner]
+        columns = square.reshape(n, 3, len(offsets) ** 2)
+        mean = columns.mean(axis=2, keepdims=True)
+        columns -= mean
+        information = np.einsum("nkm,nlm->nkl", columns, columns).astype(np.float64)
+        information += (1e-6 * np.trace(information, axis1=1, axis2=2) + 1e-3)[:, None, None] * np.eye(3)
+        inverse = np.linalg.inv(information).astype(np.float32) @ columns
+        return cls(inverse, information, mean[:, 2, 0], offsets)
+
+    def align(self, image: Grey, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Positions (n, 2) in an image from starts (n, 2), whether each was found (n,), and the deviation (n,) of the
+        grey differences that are left, in grey values of the template, inf where it was not found.
+
+        A position is found with the patch's own gain and offset. What it is worth is judged with those that all
+        patches have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
+        """
+        n, k = len(starts_px), len(self.offsets_px)
+        at = np.array(starts_px, dtype=np.float32)
+        fits, levels, totals = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+        ok = np.zeros(n, bool)
+        rows = np.flatnonzero(np.isfinite(at).all(axis=1))
+        before: Array | float = self.offsets_px[-1] / _SHRINKING
+        for _ in range(_ITERATIONS):
+            if not len(rows):
+                break
+            there, level = self._samples(image, at[rows])
+            fit = np.einsum("nkm,nm->nk", self.inverse[rows], there)  # gain × step along u, v; gain
+            fits[rows], levels[rows], totals[rows] = fit, level, np.einsum("nm,nm->n", there, there)
+            step = fit[:, :2] / fit[:, 2:].clip(*_GAIN_RANGE)
+            at[rows] -= step
+            size = np.abs(step).max(axis=1)
+            ok[rows] = size < _CONVERGED_PX
+            going = (size >= _CONVERGED_PX) & (size < _SHRINKING * before)
+            rows, before = rows[going], size[going]
+        rest = np.maximum(totals - np.einsum("nk,nkl,nl->n", fits, self.information, fits), 0.0)
+        gains = fits[:, 2]
+        ok &= (gains > _GAIN_RANGE[0]) & (gains < _GAIN_RANGE[1]) & (rest < (1 - _LEAST_EXPLAINED) * totals)
+        error = np.full(n, np.inf)
+        if ok.any():
+            gain = float(np.median(gains[ok]))
+            offsets = levels[ok] - gain * self.level[ok]
+            own_gain = (gains[ok] - gain) ** 2 * self.information[ok, 2, 2]
+            own_offset = k * k * (offsets - np.median(offsets)) ** 2
+            error[ok] = np.sqrt((rest[ok] + own_gain + own_offset) / (k * k - 4)) / gain
+        return at.astype(np.float64), ok, error
+
+    def _samples(self, image: Grey, at: Grey) -> tuple[Grey, Grey]:
+        """Grey values (n, k²) around positions (n, 2), each row of mean zero, and the means (n,)."""
+        k = len(self.offsets_px)
+        u = np.tile(at[:, :1] + self.offsets_px, (1, k))
+        v = np.repeat(at[:, 1:] + self.offsets_px, k, axis=1)
+        grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        level = grey.mean(axis=1)
+        return np.asarray(grey - level[:, None]), np.asarray(level)
 
 
 class TemplateAtlas:
-    """Patches of all tracks by slot, and their alignment with an image.
+    """Patches of all tracks by slot.
 
     `radius_px` of the alignment window (2r+1 pixels wide); patches are stored half as large again, so that a warp
     finds its pixels.
@@ -24,25 +111,22 @@ class TemplateAtlas:
 
     def __init__(self, slots: int, radius_px: int) -> None:
         self.radius = radius_px
-        self.reach = radius_px + 3  # window, plus its derivatives, plus the fraction of a pixel
-        self.half = int(1.6 * self.reach)
+        self.reach = radius_px + 2  # window, its derivatives, and interpolation
+        self.half = int(1.7 * self.reach)
         self.side = 2 * self.half + 1
-        self.atlas = np.zeros((_ROWS * self.side, -(-slots // _ROWS) * self.side), np.uint8)
-        self.window = (2 * radius_px + 1, 2 * radius_px + 1)
+        # one image, which interpolation needs, and the same memory by patch
+        self.atlas = np.zeros((-(-slots // _COLUMNS) * self.side, _COLUMNS * self.side), np.float32)
+        self.by_patch = self.atlas.reshape(-1, self.side, _COLUMNS, self.side)
 
-    def _corners(self, slots: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        return slots // _ROWS * self.side, slots % _ROWS * self.side
-
-    def store(self, image: NDArray[np.uint8], points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> Array:
+    def store(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> Array:
         """Cut patches around whole pixels (n, 2); returns their gradient matrices H (n, 2, 2), grey²."""
         h, w = image.shape
         steps = np.arange(-self.half, self.half + 1)
         u, v = points_px[:, 0, None] + steps, points_px[:, 1, None] + steps
         patches = image[v.clip(0, h - 1)[:, :, None], u.clip(0, w - 1)[:, None, :]]
-        for patch, x, y in zip(patches, *self._corners(slots), strict=True):
-            self.atlas[y : y + self.side, x : x + self.side] = patch
+        self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = patches
         inner = slice(self.half - self.radius - 1, self.half + self.radius + 2)
-        p = patches[:, inner, inner].astype(np.float32)
+        p = patches[:, inner, inner]
         slopes = np.stack([p[:, 1:-1, 2:] - p[:, 1:-1, :-2], p[:, 2:, 1:-1] - p[:, :-2, 1:-1]], axis=1)
         slopes = 0.5 * slopes.reshape(len(slots), 2, -1)
         return np.asarray(slopes @ np.swapaxes(slopes, 1, 2), np.float64)
@@ -53,62 +137,23 @@ class TemplateAtlas:
         area = np.abs(np.linalg.det(anchor_from_now))
         return (extent < self.half) & (area > 0.2)
 
-    def mosaics(self, slots: NDArray[np.intp], anchor_from_now: Array, shape: tuple[int, int]) -> list[tuple]:
-        """Warped templates laid out in images of `shape` (h, w): (image, rows of the points, centres (k, 2))."""
-        tile = 2 * self.reach + 1
-        columns, rows = shape[1] // tile, shape[0] // tile
-        steps = np.arange(-self.reach, self.reach + 1, dtype=np.float32)
-        out = []
-        for start in range(0, len(slots), columns * rows):
-            chunk = np.arange(start, min(start + columns * rows, len(slots)))
-            used_rows = -(-len(chunk) // columns)
-            w = anchor_from_now[chunk].astype(np.float32)
-            x0, y0 = self._corners(slots[chunk])
-            # maps (k, tile, tile): where each pixel of a tile comes from in the atlas
-            x = (x0 + self.half).astype(np.float32)[:, None, None] + w[:, 0, 0, None, None] * steps[None, None, :]
-            x = x + w[:, 0, 1, None, None] * steps[None, :, None]
-            y = (y0 + self.half).astype(np.float32)[:, None, None] + w[:, 1, 0, None, None] * steps[None, None, :]
-            y = y + w[:, 1, 1, None, None] * steps[None, :, None]
-            tiles = (
-                cv2.remap(self.atlas, x.reshape(-1, tile), y.reshape(-1, tile), cv2.INTER_LINEAR)
-                if len(chunk) * tile < 32000
-                else np.concatenate(
-                    [cv2.remap(self.atlas, a, b, cv2.INTER_LINEAR) for a, b in zip(x, y, strict=True)]
-                )
-            )
-            grid = np.zeros((used_rows * columns, tile, tile), np.uint8)
-            grid[: len(chunk)] = tiles.reshape(-1, tile, tile)
-            image = np.zeros(shape, np.uint8)
-            image[: used_rows * tile, : columns * tile] = (
-                grid.reshape(used_rows, columns, tile, tile)
-                .swapaxes(1, 2)
-                .reshape(used_rows * tile, columns * tile)
-            )
-            at = np.arange(len(chunk))
-            centres = np.stack([at % columns, at // columns], axis=1) * tile + self.reach
-            out.append((image, chunk, centres.astype(np.float32)))
-        return out
+    def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
+        """The templates of `slots` (n,) as today's image should show them; warps (n, 2, 2) of pixel offsets."""
+        return Patches.of_grey(self._grey(slots, anchor_from_now, self.radius), _SPACING_PX)
 
-    def align(
-        self, mosaics: list[tuple], image: NDArray[np.uint8], starts_px: Array
-    ) -> tuple[Array, NDArray[np.bool_], Array]:
-        """Positions (n, 2) of the templates in an image, whether each converged (n,), mean grey difference (n,)."""
-        n = len(starts_px)
-        at, ok, error = np.array(starts_px, dtype=float), np.zeros(n, bool), np.full(n, np.inf)
-        for mosaic, rows, centres in mosaics:
-            start = np.ascontiguousarray(starts_px[rows], np.float32)
-            found, status, difference = cv2.calcOpticalFlowPyrLK(
-                mosaic,
-                image,
-                centres.reshape(-1, 1, 2),
-                start.reshape(-1, 1, 2),
-                winSize=self.window,
-                maxLevel=0,
-                criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
-                flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-                minEigThreshold=1e-5,
-            )
-            good = status[:, 0] > 0  # the rest of what comes back is not initialised
-            at[rows[good]], error[rows[good]] = found[good, 0], difference[good, 0]
-            ok[rows] = good & np.isfinite(at[rows]).all(axis=1)
-        return at, ok, error
+    def inner(self, slots: NDArray[np.intp]) -> Patches:
+        """The inner halves of templates as they were cut, of every pixel."""
+        facing = np.broadcast_to(np.eye(2), (len(slots), 2, 2))
+        return Patches.of_grey(self._grey(slots, facing, self.radius // 2), 1)
+
+    def _grey(self, slots: NDArray[np.intp], anchor_from_now: Array, radius: int) -> Grey:
+        """Patches (n, 2r + 3, 2r + 3), one pixel of today's image between neighbours."""
+        side = 2 * radius + 3
+        if not len(slots):
+            return np.zeros((0, side, side), np.float32)
+        steps = np.arange(-radius - 1, radius + 2, dtype=np.float32)
+        grid = np.stack([np.tile(steps, side), np.repeat(steps, side)])
+        w = anchor_from_now.astype(np.float32)
+        centre = np.stack([slots % _COLUMNS, slots // _COLUMNS], axis=1) * self.side + self.half
+        x, y = (w[:, i] @ grid + centre[:, i, None].astype(np.float32) for i in (0, 1))
+        return np.asarray(cv2.remap(self.atlas, x, y, cv2.INTER_LINEAR), np.float32).reshape(-1, side, side)

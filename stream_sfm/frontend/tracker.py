@@ -27,6 +27,8 @@ from .tracks import Tracks
 Image = NDArray[np.uint8]
 _FULL_SEARCH = 5  # frames
 _SEARCH_MARGIN_PX = 16.0
+_SAME_GAIN = 0.05  # between images one after the other
+_SAME_LEVEL_GREY = 4.0
 _HALF_PATCH_PX = 0.5  # between the matches of a whole patch and of its inner half
 
 
@@ -35,8 +37,16 @@ _FEW = 8  # with fewer points something is wrong with the images
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
+    """Two images, and their grey values for alignment: interpolated bytes are rounded, too coarse for dark images."""
+
     left: Image
     right: Image
+    left_grey: NDArray[np.float32]
+    right_grey: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, left: Image, right: Image) -> "_Pair":
+        return cls(left, right, left.astype(np.float32), right.astype(np.float32))
 
 
 class FrontEnd:
@@ -64,7 +74,7 @@ class FrontEnd:
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
         """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
         sigma = self.config.smoothing_px
-        pair = _Pair(_smoothed(left, sigma), _smoothed(right, sigma))
+        pair = _Pair.of(_smoothed(left, sigma), _smoothed(right, sigma))
         motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
         dt = (stamp_ns - self.stamp_ns) / 1e9
         if len(self.tracks):
@@ -93,10 +103,13 @@ class FrontEnd:
     def _follow(self, pair: _Pair, dt: float) -> tuple[Array | None, Array, Array]:
         """Motion since the last frame (None: not found), views (n, 4) and covariances of the tracks that live on."""
         predicted = se3.exp(self.velocity * dt)
-        at, found = self._flow(pair, self.tracks.moved(predicted))
-        z = np.full((len(self.tracks), 4), np.nan)
-        z[found, :2] = at[found]
-        motion = self._motion(z, predicted, std_px=0.5)
+        for image in self._as_exposed_now(pair):
+            at, found = self._flow(image, pair, self.tracks.moved(predicted))
+            z = np.full((len(self.tracks), 4), np.nan)
+            z[found, :2] = at[found]
+            motion = self._motion(z, predicted, std_px=0.5)
+            if motion is not None:
+                break
         if motion is None:
             self.tracks, self.velocity = Tracks.none(), np.zeros(6)
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
@@ -111,9 +124,7 @@ class FrontEnd:
         z, cov, good = self._align(pair, tracks, start, warps, start[:, 0] - expected[:, 0] + expected[:, 2])
         before, z, cov = before.keep(good), z[good], cov[good]
         cov_points = before.cov_points(self.noise.var_ray(self.projection))
-        final = resect(
-            self.projection, before.points, cov_points, z, cov, cam_from_previous, self.gate_probability
-        )
+        final = resect(self.projection, before.points, cov_points, z, cov, cam_from_previous, self.gate_probability)
         if not final.ok:
             self.tracks, self.velocity = Tracks.none(), np.zeros(6)
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
@@ -130,16 +141,27 @@ class FrontEnd:
         """Tracks in the new camera, put where they were seen in it."""
         return tracks.measured(z, cov, self.projection)
 
-    def _flow(self, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
-        """Pyramidal Lucas-Kanade from the last left image, started where the predicted motion puts the points."""
+    def _as_exposed_now(self, pair: _Pair) -> list[Image]:
+        """What the last left image may have been with today's exposure: flow takes a change of grey values for motion.
+        Where mean and contrast have changed, the exposure may have done that, or half of the view is covered."""
         assert self.previous is not None
+        before, now = self.previous.left[::8, ::8], pair.left[::8, ::8]
+        gain = (now.std() + 1) / (before.std() + 1)
+        offset = now.mean() - gain * before.mean()
+        if abs(gain - 1) < _SAME_GAIN and abs(now.mean() - before.mean()) < _SAME_LEVEL_GREY:
+            return [self.previous.left]
+        exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
+        return [np.asarray(cv2.LUT(self.previous.left, exposed)), self.previous.left]
+
+    def _flow(self, before: Image, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
+        """Pyramidal Lucas-Kanade from the left image before, started where the predicted motion puts the points."""
         start = np.ascontiguousarray(self.projection.project_homogeneous(moved.points)[:, :2], np.float32)
         at, status, _ = cv2.calcOpticalFlowPyrLK(
-            self.previous.left,
+            before,
             pair.left,
             np.ascontiguousarray(self.tracks.left_px, np.float32).reshape(-1, 1, 2),
             start.reshape(-1, 1, 2),
-            winSize=self.atlas.window,
+            winSize=(2 * self.config.window_radius_px + 1,) * 2,
             maxLevel=self.config.pyramid_levels,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.03),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
@@ -185,8 +207,7 @@ class FrontEnd:
         left, error_l, good = self._align_left(pair, tracks, start, warps[0])
         rows = self.rows.difference(left)
         start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1] - rows], axis=1)
-        mosaics = self.atlas.mosaics(tracks.slots, warps[1], shape)
-        right, ok_r, error_r = self.atlas.align(mosaics, pair.right, start_r)
+        right, ok_r, error_r = self.atlas.warped(tracks.slots, warps[1]).align(pair.right_grey, start_r)
         right[:, 1] += rows
         seen = ok_r & (error_r < cfg.max_grey_error) & self._on_row(left, right)
         r = cfg.window_radius_px
@@ -197,10 +218,9 @@ class FrontEnd:
     def _align_left(
         self, pair: _Pair, tracks: Tracks, start: Array, warps: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Positions (n, 2) in the left image, mean grey differences, and which are good."""
+        """Positions (n, 2) in the left image, deviations of grey differences, and which are good."""
         cfg = self.config
-        mosaics = self.atlas.mosaics(tracks.slots, warps, pair.left.shape)
-        left, ok, error = self.atlas.align(mosaics, pair.left, start)
+        left, ok, error = self.atlas.warped(tracks.slots, warps).align(pair.left_grey, start)
         near = np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px
         return left, error, ok & near & (error < cfg.max_grey_error) & self._inside(left)
 
@@ -213,33 +233,34 @@ class FrontEnd:
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share:
             return none
-        coarse, scale = self._coarse(pair)
+        (left_image, right_image), scale = _coarse(pair.left, pair.right)
         step = round(1 / scale)
-        corners = self._corners(coarse.left, scale, wanted)
+        corners = self._corners(left_image, scale, wanted)
         if not len(corners):
             return none
-        disparity, unique = search_rows(coarse.left, coarse.right, corners, self._disparity_range(scale))
+        disparity, unique = search_rows(left_image, right_image, corners, self._disparity_range(scale))
         if not unique.any():
             return none
         corners, disparity = corners[unique] * step, disparity[unique] / scale
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
-        gradients = self.atlas.store(pair.left, corners, free)
+        gradients = self.atlas.store(pair.left_grey, corners, free)
         facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
         rows = self.rows.difference(corners.astype(float))
         start = np.stack([corners[:, 0] - disparity, corners[:, 1] - rows], axis=1)
-        right, ok, error = self.atlas.align(self.atlas.mosaics(free, facing, pair.left.shape), pair.right, start)
+        right, ok, error = self.atlas.warped(free, facing).align(pair.right_grey, start)
         ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
         corners, free, gradients = corners[ok], free[ok], gradients[ok]
         right, error, facing = right[ok], error[ok], facing[ok]
         left = corners.astype(float)
-        slopes = disparity_slopes(pair.left, pair.right, corners, right, cfg.window_radius_px, 4.0)
+        slopes = disparity_slopes(pair.left_grey, pair.right_grey, corners, right, cfg.window_radius_px, 4.0)
         slanted = slopes.any(axis=1)
         warps = np.asarray(np.linalg.inv(facing - np.stack([slopes, np.zeros_like(slopes)], axis=1)))[slanted]
-        mosaics = self.atlas.mosaics(free[slanted], warps, pair.left.shape)
-        right[slanted], aligned, error[slanted] = self.atlas.align(mosaics, pair.right, right[slanted])
+        patches = self.atlas.warped(free[slanted], warps)
+        right[slanted], aligned, error[slanted] = patches.align(pair.right_grey, right[slanted])
         ok = error < cfg.max_grey_error
         ok[slanted] &= aligned
-        ok &= self._of_one_depth(pair, left, right)
+        inner, found, _ = self.atlas.inner(free).align(pair.right_grey, right)
+        ok &= found & (np.linalg.norm(inner - right, axis=1) < _HALF_PATCH_PX)
         self.rows.learn(left[ok], (left - right)[ok, 1])
         right[:, 1] += self.rows.difference(left)
         ok &= self._on_row(left, right)
@@ -272,35 +293,6 @@ class FrontEnd:
         taken, allowed = self.tracks.left_px * scale, self.valid[::step, ::step]
         return detect(coarse, taken, allowed, wanted, distance_px, cfg.min_corner_response)
 
-    def _of_one_depth(self, pair: _Pair, left: Array, right: Array) -> NDArray[np.bool_]:
-        """Whether the inner half of each patch, by itself, is found where the whole patch was: one that lies across a
-        depth edge follows the stronger side, and its centre is given the depth of the other."""
-        if not len(left):
-            return np.zeros(0, bool)
-        half = self.config.window_radius_px // 2 * 2 + 1
-        start = np.ascontiguousarray(right, np.float32).reshape(-1, 1, 2)
-        at, status, _ = cv2.calcOpticalFlowPyrLK(
-            pair.left,
-            pair.right,
-            np.ascontiguousarray(left, np.float32).reshape(-1, 1, 2),
-            start.copy(),
-            winSize=(half, half),
-            maxLevel=0,
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        moved = np.where(status > 0, np.asarray(at)[:, 0] - start[:, 0], np.inf)
-        return np.asarray(np.linalg.norm(moved, axis=1) < _HALF_PATCH_PX)
-
-    def _coarse(self, pair: _Pair) -> tuple[_Pair, float]:
-        """The pair at no more than 800 columns, and its scale: corners of the size of a patch are found there, and a
-        search along the row is short."""
-        scale = 1.0
-        while pair.left.shape[1] > 800:
-            pair = _Pair(np.asarray(cv2.pyrDown(pair.left), np.uint8), np.asarray(cv2.pyrDown(pair.right), np.uint8))
-            scale /= 2
-        return pair, scale
-
     def _disparity_range(self, scale: float) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and
         every few frames, or where little is tracked, all that the configuration allows."""
@@ -311,6 +303,16 @@ class FrontEnd:
             largest = p.f_px * p.baseline_m * float(self.tracks.points[:, 3].max())
             near = min(near, far + 1.5 * largest + _SEARCH_MARGIN_PX)
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
+
+
+def _coarse(*images: Image) -> tuple[list[Image], float]:
+    """The images at no more than 800 columns, and their scale: corners of the size of a patch are found there, and a
+    search along the row is short."""
+    scale, coarse = 1.0, list(images)
+    while coarse[0].shape[1] > 800:
+        coarse = [np.asarray(cv2.pyrDown(image), np.uint8) for image in coarse]
+        scale /= 2
+    return coarse, scale
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:
@@ -325,7 +327,11 @@ def _note(pair: _Pair, previous: _Pair | None, tracked: int, in_both: int) -> st
                 return f"the {name} image is black"
             if image.min() > 247:
                 return f"the {name} image is white"
-    if previous is not None and np.array_equal(pair.left, previous.left) and np.array_equal(pair.right, previous.right):
+    if (
+        previous is not None
+        and np.array_equal(pair.left, previous.left)
+        and np.array_equal(pair.right, previous.right)
+    ):
         return "the images are those of the frame before, to the bit: are the cameras frozen?"
     if in_both >= _FEW:
         return ""

@@ -113,6 +113,12 @@ def ten_minutes_at_rest() -> Fault:
     return Fault(frames, "io{60}", truth=np.tile(np.eye(4), (61, 1, 1)))
 
 
+def exposed(image: np.ndarray, seed: int) -> np.ndarray:
+    """Brighter or darker by up to a third, and a pedestal."""
+    gain, pedestal = np.random.default_rng(seed).uniform((0.67, 0), (1.33, 20))
+    return np.clip(np.rint(gain * image + pedestal), 0, 255).astype(np.uint8)
+
+
 def poses_at(frames: list[sfm.StereoFrame]) -> np.ndarray:
     return POSES[[f.stamp_ns // PERIOD_NS for f in frames]]
 
@@ -149,10 +155,13 @@ FAULTS: dict[str, Callable[[], Fault]] = {
         sides(lambda n: seen(n).left, lambda n: seen(n).right * (not at_fault(n))),
         "io{9}d{4}o{10}", "right image is black",
     ),
-    "exposure to a quarter": lambda: Fault(during(range(10, 24), lambda i: i // 4), "io{9}l?i?o{12,14}"),
+    "exposure to a quarter": lambda: Fault(during(range(10, 24), lambda i: i // 4), "io{23}"),
+    "exposure of each camera another in each frame": lambda: Fault(
+        sides(lambda n: exposed(seen(n).left, 2 * n), lambda n: exposed(seen(n).right, 2 * n + 1)), "io{23}"
+    ),
     "exposure times four": lambda: Fault(during(range(10, 24), brighter), "io{9}[lid]{2}[od]{12}"),
     "blurred by 5 px": lambda: Fault(
-        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 5)), "io{9}[od]{4}o{10}", off_m=0.04
+        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 5)), "io{9}[lido]{5}[io]{9}", off_m=0.04
     ),
     "blurred by 15 px": lambda: Fault(
         during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 15)), "io{9}[lid]{4,5}[io]{9,10}", off_m=0.03
