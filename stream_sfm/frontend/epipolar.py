@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from ..geometry.pose import Array
 
 _HALF = 5  # of the correlation window
+_SPACING_PX = 2  # between its samples: neighbours share their noise, smoothing has seen to that
 _MIN_CORRELATION = 0.75
 _UNIQUE = 0.06  # a rival elsewhere on the row must be this much worse
 
@@ -31,18 +32,17 @@ def search_rows(
     if not len(rows):
         return best, ok
     u, v = u[rows], v[rows]
-    size = 2 * _HALF + 1
-    around = np.arange(-_HALF, _HALF + 1)
+    around = np.arange(-_HALF, _HALF + 1, _SPACING_PX)
     patches = left[v[:, None, None] + around[:, None], u[:, None, None] + around].astype(np.float32)
     candidates = u[:, None] - np.arange(last, first - 1, -1)  # centre column in the right image, ascending
     columns = candidates[:, :1] - _HALF + np.arange(candidates.shape[1] + 2 * _HALF)
     strips = right[v[:, None, None] + around[:, None], columns.clip(0, width - 1)[:, None, :]].astype(np.float32)
-    windows = sliding_window_view(strips, size, axis=2)  # (n, size, D, size)
     p = patches - patches.mean((1, 2), keepdims=True)
     p_norm = np.sqrt((p * p).sum((1, 2)))
-    dot = np.einsum("nidj,nij->nd", windows, p, optimize=True)
-    sums, squares = _window_sums(strips, size), _window_sums(strips * strips, size)
-    variance = np.maximum(squares - sums * sums / size**2, 1e-3)
+    dot = np.einsum("nidj,nij->nd", _windows(strips), p, optimize=True)
+    sums = _windows(strips.sum(axis=1)).sum(axis=2)
+    squares = _windows((strips * strips).sum(axis=1)).sum(axis=2)
+    variance = np.maximum(squares - sums * sums / len(around) ** 2, 1e-3)
     score = dot / (p_norm[:, None] * np.sqrt(variance) + 1e-6)
     score[(candidates < _HALF) | (candidates >= width - _HALF)] = -1
     k = score.argmax(1)
@@ -53,8 +53,6 @@ def search_rows(
     return best, ok
 
 
-def _window_sums(strips: NDArray[np.float32], size: int) -> NDArray[np.float64]:
-    """Sums over each (size × size) window of strips (n, size, w): (n, w − size + 1)."""
-    running = np.cumsum(strips.sum(1, dtype=np.float64), axis=1)
-    running = np.concatenate([np.zeros((len(strips), 1)), running], axis=1)
-    return running[:, size:] - running[:, :-size]
+def _windows(strips: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The samples (…, D, k) around each of the D candidates on strips (…, D + 2 half)."""
+    return sliding_window_view(strips, 2 * _HALF + 1, axis=-1)[..., ::_SPACING_PX]
