@@ -33,7 +33,9 @@ class FrontendConfig(_Section, frozen=True):
     ] = 2e-4
     smoothing_px: Annotated[float, Meta(description="Gaussian smoothing before anything else", ge=0, le=5)] = 1.0
     window_radius_px: Annotated[int, Meta(description="half width of the tracked patch", ge=3, le=30)] = 10
-    pyramid_levels: Annotated[int, Meta(description="halvings of the image that flow starts from", ge=0, le=8)] = 2
+    pyramid_levels: Annotated[
+        int, Meta(description="halvings of the image flow starts from; at least 1", ge=0, le=8)
+    ] = 2
     max_realignment_px: Annotated[float, Meta(description="largest step from flow to template", gt=0)] = 1.5
     max_row_difference_px: Annotated[float, Meta(description="largest difference of rows, left to right", gt=0)] = (
         1.5

@@ -16,7 +16,7 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 from ..types import MapStart, Observations
 from .parallax import MonoTracks
-from .tracker import FrontEnd, Image, _coarse, _note, _Pair, _smoothed
+from .tracker import FrontEnd, Image, _note, _Pair, _smoothed
 from .tracks import Tracks
 from .two_view import two_view_motion
 
@@ -190,7 +190,7 @@ class MonoFrontEnd(FrontEnd):
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share or (len(self.tracks) and not self.mapped):
             return
-        (image,), scale = _coarse(pair.left)
+        image, scale = self._coarse(pair)
         corners = self._corners(image, scale, wanted) * round(1 / scale)
         n = len(corners)
         if not n:

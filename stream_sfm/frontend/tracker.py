@@ -37,16 +37,18 @@ _FEW = 8  # with fewer points something is wrong with the images
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """Two images, and their grey values for alignment: interpolated bytes are rounded, too coarse for dark images."""
+    """Two images; the left one at half the size for flow; and their grey values for alignment: interpolated bytes are
+    rounded, too coarse for dark images."""
 
     left: Image
     right: Image
+    left_half: Image
     left_grey: NDArray[np.float32]
     right_grey: NDArray[np.float32]
 
     @classmethod
     def of(cls, left: Image, right: Image) -> "_Pair":
-        return cls(left, right, left.astype(np.float32), right.astype(np.float32))
+        return cls(left, right, _halved(left), left.astype(np.float32), right.astype(np.float32))
 
 
 class FrontEnd:
@@ -145,30 +147,32 @@ class FrontEnd:
         """What the last left image may have been with today's exposure: flow takes a change of grey values for motion.
         Where mean and contrast have changed, the exposure may have done that, or half of the view is covered."""
         assert self.previous is not None
-        before, now = self.previous.left[::8, ::8], pair.left[::8, ::8]
+        before, now = self.previous.left_half[::4, ::4], pair.left_half[::4, ::4]
         gain = (now.std() + 1) / (before.std() + 1)
         offset = now.mean() - gain * before.mean()
         if abs(gain - 1) < _SAME_GAIN and abs(now.mean() - before.mean()) < _SAME_LEVEL_GREY:
-            return [self.previous.left]
+            return [self.previous.left_half]
         exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
-        return [np.asarray(cv2.LUT(self.previous.left, exposed)), self.previous.left]
+        return [np.asarray(cv2.LUT(self.previous.left_half, exposed)), self.previous.left_half]
 
     def _flow(self, before: Image, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
-        """Pyramidal Lucas-Kanade from the left image before, started where the predicted motion puts the points."""
+        """Pyramidal Lucas-Kanade from the left image before, started where the predicted motion puts the points; at
+        half the size, for it is a start only."""
         start = np.ascontiguousarray(self.projection.project_homogeneous(moved.points)[:, :2], np.float32)
+        radius = 3 * self.config.window_radius_px // 4
         at, status, _ = cv2.calcOpticalFlowPyrLK(
             before,
-            pair.left,
-            np.ascontiguousarray(self.tracks.left_px, np.float32).reshape(-1, 1, 2),
-            start.reshape(-1, 1, 2),
-            winSize=(2 * self.config.window_radius_px + 1,) * 2,
-            maxLevel=self.config.pyramid_levels,
+            pair.left_half,
+            np.ascontiguousarray(self.tracks.left_px / 2, np.float32).reshape(-1, 1, 2),
+            start.reshape(-1, 1, 2) / 2,
+            winSize=(2 * radius + 1, 2 * radius + 1),
+            maxLevel=max(self.config.pyramid_levels - 1, 0),
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.03),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=1e-5,
         )
         followed = status[:, 0] > 0  # the rest of what comes back is not initialised
-        positions: Array = np.where(followed[:, None], np.asarray(at)[:, 0], start).astype(np.float64)
+        positions: Array = np.where(followed[:, None], 2 * np.asarray(at)[:, 0], start).astype(np.float64)
         return positions, followed & self._inside(positions)
 
     def _motion(self, z: Array, start: Array, std_px: float) -> tuple[Array, NDArray[np.bool_]] | None:
@@ -233,11 +237,14 @@ class FrontEnd:
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share:
             return none
-        (left_image, right_image), scale = _coarse(pair.left, pair.right)
+        left_image, scale = self._coarse(pair)
         step = round(1 / scale)
         corners = self._corners(left_image, scale, wanted)
         if not len(corners):
             return none
+        right_image = pair.right
+        while right_image.shape != left_image.shape:
+            right_image = _halved(right_image)
         disparity, unique = search_rows(left_image, right_image, corners, self._disparity_range(scale))
         if not unique.any():
             return none
@@ -293,6 +300,15 @@ class FrontEnd:
         taken, allowed = self.tracks.left_px * scale, self.valid[::step, ::step]
         return detect(coarse, taken, allowed, wanted, distance_px, cfg.min_corner_response)
 
+    def _coarse(self, pair: _Pair) -> tuple[Image, float]:
+        """The left image at no more than 800 columns, and its scale: corners of a patch's size are found there, and
+        a search along the row is short."""
+        image, scale = pair.left, 1.0
+        while image.shape[1] > 800:
+            image = pair.left_half if image is pair.left else _halved(image)
+            scale /= 2
+        return image, scale
+
     def _disparity_range(self, scale: float) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and
         every few frames, or where little is tracked, all that the configuration allows."""
@@ -305,14 +321,8 @@ class FrontEnd:
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
-def _coarse(*images: Image) -> tuple[list[Image], float]:
-    """The images at no more than 800 columns, and their scale: corners of the size of a patch are found there, and a
-    search along the row is short."""
-    scale, coarse = 1.0, list(images)
-    while coarse[0].shape[1] > 800:
-        coarse = [np.asarray(cv2.pyrDown(image), np.uint8) for image in coarse]
-        scale /= 2
-    return coarse, scale
+def _halved(image: Image) -> Image:
+    return np.asarray(cv2.pyrDown(image), np.uint8)
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:
