@@ -136,9 +136,10 @@ class MonoFrontEnd(FrontEnd):
         warps = self.tracks.anchor_from_now(self.cam_from_start, self.projection.baseline_m)[0]
         found &= self.atlas.fits(warps)
         tracks, at, warps = self.tracks.keep(found), at[found], warps[found]
-        left, error, good = self._align_left(pair, tracks, at, warps)
+        patches = self.atlas.warped(tracks.slots, warps)
+        left, error, good = self._align_left(pair, patches, at)
         self.tracks = tracks.keep(good).placed(left[good], self.projection)
-        return self._cov_left(self.tracks, warps[good], error[good])
+        return self._cov_left(patches.gradients[good], error[good])
 
     # -- in a map ---------------------------------------------------------------------------------------------
 
@@ -155,12 +156,13 @@ class MonoFrontEnd(FrontEnd):
     def _align(
         self, pair: _Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        left, error, good = self._align_left(pair, tracks, start, warps[0])
+        patches = self.atlas.warped(tracks.slots, warps[0])
+        left, error, good = self._align_left(pair, patches, start)
         z = np.concatenate([left, np.full_like(left, np.nan)], axis=1)
-        return z, self._cov_left(tracks, warps[0], error), good
+        return z, self._cov_left(patches.gradients, error), good
 
-    def _cov_left(self, tracks: Tracks, warps: Array, error: Array) -> Array:
-        return self.noise.covariance(tracks.gradients, warps, error, np.full(len(error), np.nan))
+    def _cov_left(self, gradients: Array, error: Array) -> Array:
+        return self.noise.covariance(gradients, error, np.full(len(error), np.nan))
 
     def _measured(self, tracks: Tracks, z: Array, cov: Array) -> Tracks:
         assert isinstance(tracks, MonoTracks)
@@ -196,6 +198,7 @@ class MonoFrontEnd(FrontEnd):
         if not n:
             return
         slots = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[:n]
+        self.atlas.store(pair.left_grey, corners, slots)
         left = corners.astype(float)
         rays = self.projection.rays(left)
         rho = np.full(n, self.rho_scene if self.mapped else 0.0)
@@ -205,7 +208,6 @@ class MonoFrontEnd(FrontEnd):
             left_px=left,
             points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
             var_rho=(STD_SCENE * rho) ** 2,
-            gradients=self.atlas.store(pair.left_grey, corners, slots),
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
             slopes=np.zeros((n, 2)),
             anchor_rays=rays,

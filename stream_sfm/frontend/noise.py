@@ -29,16 +29,11 @@ class ViewNoise:
         self.factor = 1.0
         self.frames = 0
 
-    def covariance(self, gradients: Array, anchor_from_now: Array, error_left: Array, error_right: Array) -> Array:
-        """(n, 4, 4) px² of views from template gradients (n, 2, 2), warps (n, 2, 2) and grey deviations (n,).
-
-        The gradient matrix of the template in today's pixels is Wᵀ H W / |det W|, W the warp now to anchor, eqs. (14)
-        and (15).
-        """
-        warp_t = np.swapaxes(anchor_from_now, 1, 2)
-        area = np.abs(np.linalg.det(anchor_from_now))[:, None, None]
-        h = warp_t @ gradients @ anchor_from_now / np.maximum(area, 1e-6)
-        h = h + 1e-3 * np.trace(h, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-6 * np.eye(2)
+    def covariance(self, gradients: Array, error_left: Array, error_right: Array) -> Array:
+        """(n, 4, 4) px² of views from the gradient matrices (n, 2, 2) of today's templates and the deviations (n,) of
+        grey differences, eq. (15)."""
+        trace = np.trace(gradients, axis1=1, axis2=2)[:, None, None]
+        h = gradients + (1e-3 * trace + 1e-6) * np.eye(2)
         shape = np.linalg.inv(h)
         cov = np.zeros((len(gradients), 4, 4))
         for side, error in ((slice(0, 2), error_left), (slice(2, 4), error_right)):

@@ -7,10 +7,11 @@ values together, inverse compositional (Baker and Matthews 2004): two cameras ex
 frame to frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ..geometry.pose import Array
@@ -54,6 +55,21 @@ class Patches:
         information += (1e-6 * np.trace(information, axis1=1, axis2=2) + 1e-3)[:, None, None] * np.eye(3)
         inverse = np.linalg.inv(information).astype(np.float32) @ columns
         return cls(inverse, information, mean[:, 2, 0], offsets)
+
+    @property
+    def gradients(self) -> Array:
+        """H (n, 2, 2), grey²: what the patches tell of their position once gain and offset are estimated too."""
+        i, spacing_px = self.information, self.offsets_px[1] - self.offsets_px[0]
+        with_gain = i[:, :2, 2:]
+        return np.asarray(spacing_px**2 * (i[:, :2, :2] - with_gain @ np.swapaxes(with_gain, 1, 2) / i[:, 2:, 2:]))
+
+    def replaced(self, rows: NDArray[np.bool_], other: "Patches") -> "Patches":
+        """With those of `other` in the given rows (n,)."""
+        if not rows.any():
+            return self
+        inverse, information, level = self.inverse.copy(), self.information.copy(), self.level.copy()
+        inverse[rows], information[rows], level[rows] = other.inverse, other.information, other.level
+        return replace(self, inverse=inverse, information=information, level=level)
 
     def align(self, image: Grey, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Positions (n, 2) in an image from starts (n, 2), whether each was found (n,), and the deviation (n,) of the
@@ -118,18 +134,11 @@ class TemplateAtlas:
         self.atlas = np.zeros((-(-slots // _COLUMNS) * self.side, _COLUMNS * self.side), np.float32)
         self.by_patch = self.atlas.reshape(-1, self.side, _COLUMNS, self.side)
 
-    def store(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> Array:
-        """Cut patches around whole pixels (n, 2); returns their gradient matrices H (n, 2, 2), grey²."""
-        h, w = image.shape
-        steps = np.arange(-self.half, self.half + 1)
-        u, v = points_px[:, 0, None] + steps, points_px[:, 1, None] + steps
-        patches = image[v.clip(0, h - 1)[:, :, None], u.clip(0, w - 1)[:, None, :]]
-        self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = patches
-        inner = slice(self.half - self.radius - 1, self.half + self.radius + 2)
-        p = patches[:, inner, inner]
-        slopes = np.stack([p[:, 1:-1, 2:] - p[:, 1:-1, :-2], p[:, 2:, 1:-1] - p[:, :-2, 1:-1]], axis=1)
-        slopes = 0.5 * slopes.reshape(len(slots), 2, -1)
-        return np.asarray(slopes @ np.swapaxes(slopes, 1, 2), np.float64)
+    def store(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> None:
+        """Cut patches around whole pixels (n, 2)."""
+        wide = cv2.copyMakeBorder(image, *[self.half] * 4, cv2.BORDER_REPLICATE)
+        every = sliding_window_view(np.asarray(wide), (self.side, self.side))
+        self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = every[points_px[:, 1], points_px[:, 0]]
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 2, 2) stay inside the stored patches and do not blow them up beyond recognition."""

@@ -21,7 +21,7 @@ from .epipolar import search_rows
 from .noise import BIAS_PX, ViewNoise
 from .rows import RowAlignment
 from .slant import disparity_slopes
-from .templates import TemplateAtlas
+from .templates import Patches, TemplateAtlas
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
@@ -208,23 +208,24 @@ class FrontEnd:
         """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
         cfg = self.config
         shape = pair.left.shape
-        left, error_l, good = self._align_left(pair, tracks, start, warps[0])
+        patches = self.atlas.warped(tracks.slots, warps[0])
+        left, error_l, good = self._align_left(pair, patches, start)
         rows = self.rows.difference(left)
         start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1] - rows], axis=1)
-        right, ok_r, error_r = self.atlas.warped(tracks.slots, warps[1]).align(pair.right_grey, start_r)
+        slanted = tracks.slopes.any(axis=1)  # of the others left and right patch are the same
+        in_right = patches.replaced(slanted, self.atlas.warped(tracks.slots[slanted], warps[1][slanted]))
+        right, ok_r, error_r = in_right.align(pair.right_grey, start_r)
         right[:, 1] += rows
         seen = ok_r & (error_r < cfg.max_grey_error) & self._on_row(left, right)
         r = cfg.window_radius_px
         seen &= (right[:, 0] > r) & (right[:, 0] < shape[1] - 1 - r)
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
-        return z, self.noise.covariance(tracks.gradients, warps[0], error_l, error_r), good
+        return z, self.noise.covariance(patches.gradients, error_l, error_r), good
 
-    def _align_left(
-        self, pair: _Pair, tracks: Tracks, start: Array, warps: Array
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _align_left(self, pair: _Pair, patches: Patches, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Positions (n, 2) in the left image, deviations of grey differences, and which are good."""
         cfg = self.config
-        left, ok, error = self.atlas.warped(tracks.slots, warps).align(pair.left_grey, start)
+        left, ok, error = patches.align(pair.left_grey, start)
         near = np.linalg.norm(left - start, axis=1) < cfg.max_realignment_px
         return left, error, ok & near & (error < cfg.max_grey_error) & self._inside(left)
 
@@ -250,13 +251,14 @@ class FrontEnd:
             return none
         corners, disparity = corners[unique] * step, disparity[unique] / scale
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
-        gradients = self.atlas.store(pair.left_grey, corners, free)
+        self.atlas.store(pair.left_grey, corners, free)
         facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
         rows = self.rows.difference(corners.astype(float))
         start = np.stack([corners[:, 0] - disparity, corners[:, 1] - rows], axis=1)
-        right, ok, error = self.atlas.warped(free, facing).align(pair.right_grey, start)
+        patches = self.atlas.warped(free, facing)
+        right, ok, error = patches.align(pair.right_grey, start)
         ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
-        corners, free, gradients = corners[ok], free[ok], gradients[ok]
+        corners, free, gradients = corners[ok], free[ok], patches.gradients[ok]
         right, error, facing = right[ok], error[ok], facing[ok]
         left = corners.astype(float)
         slopes = disparity_slopes(pair.left_grey, pair.right_grey, corners, right, cfg.window_radius_px, 4.0)
@@ -271,7 +273,7 @@ class FrontEnd:
         self.rows.learn(left[ok], (left - right)[ok, 1])
         right[:, 1] += self.rows.difference(left)
         ok &= self._on_row(left, right)
-        cov = self.noise.covariance(gradients, facing, error, error)
+        cov = self.noise.covariance(gradients, error, error)
         z = np.concatenate([left, right], axis=1)
         rho = p.inverse_depth(z)
         var_rho = (cov[:, 0, 0] + cov[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
@@ -285,7 +287,6 @@ class FrontEnd:
             left_px=left[ok],
             points=points[ok],
             var_rho=var_rho[ok],
-            gradients=gradients[ok],
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
             slopes=slopes[ok] / p.baseline_m,
         )

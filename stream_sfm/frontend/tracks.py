@@ -14,10 +14,9 @@ from ..geometry.stereo import StereoProjection
 @dataclass(frozen=True, slots=True)
 class Tracks:
     """Rows (n): `ids`, atlas `slots`, last left position `left_px` (n, 2); `points` (n, 4) homogeneous
-    (X/Z, Y/Z, 1, 1/Z) in the current rectified camera and `var_rho` of the last; `gradients` (n, 2, 2) of the
-    template; `anchor_from_start` (n, 4, 4): the pose of the frame where the template was cut, as the inverse of
-    start_from_anchor in the front-end's own chain of motions; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface
-    in the anchor camera, 1/m.
+    (X/Z, Y/Z, 1, 1/Z) in the current rectified camera and `var_rho` of the last; `anchor_from_start` (n, 4, 4): the
+    pose of the frame where the template was cut, as the inverse of start_from_anchor in the front-end's own chain of
+    motions; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface in the anchor camera, 1/m.
     """
 
     ids: NDArray[np.int64]
@@ -25,7 +24,6 @@ class Tracks:
     left_px: Array
     points: Array
     var_rho: Array
-    gradients: Array
     anchor_from_start: Array
     slopes: Array
 
@@ -38,7 +36,6 @@ class Tracks:
             np.empty((0, 2)),
             np.empty((0, 4)),
             np.empty(0),
-            np.empty((0, 2, 2)),
             np.empty((0, 4, 4)),
             np.empty((0, 2)),
         )

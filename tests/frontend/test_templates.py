@@ -53,11 +53,12 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
             np.arange(len(points)),
             np.stack([FACING] * len(points)),
         )
-        gradients = atlas.store(first, points, slots)
-        at, found, error = atlas.warped(slots, facing).align(second, points + 0.5)
+        atlas.store(first, points, slots)
+        patches = atlas.warped(slots, facing)
+        at, found, error = patches.align(second, points + 0.5)
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
-        cov = ViewNoise(1.0, RADIUS_PX).covariance(gradients, facing, error, error)[found, :2, :2]
+        cov = ViewNoise(1.0, RADIUS_PX).covariance(patches.gradients, error, error)[found, :2, :2]
         cov = 2 * cov - _FLOOR_PX**2 * np.eye(2)  # half of the grey difference is the template's noise
         errors.append(away)
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
