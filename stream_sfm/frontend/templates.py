@@ -136,7 +136,8 @@ class TemplateAtlas:
 
     def store(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> None:
         """Cut patches around whole pixels (n, 2)."""
-        wide = cv2.copyMakeBorder(image, *[self.half] * 4, cv2.BORDER_REPLICATE)
+        margin = self.half
+        wide = cv2.copyMakeBorder(image, margin, margin, margin, margin, cv2.BORDER_REPLICATE)
         every = sliding_window_view(np.asarray(wide), (self.side, self.side))
         self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = every[points_px[:, 1], points_px[:, 0]]
 

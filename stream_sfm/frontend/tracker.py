@@ -135,7 +135,8 @@ class FrontEnd:
         self.cam_from_start = se3.orthonormalised(cam_from_previous @ self.cam_from_start)
         self.velocity = se3.log(cam_from_previous) / dt if dt > 0 else np.zeros(6)
         good = final.accepted
-        z, cov = z[good], cov[good]
+        # a frame in which most views fit badly is worse than the run's, and not full of outliers: blurred, for instance
+        z, cov = z[good], final.spread * cov[good]
         self.tracks = self._measured(before.moved(cam_from_previous).keep(good), z, cov)
         return cam_from_previous, z, cov
 
@@ -212,7 +213,7 @@ class FrontEnd:
         left, error_l, good = self._align_left(pair, patches, start)
         rows = self.rows.difference(left)
         start_r = np.stack([start_right_u + left[:, 0] - start[:, 0], left[:, 1] - rows], axis=1)
-        slanted = tracks.slopes.any(axis=1)  # of the others left and right patch are the same
+        slanted = np.asarray(tracks.slopes.any(axis=1))  # of the others left and right patch are the same
         in_right = patches.replaced(slanted, self.atlas.warped(tracks.slots[slanted], warps[1][slanted]))
         right, ok_r, error_r = in_right.align(pair.right_grey, start_r)
         right[:, 1] += rows

@@ -24,13 +24,15 @@ _MIN_DEPTH = 1e-3  # of a homogeneous point: in front of the camera
 @dataclass(frozen=True, slots=True)
 class Resection:
     """`cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2`
-    and `dof` of the accepted views; `ok`: at least six accepted views that determine the motion."""
+    and `dof` of the accepted views; `spread`: median squared residual of all views over what it should be, at least 1;
+    `ok`: at least six accepted views that determine the motion."""
 
     cam_from_ref: Array
     cov_pose: Array
     accepted: NDArray[np.bool_]
     chi2: float
     dof: int
+    spread: float
     ok: bool
 
 
@@ -118,12 +120,11 @@ class _Problem:
         between them the pose moves too little to matter."""
         n = len(self.z_px)
         if n < 6:
-            return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, False)
+            return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, 1.0, False)
         root, j = self.linearise(cam_from_ref)
         r, s2 = self.residuals(cam_from_ref, root)
         for k in range(9):
-            finite = np.isfinite(s2)
-            spread = max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
+            spread = _spread(s2)
             width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
             cam_from_ref, moved, _ = self.step(cam_from_ref, j, r, 1 / (1 + s2 / width))
             if moved < 0.3 and (k > 1 or spread < 2):
@@ -144,7 +145,8 @@ class _Problem:
         cov, ok = _inverse(h)
         dof = int(self.sides[accepted].sum()) - 6
         chi2 = float(s2[accepted].sum())
-        return Resection(se3.orthonormalised(cam_from_ref), cov, accepted, chi2, dof, ok and accepted.sum() >= 6)
+        cam_from_ref = se3.orthonormalised(cam_from_ref)
+        return Resection(cam_from_ref, cov, accepted, chi2, dof, _spread(s2), ok and accepted.sum() >= 6)
 
     def best_hypothesis(self, start: Array) -> Array:
         """The best of many three-point alignments of triangulated views (Umeyama 1991), by truncated cost."""
@@ -167,6 +169,11 @@ class _Problem:
         root = whitening_of_views(self.z_px, cov)
         costs = [np.minimum(self.residuals(c, root)[1], 9.0).sum() for c in candidates]
         return candidates[int(np.argmin(costs))]
+
+
+def _spread(s2: Array) -> float:
+    finite = np.isfinite(s2)
+    return max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
 
 
 def _front(in_cam: Array) -> Array:
