@@ -3,7 +3,6 @@
 log -> front-end -> the same observations to every estimator -> a result folder a method, and the drift report.
 """
 
-import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -147,11 +146,10 @@ class _Pass:
         self.front = FrontRecord()
         self.camera = log.rig.left
         self.local_difference: list[tuple[int, float]] = []
-        depths = itertools.tee(log.depths(), len(methods) + 1)
-        self._depths = _DepthNow(depths[-1])
+        self._depths = _DepthNow(log.depths())
         self.runners: list[_Runner] = []
-        for name, depth in zip(methods, depths[:-1], strict=True):
-            structure = StructureComparison(log.rig.left, depth)
+        for name in methods:
+            structure = StructureComparison(log.rig.left, self._depths.shared())
             method_config = msgspec.structs.replace(config, method=name)
             estimator = make_estimator(name, projection, method_config)
             self.runners.append(_Runner(name, estimator, MethodRun(name, structure), make_sink(name)))
@@ -262,7 +260,7 @@ class _Pass:
 
 
 class _DepthNow:
-    """The depth image of a stamp, if there is one; stamps ascend."""
+    """The depth image of a stamp, if there is one; stamps ascend. Methods share it: none but the latest is kept."""
 
     def __init__(self, depths: Iterator[tuple[int, np.ndarray]]) -> None:
         self._depths, self._next = depths, next(depths, None)
@@ -273,3 +271,8 @@ class _DepthNow:
         if self._next is not None and abs(self._next[0] - stamp_ns) <= 1_000_000:
             return self._next[1]
         return None
+
+    def shared(self) -> Iterator[tuple[int, np.ndarray]]:
+        """The depth image that `at` went to, whenever it is asked for: after `at`, for the same stamp."""
+        while self._next is not None:
+            yield self._next

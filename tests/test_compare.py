@@ -7,6 +7,8 @@ import shutil
 import signal
 import subprocess
 import threading
+import weakref
+from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -171,6 +173,34 @@ def test_one_method_that_fails_does_not_cost_the_others(tmp_path: Path, monkeypa
     assert numbers["methods"]["frame_to_frame"]["failure"] == "stopped at frame 0: singular"
     assert numbers["methods"]["ekf"]["ate_rmse_aligned_m"] is not None
     assert not numbers["complete"] and "stopped at frame 0" in (out / "report.html").read_text()
+
+
+def test_depth_images_are_not_kept_for_a_method_that_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from stream_sfm.estimators.frame_to_frame import FrameToFrame
+
+    def broken(self: Any, observations: Any) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    given: list[weakref.ref[Any]] = []
+    read = StereoLog.depths
+
+    def noted(self: StereoLog) -> Iterator[tuple[int, Any]]:
+        for stamp_ns, depth_m in read(self):
+            given.append(weakref.ref(depth_m))
+            yield stamp_ns, depth_m
+
+    monkeypatch.setattr(FrameToFrame, "step", broken)
+    monkeypatch.setattr(StereoLog, "depths", noted)
+    alive: list[int] = []
+
+    def count(_: Any) -> None:
+        alive.append(sum(ref() is not None for ref in given))
+
+    log = open_log(write_log(tmp_path / "log.mcap", spec(range(12), truth=True)))
+    compare(log, Config(), ("ekf", "frame-to-frame"), Selection(), there_and_back=False, on_frame=count)
+    assert len(given) == 12 and max(alive) < 4
 
 
 def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
