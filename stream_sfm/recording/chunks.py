@@ -13,7 +13,7 @@ _CHUNK = struct.Struct("<QQQI")
 _STEP = 1 << 17
 
 
-def inflate(body: bytes, whole: bool) -> bytes:
+def inflate(body: bytes, whole: bool) -> bytes | memoryview:
     """The records in a chunk's body; of a body that is cut off (not `whole`), those bytes that can be had.
 
     Raises BrokenRecord for lengths that do not fit, a wrong checksum, or an unknown compression.
@@ -33,13 +33,14 @@ def inflate(body: bytes, whole: bool) -> bytes:
     if whole and data_length > len(data):
         raise BrokenRecord("its lengths do not add up")
     data = data[:data_length]
+    inflated: bytes | memoryview
     try:
         if compression == b"zstd":
             inflated = _unzstd(data, size, whole)
         elif compression == b"lz4":
             inflated = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         elif compression == b"":
-            inflated = bytes(data)
+            inflated = data
         else:
             raise BrokenRecord(f"compression {compression!r} is not known; zstd, lz4 and none are")
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:

@@ -71,6 +71,11 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
         if marker == 0xFF:  # padding
             at += 1
             continue
+        if marker == 0x01 or 0xD0 <= marker <= 0xD7:  # no length follows; a decoder goes on right behind
+            at += 2
+            continue
+        if marker == 0x00:
+            break
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", data, at + 5)
             return width, height

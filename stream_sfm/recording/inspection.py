@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from ..types import StereoRig
+from ..types import MAX_PIXELS, StereoRig
 from . import findings
 from .calibration_check import CalibrationCheck, Images, better_shift, check_calibration
 from .ground_truth import depth_topic, truth_topic
@@ -23,6 +23,7 @@ from .survey import Survey, survey_log
 from .topics import PairChoice, is_rectified
 
 _CHECKED_PLACES = 4  # in the log, two frames that follow each other at each
+_KEPT_BYTES = 256 * 2**20  # of images for it, recorded and decoded; where they are so large, fewer are looked at
 _LISTED_GAPS = 20
 
 
@@ -119,11 +120,14 @@ class _Inspection:
         stamps_ns: list[int] = []
         offsets_ns: list[int] = []
         runs: list[list[StereoPair]] = [[] for _ in range(_CHECKED_PLACES)]
+        kept_bytes = 0
         try:
             for pair in reader.pairs():
                 place, within = divmod(len(stamps_ns), every)
                 if within < 2 and place < _CHECKED_PLACES:
-                    runs[place].append(pair)
+                    kept_bytes += sum(map(_held_bytes, pair.images))
+                    if not stamps_ns or kept_bytes <= _KEPT_BYTES:
+                        runs[place].append(pair)
                 stamps_ns.append(pair.stamp_ns)
                 offsets_ns.append(pair.right.stamp_ns - pair.left.stamp_ns)
         except LogError as error:
@@ -227,6 +231,12 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
             for i in gaps[:_LISTED_GAPS]
         ],
     }
+
+
+def _held_bytes(message: ImageMessage) -> int:
+    """What an image takes as recorded and as grey."""
+    width, height = image_size(message) or (0, 0)
+    return len(message.data) + min(width * height, MAX_PIXELS)
 
 
 def _describe_image(message: ImageMessage) -> dict[str, Any]:

@@ -8,26 +8,39 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
+from .definitions import Definitions
 from .framing import FRAME, MAGIC, MAX_RECORD_BYTES, BrokenRecord, parse, split
+
+_MAX_LISTED = 2**20  # chunks: a recording of a terabyte has fewer
 
 
 @dataclass(slots=True)
 class Index:
-    """What the summary says. `counts`: messages a channel id, empty where they are not told.
+    """What the summary says. `definitions`: the schemas and channels; `counts`: messages a channel id, empty where
+    they are not told.
 
     `chunk_channels`: offset of each chunk, ascending -> ids of the channels with messages in it (None: not told).
     Whoever passes over a chunk or jumps to one has to be sure: it is empty where the summary carries no checksum,
-    or is not of this file as it stands.
+    is not of this file as it stands, or lists more than any recording has.
     """
 
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
+    definitions: Definitions
     counts: dict[int, int]
     start_ns: int
     end_ns: int
     chunk_channels: dict[int, frozenset[int] | None]
     attachment_count: int
     checksummed: bool
+
+    @property
+    def schemas(self) -> dict[int, Schema]:
+        """By id."""
+        return self.definitions.schemas
+
+    @property
+    def channels(self) -> dict[int, Channel]:
+        """By id."""
+        return self.definitions.channels
 
 
 def read_index(stream: IO[bytes]) -> Index | None:
@@ -56,21 +69,17 @@ def read_index(stream: IO[bytes]) -> Index | None:
 
 
 def _parse_index(summary: bytes, stream: IO[bytes], size: int, checksummed: bool) -> Index | None:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
+    known = Definitions()
     statistics: Statistics | None = None
-    chunks: list[ChunkIndex] = []
+    chunks = _ListedChunks()
     for opcode, body in split(memoryview(summary)):
-        if opcode == Opcode.SCHEMA:
-            schema = parse(Schema.read, body)
-            schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = parse(Channel.read, body)
-            channels[channel.id] = channel
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            known.learn(opcode, body)
         elif opcode == Opcode.STATISTICS:
             statistics = parse(Statistics.read, body)
         elif opcode == Opcode.CHUNK_INDEX:
-            chunks.append(parse(ChunkIndex.read, body))
+            chunks.add(parse(ChunkIndex.read, body))
+    schemas, channels = known.schemas, known.channels
     if not channels or statistics is None:
         return None  # allowed, and of no use
     counts = dict(statistics.channel_message_counts)
@@ -78,11 +87,30 @@ def _parse_index(summary: bytes, stream: IO[bytes], size: int, checksummed: bool
         raise BrokenRecord("a channel's schema is missing")
     if statistics.channel_count != len(channels) or not set(counts) <= set(channels):
         raise BrokenRecord("its statistics are of other channels")
-    sound = checksummed and statistics.chunk_count == len(chunks)
-    for chunk in chunks:
-        stream.seek(min(chunk.chunk_start_offset, size))
-        sound &= stream.read(1) == bytes([Opcode.CHUNK]) and set(chunk.message_index_offsets) <= set(channels)
-    chunks.sort(key=lambda c: c.chunk_start_offset)
-    listed = {c.chunk_start_offset: frozenset(c.message_index_offsets) or None for c in chunks if sound}
+    sound = checksummed and chunks.cost <= _MAX_LISTED and statistics.chunk_count == len(chunks.ids_at)
+    sound = sound and all(ids <= set(channels) for ids in chunks.distinct)
+    listed: dict[int, frozenset[int] | None] = {}
+    for offset in sorted(chunks.ids_at) if sound else ():
+        stream.seek(min(offset, size))
+        sound &= stream.read(1) == bytes([Opcode.CHUNK])
+        listed[offset] = chunks.ids_at[offset] or None
     span_ns = statistics.message_start_time, statistics.message_end_time
-    return Index(schemas, channels, counts, *span_ns, listed, statistics.attachment_count, checksummed)
+    return Index(known, counts, *span_ns, listed if sound else {}, statistics.attachment_count, checksummed)
+
+
+class _ListedChunks:
+    """`ids_at`: offset of a chunk -> ids of its channels, one set for all chunks that have the same (`distinct`)."""
+
+    def __init__(self) -> None:
+        self.ids_at: dict[int, frozenset[int]] = {}
+        self.distinct: dict[frozenset[int], frozenset[int]] = {}
+        self.cost = 0  # chunks and members of sets; beyond _MAX_LISTED none is kept
+
+    def add(self, chunk: ChunkIndex) -> None:
+        ids = frozenset(chunk.message_index_offsets)
+        self.cost += 1 + (0 if ids in self.distinct else len(ids))
+        if self.cost > _MAX_LISTED:
+            self.ids_at.clear()
+            self.distinct.clear()
+        else:
+            self.ids_at[chunk.chunk_start_offset] = self.distinct.setdefault(ids, ids)

@@ -1,7 +1,6 @@
 """The messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) as the three records used here."""
 
 import base64
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from ..errors import LogError
 from ..geometry import pose as se3
 from ..geometry.pose import Array
+from .lists import MAX_LISTED_BYTES, bounded, decode_json, has_lists
 from .records import LogMessage
 from .ros import ros_decoder
 
@@ -29,6 +29,9 @@ _KINDS = {
     "TFMessage": "transform", "tfMessage": "transform",
 }  # fmt: skip
 
+_MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a calibration or a pose are kilobytes
+_MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
+_MAX_TEXT = 2**12  # characters of a name: of a frame, an encoding
 _MISFITS = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
 
 
@@ -97,9 +100,16 @@ class MessageDecoder:
         self._protobuf = ProtobufFactory()
         self._decoders: dict[int, Callable[[bytes], Any]] = {}
 
-    def _decode(self, message: LogMessage) -> Any:
+    def _decode(self, message: LogMessage, max_bytes: int | None = None) -> Any:
+        if max_bytes is not None and len(message.data) > max_bytes:
+            raise UndecodableMessage(
+                f"{message.channel.topic}: a message of {len(message.data)} bytes, over {max_bytes}"
+            )
         decoder = self._decoders.get(message.channel.id)
         if decoder is None:
+            if len(self._decoders) >= _MAX_DECODERS:
+                self._decoders.clear()
+                self._protobuf = ProtobufFactory()  # which keeps what it made too
             decoder = self._decoders[message.channel.id] = self._find(message.channel, message.schema)
         try:
             return decoder(message.data)
@@ -115,9 +125,13 @@ class MessageDecoder:
             raise LogError(f"{where} has no schema, so its messages cannot be read")
         try:
             if channel.message_encoding == "json":
-                return json.loads
+                return decode_json
+            if len(schema.data) > _MAX_SCHEMA_BYTES:
+                raise ValueError(f"a definition of {len(schema.data)} bytes")
             decoder = self._protobuf.decoder_for(channel.message_encoding, schema)
-            decoder = decoder or ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
+            if decoder is not None:
+                return bounded(decoder) if has_lists(decoder(b"").DESCRIPTOR) else decoder
+            decoder = ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
             if decoder is not None:
                 return decoder
         except Exception as error:  # a broken definition raises what its library raises
@@ -153,7 +167,7 @@ class MessageDecoder:
 
     def calibration(self, message: LogMessage) -> CalibrationMessage:
         """Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
-        m = self._decode(message)
+        m = self._decode(message, MAX_LISTED_BYTES)
         try:
             return CalibrationMessage(
                 topic=message.channel.topic,
@@ -171,7 +185,7 @@ class MessageDecoder:
 
     def poses(self, message: LogMessage) -> list[PoseMessage]:
         """The poses in a message, several for a list of transforms. Raises as `image`."""
-        m = self._decode(message)
+        m = self._decode(message, MAX_LISTED_BYTES)
         try:
             if _has(m, "transforms"):
                 return [_pose(t) for t in _get(m, "transforms")]
@@ -209,8 +223,10 @@ def _frame_id(message: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """As Unicode that can be written: JSON may hold half a surrogate pair."""
-    return str(value).encode("utf-8", "backslashreplace").decode()
+    """As Unicode that can be written: JSON may hold half a surrogate pair. Raises ValueError for no mere name."""
+    if len(text := str(value)) > _MAX_TEXT:
+        raise ValueError(f"a name of {len(text)} characters")
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _bytes(data: Any) -> bytes:

@@ -18,6 +18,7 @@ from mcap.records import Attachment, Channel, Header, Schema
 
 from ..errors import LogError
 from .chunks import inflate
+from .definitions import Definitions, TooMuch
 from .framing import FRAME, MAGIC, MAX_RECORD_BYTES, BrokenRecord, parse, split
 from .log_index import Index, read_index
 
@@ -118,8 +119,7 @@ class LogFile:
 
     def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
         # The index's copies serve where the chunk that first described a channel is damaged.
-        channels: dict[int, Channel] = dict(self.index.channels) if self.index else {}
-        schemas: dict[int, Schema] = dict(self.index.schemas) if self.index else {}
+        known = self.index.definitions.copy() if self.index else Definitions()
 
         def take(opcode: int, body: bytes | memoryview, where: str) -> LogMessage | None:
             """Learn what a record says; the message in it, if it is a wanted one."""
@@ -127,7 +127,7 @@ class LogFile:
                 if len(body) < _MESSAGE.size:
                     raise BrokenRecord("a message shorter than its header")
                 channel_id, _, log_time_ns, _ = _MESSAGE.unpack_from(body)
-                channel = channels.get(channel_id)
+                channel = known.channels.get(channel_id)
                 if channel is None:
                     damage.add(
                         f"{where}: messages of channel {channel_id}, which is not described, are passed over"
@@ -135,13 +135,12 @@ class LogFile:
                 elif topics is None or channel.topic in topics:
                     # bytes, because a view would keep its whole chunk in memory
                     data = bytes(body[_MESSAGE.size :])
-                    return LogMessage(channel, schemas.get(channel.schema_id), log_time_ns, data)
-            elif opcode == Opcode.CHANNEL:
-                channel = parse(Channel.read, body)
-                channels[channel.id] = channel
-            elif opcode == Opcode.SCHEMA:
-                schema = parse(Schema.read, body)
-                schemas[schema.id] = schema
+                    return LogMessage(channel, known.schemas.get(channel.schema_id), log_time_ns, data)
+            elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+                try:
+                    known.learn(opcode, body)
+                except TooMuch as error:  # not the end of its chunk
+                    damage.add(f"{where}: passed over: {error}")
             return None
 
         with self._open() as stream:

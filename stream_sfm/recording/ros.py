@@ -9,6 +9,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from .lists import bounded
+
 _RULE = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # stands between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines, as #include
 # rosbags makes Python code of a definition, so a hostile one could ask for any amount of it, or for endless loops.
@@ -52,7 +54,25 @@ def ros_decoder(
     name = f"{package}/msg/{short_name}"
     store.get_msgdef(name)  # here, so that what is lacking is told of the schema, not of every message
     deserialise = store.deserialize_ros1 if message_encoding == MessageEncoding.ROS1 else store.deserialize_cdr
-    return lambda data: deserialise(data, name)
+
+    def decode(data: bytes) -> Any:
+        return deserialise(data, name)
+
+    return bounded(decode) if _has_lists(types) else decode
+
+
+def _has_lists(types: dict[str, Any]) -> bool:
+    """Whether a type has a list of parts or of strings; numbers become one array."""
+    return any(
+        kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and not _plain(*of[0])
+        for _, fields in types.values()
+        for _, (kind, of) in fields
+    )
+
+
+def _plain(element: Nodetype, what: Any) -> bool:
+    """Whether the elements of a list are numbers."""
+    return element == Nodetype.BASE and what[0] != "string"
 
 
 def _refuse_endless(types: dict[str, Any]) -> None:
@@ -67,6 +87,5 @@ def _refuse_endless(types: dict[str, Any]) -> None:
             if kind != Nodetype.ARRAY:
                 continue
             (element, what), length = of
-            plain = element == Nodetype.BASE and what[0] != "string"
-            if length == 0 or (length > _MAX_ELEMENTS and not plain):
+            if length == 0 or (length > _MAX_ELEMENTS and not _plain(element, what)):
                 raise ValueError(f"field {field} of type {name} has {length} elements")

@@ -8,6 +8,8 @@ from .records import Damage, LogFile, LogMessage
 
 # A log without an index is scanned so far at most, once cameras and calibrations have been met.
 _SCAN_BYTES = 256 * 2**20
+# Of so many calibration topics the first message is kept if it is no larger; others are read when they are needed.
+_KEPT_CALIBRATIONS, _KEPT_BYTES = 64, 2**16
 
 
 @dataclass(slots=True)
@@ -23,7 +25,7 @@ class Topic:
 
 @dataclass(slots=True)
 class Survey:
-    """The topics by name, the span of log times, and the first message of each calibration topic met."""
+    """The topics by name, the span of log times, and the first message of calibration topics met, of a few."""
 
     topics: dict[str, Topic]
     start_ns: int = 0
@@ -66,7 +68,8 @@ def _scan(file: LogFile, damage: Damage) -> Survey:
                 name, kind, message.schema.name if message.schema else "", message.channel.message_encoding, 0
             )
             survey.start_ns = survey.start_ns or message.log_time_ns
-            if kind == "calibration":
+            small = len(message.data) <= _KEPT_BYTES and len(survey.first_calibrations) < _KEPT_CALIBRATIONS
+            if kind == "calibration" and small:
                 survey.first_calibrations[name] = message
         topic.count = (topic.count or 0) + 1
         survey.start_ns = min(survey.start_ns, message.log_time_ns)

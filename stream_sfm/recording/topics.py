@@ -65,13 +65,15 @@ def possible_pairs(topics: Iterable[str]) -> list[tuple[str, str]]:
     """All (left, right) among `topics` whose names differ in the side only, the clearest rule first."""
     topics = sorted(topics)
     pairs: list[tuple[str, str]] = []
+    paired: set[str] = set()
     for rule in range(len(_SIDES)):
         rights = {key: t for t in topics if (key := side_keys(t, 1).get(rule)) is not None}
         for topic in topics:
             right = rights.get(side_keys(topic, 0).get(rule, ""))
             # cam1 of a pair (cam0, cam1) is not the left one of (cam1, cam2)
-            if right is not None and right != topic and not any({topic, right} & set(p) for p in pairs):
+            if right is not None and right != topic and not {topic, right} & paired:
                 pairs.append((topic, right))
+                paired |= {topic, right}
     return pairs
 
 

@@ -10,6 +10,8 @@ from .survey import Survey
 
 _STILL = 1e-6  # a transform whose numbers change by more moves, and says nothing of how two cameras are mounted
 
+_MAX_EDGES = 2**12  # between frames of one log; further ones are left out
+
 
 def fixed_transform(file: LogFile, survey: Survey, target: str, source: str) -> Array | None:
     """`target_from_source` (4, 4), metres, along transforms that stay as they are through the whole log.
@@ -36,6 +38,8 @@ def _still(file: LogFile, topics: frozenset[str]) -> dict[tuple[str, str], Array
             continue
         for pose in poses:
             edge = (pose.parent, pose.child)
+            if edge not in still and len(still) >= _MAX_EDGES:
+                continue
             known = still.setdefault(edge, pose.parent_from_child)
             if not np.allclose(known, pose.parent_from_child, rtol=0, atol=_STILL):
                 moving.add(edge)

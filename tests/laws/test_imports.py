@@ -33,6 +33,7 @@ HOMES = {
     "cv2": ("frontend", "dense", "recording", "importers"),
     "mcap": ("recording",),
     "mcap_protobuf": ("recording",),
+    "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("recording",),
     "rosbags": ("recording",),
     "filterpy": ("estimators/ekf.py",),

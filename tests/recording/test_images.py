@@ -119,3 +119,14 @@ def test_compressed_depth_of_ros():
 def test_what_is_no_depth_image_says_so(message):
     with pytest.raises(UndecodableImage, match=r"/d|/c"):
         decode_depth_m(message)
+
+
+@pytest.mark.parametrize("marker", [0x01, 0xD0])
+def test_the_size_of_a_jpeg_is_the_one_it_decodes_to(marker):
+    """Behind a marker without length, where a reader that expects one would be led to another size."""
+    found = cv2.imencode(".jpg", scene(0, 0))[1].tobytes()
+    led_to = 4 + struct.unpack_from(">H", found, 2)[0]
+    lie = struct.pack(">BBHBHH", 0xFF, 0xC0, 11, 8, 10, 20) + bytes(6)
+    data = (b"\xff\xd8\xff" + bytes([marker]) + found[2:]).ljust(led_to, b"\0") + lie
+    height, width = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE).shape
+    assert image_size(ImageMessage("/c", 0, "c", True, "jpeg", data)) == (width, height)
