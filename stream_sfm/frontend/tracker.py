@@ -32,6 +32,7 @@ _SAME_LEVEL_GREY = 4.0
 _HALF_PATCH_PX = 0.5  # between the matches of a whole patch and of its inner half
 
 
+_LEAST_SHARE = 0.15  # of the tracks that should be in view; fewer agree by chance
 _FEW = 8  # with fewer points something is wrong with the images
 
 
@@ -124,10 +125,11 @@ class FrontEnd:
         before, tracks = before.keep(usable), tracks.keep(usable)
         start, expected, warps = start[usable], expected[usable], (warps[0][usable], warps[1][usable])
         z, cov, good = self._align(pair, tracks, start, warps, start[:, 0] - expected[:, 0] + expected[:, 2])
+        sought = len(before)
         before, z, cov = before.keep(good), z[good], cov[good]
         cov_points = before.cov_points(self.noise.var_ray(self.projection))
         final = resect(self.projection, before.points, cov_points, z, cov, cam_from_previous, self.gate_probability)
-        if not final.ok:
+        if not final.ok or final.accepted.sum() < _LEAST_SHARE * sought:
             self.tracks, self.velocity = Tracks.none(), np.zeros(6)
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
         self.noise.learn(final.chi2, final.dof)
