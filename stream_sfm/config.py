@@ -23,7 +23,7 @@ class FrontendConfig(_Section, frozen=True):
 
     max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 200
     renew_share: Annotated[
-        float, Meta(description="new points are sought when this share is missing", ge=0, le=1)
+        float, Meta(description="new points are sought where this share is missing", ge=0, le=1)
     ] = 0.05
     min_corner_distance_px: Annotated[float, Meta(description="a new corner's distance to other points", ge=2)] = (
         12.0

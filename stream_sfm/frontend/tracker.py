@@ -25,7 +25,9 @@ from .templates import Patches, TemplateAtlas
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
-_FULL_SEARCH = 5  # frames
+_FULL_SEARCH = 4  # frames
+_RENEWAL = 2  # frames; and in every frame while more than this share of the tracks is missing
+_URGENT_SHARE = 0.6
 _SEARCH_MARGIN_PX = 16.0
 _SAME_GAIN = 0.05  # between images one after the other
 _SAME_LEVEL_GREY = 4.0
@@ -239,7 +241,8 @@ class FrontEnd:
         cfg, p = self.config, self.projection
         none = np.empty((0, 4)), np.empty((0, 4, 4))
         wanted = cfg.max_tracks - len(self.tracks)
-        if wanted < cfg.max_tracks * cfg.renew_share:
+        enough = cfg.renew_share if self.frames % _RENEWAL == 0 else _URGENT_SHARE
+        if wanted < cfg.max_tracks * enough:
             return none
         left_image, scale = self._coarse(pair)
         step = round(1 / scale)
