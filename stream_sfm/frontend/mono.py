@@ -15,8 +15,9 @@ from ..geometry import pose as se3
 from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 from ..types import MapStart, Observations
+from .pair import Image, Pair
 from .parallax import MonoTracks
-from .tracker import FrontEnd, Image, _note, _Pair, _smoothed
+from .tracker import FrontEnd, _note
 from .tracks import Tracks
 from .two_view import two_view_motion
 
@@ -61,8 +62,7 @@ class MonoFrontEnd(FrontEnd):
 
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image | None = None) -> Observations:
         """Observations of the next frame as `FrontEnd.step`; none while depths are not observable."""
-        smoothed = _smoothed(left, self.config.smoothing_px)
-        pair = _Pair.of(smoothed, smoothed)
+        pair = Pair.of(left, left, self.config.smoothing_px)
         if self.mapped:
             motion, z, cov = self._in_front(*self._follow(pair, (stamp_ns - self.stamp_ns) / 1e9))
             if motion is None:
@@ -98,7 +98,7 @@ class MonoFrontEnd(FrontEnd):
         self.tracks, self.cam_from_start = MonoTracks.none(), np.eye(4)
         self.waiting = why
 
-    def _begin(self, pair: _Pair) -> _Found:
+    def _begin(self, pair: Pair) -> _Found:
         """Views, and the motion since the opening frame (not the previous one), as soon as they show depths."""
         if not len(self.tracks):
             self._reopen("depths need a second view")
@@ -130,9 +130,10 @@ class MonoFrontEnd(FrontEnd):
         z = np.concatenate([tracks.left_px, np.full((len(rho), 2), np.nan)], axis=1)
         return self.cam_from_start, z, cov[found.agree]
 
-    def _follow_directions(self, pair: _Pair) -> Array:
+    def _follow_directions(self, pair: Pair) -> Array:
         """Follow the tracks, all taken for infinitely far; covariances (n, 4, 4) of what is left of them."""
-        at, found = self._flow(self._as_exposed_now(pair)[0], pair, self.tracks)
+        assert self.previous is not None
+        at, found = self._flow(self.previous.half_exposed_as(pair)[0], pair, self.tracks)
         warps = self.tracks.anchor_from_now(self.cam_from_start, self.projection.baseline_m)[0]
         found &= self.atlas.fits(warps)
         tracks, at, warps = self.tracks.keep(found), at[found], warps[found]
@@ -154,7 +155,7 @@ class MonoFrontEnd(FrontEnd):
         return motion, z[front], cov[front]
 
     def _align(
-        self, pair: _Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
+        self, pair: Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         patches = self.atlas.warped(tracks.slots, warps[0])
         left, error, good = self._align_left(pair, patches, start)
@@ -186,13 +187,13 @@ class MonoFrontEnd(FrontEnd):
 
     # -- new points -------------------------------------------------------------------------------------------
 
-    def _renew_left(self, pair: _Pair) -> None:
+    def _renew_left(self, pair: Pair) -> None:
         """New tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
         cfg = self.config
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share or (len(self.tracks) and not self.mapped):
             return
-        image, scale = self._coarse(pair)
+        image, _, scale = pair.coarse()
         corners = self._corners(image, scale, wanted) * round(1 / scale)
         n = len(corners)
         if not n:

@@ -4,8 +4,6 @@ Each frame: follow the points with Lucas-Kanade from the last image, find the mo
 images against the template of its first frame, reject what does not fit one rigid motion, fill up with new corners.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,39 +17,19 @@ from ..types import Observations
 from .detect import detect
 from .epipolar import search_rows
 from .noise import BIAS_PX, ViewNoise
+from .pair import Image, Pair
 from .rows import RowAlignment
 from .slant import disparity_slopes
 from .templates import Patches, TemplateAtlas
 from .tracks import Tracks
 
-Image = NDArray[np.uint8]
 _FULL_SEARCH = 4  # frames
 _RENEWAL = 2  # frames; and in every frame while more than this share of the tracks is missing
 _URGENT_SHARE = 0.6
 _SEARCH_MARGIN_PX = 16.0
-_SAME_GAIN = 0.05  # between images one after the other
-_SAME_LEVEL_GREY = 4.0
 _HALF_PATCH_PX = 0.5  # between the matches of a whole patch and of its inner half
-
-
 _LEAST_SHARE = 0.15  # of the tracks that should be in view; fewer agree by chance
 _FEW = 8  # with fewer points something is wrong with the images
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """Two images; the left one at half the size for flow; and their grey values for alignment: interpolated bytes are
-    rounded, too coarse for dark images."""
-
-    left: Image
-    right: Image
-    left_half: Image
-    left_grey: NDArray[np.float32]
-    right_grey: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, left: Image, right: Image) -> "_Pair":
-        return cls(left, right, _halved(left), left.astype(np.float32), right.astype(np.float32))
 
 
 class FrontEnd:
@@ -70,7 +48,7 @@ class FrontEnd:
         self.rows = RowAlignment(projection)
         self.tracks = Tracks.none()
         self.next_id = 0
-        self.previous: _Pair | None = None
+        self.previous: Pair | None = None
         self.velocity = np.zeros(6)  # ξ of cam_from_previous a second
         self.cam_from_start = np.eye(4)
         self.stamp_ns = 0
@@ -78,8 +56,7 @@ class FrontEnd:
 
     def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
         """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
-        sigma = self.config.smoothing_px
-        pair = _Pair.of(_smoothed(left, sigma), _smoothed(right, sigma))
+        pair = Pair.of(left, right, self.config.smoothing_px)
         motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
         dt = (stamp_ns - self.stamp_ns) / 1e9
         if len(self.tracks):
@@ -105,11 +82,12 @@ class FrontEnd:
 
     # -- old points -------------------------------------------------------------------------------------------
 
-    def _follow(self, pair: _Pair, dt: float) -> tuple[Array | None, Array, Array]:
+    def _follow(self, pair: Pair, dt: float) -> tuple[Array | None, Array, Array]:
         """Motion since the last frame (None: not found), views (n, 4) and covariances of the tracks that live on."""
         predicted = se3.exp(self.velocity * dt)
-        for image in self._as_exposed_now(pair):
-            at, found = self._flow(image, pair, self.tracks.moved(predicted))
+        assert self.previous is not None
+        for before_half in self.previous.half_exposed_as(pair):
+            at, found = self._flow(before_half, pair, self.tracks.moved(predicted))
             z = np.full((len(self.tracks), 4), np.nan)
             z[found, :2] = at[found]
             motion = self._motion(z, predicted, std_px=0.5)
@@ -148,25 +126,13 @@ class FrontEnd:
         """Tracks in the new camera, put where they were seen in it."""
         return tracks.measured(z, cov, self.projection)
 
-    def _as_exposed_now(self, pair: _Pair) -> list[Image]:
-        """What the last left image may have been with today's exposure: flow takes a change of grey values for motion.
-        Where mean and contrast have changed, the exposure may have done that, or half of the view is covered."""
-        assert self.previous is not None
-        before, now = self.previous.left_half[::4, ::4], pair.left_half[::4, ::4]
-        gain = (now.std() + 1) / (before.std() + 1)
-        offset = now.mean() - gain * before.mean()
-        if abs(gain - 1) < _SAME_GAIN and abs(now.mean() - before.mean()) < _SAME_LEVEL_GREY:
-            return [self.previous.left_half]
-        exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
-        return [np.asarray(cv2.LUT(self.previous.left_half, exposed)), self.previous.left_half]
-
-    def _flow(self, before: Image, pair: _Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
+    def _flow(self, before_half: Image, pair: Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
         """Pyramidal Lucas-Kanade from the left image before, started where the predicted motion puts the points; at
         half the size, for it is a start only."""
         start = np.ascontiguousarray(self.projection.project_homogeneous(moved.points)[:, :2], np.float32)
         radius = 3 * self.config.window_radius_px // 4
         at, status, _ = cv2.calcOpticalFlowPyrLK(
-            before,
+            before_half,
             pair.left_half,
             np.ascontiguousarray(self.tracks.left_px / 2, np.float32).reshape(-1, 1, 2),
             start.reshape(-1, 1, 2) / 2,
@@ -208,7 +174,7 @@ class FrontEnd:
         return inside & self.valid[v.clip(0, h - 1), u.clip(0, w - 1)]
 
     def _align(
-        self, pair: _Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
+        self, pair: Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
         cfg = self.config
@@ -227,7 +193,7 @@ class FrontEnd:
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
         return z, self.noise.covariance(patches.gradients, error_l, error_r), good
 
-    def _align_left(self, pair: _Pair, patches: Patches, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _align_left(self, pair: Pair, patches: Patches, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Positions (n, 2) in the left image, deviations of grey differences, and which are good."""
         cfg = self.config
         left, ok, error = patches.align(pair.left_grey, start)
@@ -236,7 +202,7 @@ class FrontEnd:
 
     # -- new points -------------------------------------------------------------------------------------------
 
-    def _renew(self, pair: _Pair) -> tuple[Array, Array]:
+    def _renew(self, pair: Pair) -> tuple[Array, Array]:
         """New tracks where they are missing: corners, unique on their row, aligned in the right image."""
         cfg, p = self.config, self.projection
         none = np.empty((0, 4)), np.empty((0, 4, 4))
@@ -244,26 +210,15 @@ class FrontEnd:
         enough = cfg.renew_share if self.frames % _RENEWAL == 0 else _URGENT_SHARE
         if wanted < cfg.max_tracks * enough:
             return none
-        left_image, scale = self._coarse(pair)
-        step = round(1 / scale)
-        corners = self._corners(left_image, scale, wanted)
+        corners, start, tolerance_px = self._matches(pair, wanted)
         if not len(corners):
             return none
-        right_image = pair.right
-        while right_image.shape != left_image.shape:
-            right_image = _halved(right_image)
-        disparity, unique = search_rows(left_image, right_image, corners, self._disparity_range(scale))
-        if not unique.any():
-            return none
-        corners, disparity = corners[unique] * step, disparity[unique] / scale
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
         self.atlas.store(pair.left_grey, corners, free)
         facing = np.broadcast_to(np.eye(2), (len(free), 2, 2))
-        rows = self.rows.difference(corners.astype(float))
-        start = np.stack([corners[:, 0] - disparity, corners[:, 1] - rows], axis=1)
         patches = self.atlas.warped(free, facing)
         right, ok, error = patches.align(pair.right_grey, start)
-        ok &= np.linalg.norm(right - start, axis=1) < min(2.0 / scale, 2 * cfg.max_row_difference_px)
+        ok &= np.linalg.norm(right - start, axis=1) < tolerance_px
         corners, free, gradients = corners[ok], free[ok], patches.gradients[ok]
         right, error, facing = right[ok], error[ok], facing[ok]
         left = corners.astype(float)
@@ -300,21 +255,22 @@ class FrontEnd:
         self.tracks = self.tracks.joined(new)
         return z[ok], cov[ok]
 
+    def _matches(self, pair: Pair, wanted: int) -> tuple[NDArray[np.intp], Array, float]:
+        """New corners (k, 2) in whole pixels, where they are in the right image (k, 2), and how well that is known."""
+        left, right, scale = pair.coarse()
+        corners = self._corners(left, scale, wanted)
+        disparity, unique = search_rows(left, right, corners, self._disparity_range(scale))
+        corners = corners[unique] * round(1 / scale)
+        rows = self.rows.difference(corners.astype(float))
+        start = np.stack([corners[:, 0] - disparity[unique] / scale, corners[:, 1] - rows], axis=1)
+        return corners, start, min(2.0 / scale, 2 * self.config.max_row_difference_px)
+
     def _corners(self, coarse: Image, scale: float, wanted: int) -> NDArray[np.intp]:
         """Whole pixels (k, 2) of an image of that scale, away from the tracks."""
         cfg, step = self.config, round(1 / scale)
         distance_px = cfg.min_corner_distance_px * scale
         taken, allowed = self.tracks.left_px * scale, self.valid[::step, ::step]
         return detect(coarse, taken, allowed, wanted, distance_px, cfg.min_corner_response)
-
-    def _coarse(self, pair: _Pair) -> tuple[Image, float]:
-        """The left image at no more than 800 columns, and its scale: corners of a patch's size are found there, and
-        a search along the row is short."""
-        image, scale = pair.left, 1.0
-        while image.shape[1] > 800:
-            image = pair.left_half if image is pair.left else _halved(image)
-            scale /= 2
-        return image, scale
 
     def _disparity_range(self, scale: float) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and
@@ -328,15 +284,7 @@ class FrontEnd:
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
-def _halved(image: Image) -> Image:
-    return np.asarray(cv2.pyrDown(image), np.uint8)
-
-
-def _smoothed(image: Image, sigma_px: float) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8) if sigma_px > 0 else image.copy()
-
-
-def _note(pair: _Pair, previous: _Pair | None, tracked: int, in_both: int) -> str:
+def _note(pair: Pair, previous: Pair | None, tracked: int, in_both: int) -> str:
     """What is wrong with the images: nothing can be matched in them, or they are the last ones again; else empty."""
     if in_both < _FEW:
         for name, image in (("left", pair.left), ("right", pair.right)):
@@ -344,11 +292,7 @@ def _note(pair: _Pair, previous: _Pair | None, tracked: int, in_both: int) -> st
                 return f"the {name} image is black"
             if image.min() > 247:
                 return f"the {name} image is white"
-    if (
-        previous is not None
-        and np.array_equal(pair.left, previous.left)
-        and np.array_equal(pair.right, previous.right)
-    ):
+    if previous is not None and pair.equals(previous):
         return "the images are those of the frame before, to the bit: are the cameras frozen?"
     if in_both >= _FEW:
         return ""
