@@ -179,7 +179,7 @@ class _Pass:
                 continue
             solution, seconds = solved
             timings = shared | {"estimator": seconds}
-            estimate = in_camera_axes(solution, obs, self.rectifier, timings)
+            estimate = in_camera_axes(solution, obs, self.rectifier, self.frontend.shared_errors.of, timings)
             local[runner.name] = estimate
             runner.run.add(estimate)
             runner.run.reprojection_px.append(self._reprojection(solution, obs))
@@ -213,7 +213,7 @@ class _Pass:
             for runner in self.runners:
                 solved = runner.solve(obs)
                 if solved is not None:
-                    estimate = in_camera_axes(solved[0], obs, self.rectifier, {})
+                    estimate = in_camera_axes(solved[0], obs, self.rectifier, self.frontend.shared_errors.of, {})
                     runner.run.back.append(estimate.world_from_cam)
         return f"{there} frames there, {there - 1} back"
 

@@ -5,8 +5,10 @@ camera (`Config.mono`) other parts of the same kind do this; all else is the sam
 """
 
 import time
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .config import Config
 from .errors import ConfigError, FrameError
@@ -74,7 +76,8 @@ class Engine:
         self._next_index += 1
         self._last_stamp_ns = frame.stamp_ns
         timings = {"rectify": t1 - t0, "frontend": t2 - t1, "estimator": t3 - t2}
-        return in_camera_axes(solution, observations, self.rectifier, timings)
+        std_bias_px = self.frontend.shared_errors.of
+        return in_camera_axes(solution, observations, self.rectifier, std_bias_px, timings)
 
     def _check(self, frame: StereoFrame | MonoFrame) -> None:
         where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
@@ -102,14 +105,15 @@ def in_camera_axes(
     solution: Solution,
     observations: Observations,
     rectifier: Rectifier | MonoRectifier,
+    std_bias_px: Callable[[NDArray[np.int64]], Array],
     timings_s: dict[str, float],
 ) -> FrameEstimate:
     """A Solution in rectified axes as the FrameEstimate in the physical left camera's axes.
 
     The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
-    Each point's covariance gets the disparity bias that all its views share. Points seen for the first time are not
-    reported yet, but for a map's first frame: one match of left and right may be wrong, and only a second view can
-    tell.
+    Each point's covariance gets the disparity bias that all its views share, of which `std_bias_px` knows σ (n,) px by
+    ids (n,). Points seen for the first time are not reported yet, but for a map's first frame: one match of left and
+    right may be wrong, and only a second view can tell.
     """
     n = len(observations.track_ids)
     shown = np.ones(len(solution.track_ids), bool)
@@ -119,11 +123,11 @@ def in_camera_axes(
     r = rectifier.rect_from_cam.T  # cam_from_rect
     c = np.eye(4)
     c[:3, :3] = rectifier.rect_from_cam
-    cov_bias = bias_covariances(in_cam, observations.std_bias_px, rectifier.projection)
+    cov_bias = bias_covariances(in_cam, std_bias_px(solution.track_ids[shown]), rectifier.projection)
     world_r = solution.world_from_cam[:3, :3]
     last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
     ended = se3.transform(se3.inverse(last), solution.ended_points_in_world)
-    cov_ended = bias_covariances(ended, observations.std_bias_px, rectifier.projection)
+    cov_ended = bias_covariances(ended, std_bias_px(solution.ended_ids), rectifier.projection)
     cov_ended = solution.ended_cov_points_in_world + last[:3, :3] @ cov_ended @ last[:3, :3].T
     c_inv = c.T
     r6 = np.zeros((6, 6))
@@ -165,7 +169,8 @@ def in_camera_axes(
     )
 
 
-def bias_covariances(points_in_cam: Array, std_bias_px: float, projection: StereoProjection) -> Array:
-    """(n, 3, 3) m²: what an error of disparity that all views of a point share does to points (n, 3), eq. (18)."""
-    moved = points_in_cam * (points_in_cam[:, 2:] * std_bias_px / (projection.f_px * projection.baseline_m))
+def bias_covariances(points_in_cam: Array, std_bias_px: Array, projection: StereoProjection) -> Array:
+    """(n, 3, 3) m²: what errors of disparity that all views of a point share, σ (n,), do to points (n, 3), eq. (18)."""
+    share = points_in_cam[:, 2] * std_bias_px / (projection.f_px * projection.baseline_m)
+    moved = points_in_cam * share[:, None]
     return moved[:, :, None] * moved[:, None, :]

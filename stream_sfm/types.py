@@ -189,8 +189,7 @@ class Observations:
     front-end's own robust motion since the previous frame, a start value only, or None. `note` says what the
     front-end met ("image is black"), empty when nothing. `n_new` of the ids are new. `std_drift_px` (n,): how far
     the patch may have slid over its surface since the previous frame, for patches seen from a changing direction;
-    None where points are points. `std_bias_px`: error of a point's disparity that all its views share. `start`: of
-    one camera, where it knows depths.
+    None where points are points. `start`: of one camera, where it knows depths.
     """
 
     frame_index: int
@@ -202,7 +201,6 @@ class Observations:
     note: str = ""
     n_new: int = 0
     std_drift_px: Array | None = None
-    std_bias_px: float = 0.0
     start: MapStart | None = None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.frontend.noise import BIAS_PX
+from stream_sfm.frontend.shared_errors import BIAS_PX
 from stream_sfm.geometry import pose as se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
@@ -59,7 +59,7 @@ def test_points_now_and_ended_keep_the_doubt_that_all_their_views_share(frames, 
             distance = np.linalg.norm(points, axis=1)
             ray = points / distance[:, None]
             std_m = np.sqrt(np.einsum("ni,nij,nj->n", ray, cov, ray))
-            # the depth of the rectified camera, which is turned by a hundredth or two
+            # the least of it; the depth of the rectified camera, which is turned by a hundredth or two
             assert (std_m > 0.98 * distance * points[:, 2] * shift).all()
     assert count > 10
 

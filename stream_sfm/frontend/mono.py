@@ -17,6 +17,7 @@ from ..geometry.stereo import StereoProjection
 from ..types import MapStart, Observations
 from .pair import Image, Pair
 from .parallax import MonoTracks
+from .shared_errors import SharedErrors
 from .tracker import FrontEnd, _note
 from .tracks import Tracks
 from .two_view import two_view_motion
@@ -53,6 +54,7 @@ class MonoFrontEnd(FrontEnd):
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         super().__init__(projection, config, valid)
         self.tracks = MonoTracks.none()
+        self.shared_errors = SharedErrors(least_px=0.0)  # there is no other patch
         self.mapped = False
         self.opened_with = 0  # points of the opening frame
         self.waiting = ""  # for what, before a map

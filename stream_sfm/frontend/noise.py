@@ -12,9 +12,6 @@ from ..geometry.pose import Array
 from ..geometry.stereo import StereoProjection
 
 _FLOOR_PX = 0.03  # interpolation and rectification tables
-# What left and right patch of one surface share with no other view: perspective beyond the affine warp, the lens model.
-# Such an error is the same in all views of a point; it moves the point, not the motion.
-BIAS_PX = 0.06
 _SLANT = 0.42  # see ViewNoise.drift
 _MEMORY_FRAMES = 20.0
 _FACTOR_RANGE = (0.05, 30.0)

@@ -16,9 +16,10 @@ from ..geometry.stereo import StereoProjection
 from ..types import Observations
 from .detect import detect
 from .epipolar import search_rows
-from .noise import BIAS_PX, ViewNoise
+from .noise import ViewNoise
 from .pair import Image, Pair
 from .rows import RowAlignment
+from .shared_errors import SharedErrors
 from .slant import disparity_slopes
 from .templates import Patches, TemplateAtlas
 from .tracks import Tracks
@@ -46,6 +47,7 @@ class FrontEnd:
         self.atlas = TemplateAtlas(2 * self.config.max_tracks, r)
         self.noise = ViewNoise(self.config.smoothing_px, r)
         self.rows = RowAlignment(projection)
+        self.shared_errors = SharedErrors()
         self.tracks = Tracks.none()
         self.next_id = 0
         self.previous: Pair | None = None
@@ -77,7 +79,6 @@ class FrontEnd:
             note=note,
             n_new=len(self.tracks) - kept,
             std_drift_px=np.concatenate([drift, np.zeros(len(z_new))]),
-            std_bias_px=BIAS_PX,
         )
 
     # -- old points -------------------------------------------------------------------------------------------
@@ -230,7 +231,8 @@ class FrontEnd:
         ok = error < cfg.max_grey_error
         ok[slanted] &= aligned
         inner, found, _ = self.atlas.inner(free).align(pair.right_grey, right)
-        ok &= found & (np.linalg.norm(inner - right, axis=1) < _HALF_PATCH_PX)
+        apart_px = np.linalg.norm(inner - right, axis=1)
+        ok &= found & (apart_px < _HALF_PATCH_PX)
         self.rows.learn(left[ok], (left - right)[ok, 1])
         right[:, 1] += self.rows.difference(left)
         ok &= self._on_row(left, right)
@@ -253,6 +255,7 @@ class FrontEnd:
         )
         self.next_id += n
         self.tracks = self.tracks.joined(new)
+        self.shared_errors.learn(new.ids, apart_px[ok])
         return z[ok], cov[ok]
 
     def _matches(self, pair: Pair, wanted: int) -> tuple[NDArray[np.intp], Array, float]:

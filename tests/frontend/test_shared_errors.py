@@ -1,0 +1,40 @@
+"""What all views of a point have wrong together: larger where a patch lies across a depth edge, kept in bounds."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config
+from stream_sfm.frontend.rectify import Rectifier
+from stream_sfm.frontend.shared_errors import _KEPT, BIAS_PX, SharedErrors
+from stream_sfm.frontend.tracker import FrontEnd
+from tests.frontend.plane_world import Wall, rig
+
+
+def test_points_across_a_depth_edge_say_so() -> None:
+    """The same wall nearer by 6 px of disparity in the right half of the left image."""
+    stereo = rig()
+    rectifier = Rectifier(stereo)
+    left, right = Wall(7).frame(stereo, np.eye(4), 0).images
+    edge = left.shape[1] // 2
+    nearer = np.roll(right, -6, axis=1)
+    split = right.copy()
+    split[:, edge - 30 :] = nearer[:, edge - 30 :]  # the edge is about there in the right image
+    std_px = {}
+    for name, image in (("wall", right), ("edge", split)):
+        front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
+        seen = front.step(0, 0, left, image)
+        near_edge = np.abs(seen.z_px[:, 2] - (edge - 30)) < 9
+        std_px[name] = np.median(front.shared_errors.of(seen.track_ids)[near_edge])
+    assert std_px["edge"] > 1.5 * std_px["wall"]
+
+
+def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
+    errors = SharedErrors()
+    assert (errors.of(np.arange(3)) == BIAS_PX).all()
+    assert errors.of(np.empty(0, np.int64)).shape == (0,)
+    for start in range(0, 5 * _KEPT, 100):
+        ids = np.arange(start, start + 100)
+        errors.learn(ids, np.full(100, 0.3))
+        assert errors.of(ids) == pytest.approx(np.hypot(BIAS_PX, 0.3))
+    assert len(errors._recent) + len(errors._older) <= 2 * _KEPT + 200
+    assert errors.of(np.array([5 * _KEPT - _KEPT]))[0] > 0.3
