@@ -208,9 +208,10 @@ LOGS: dict[str, tuple[Callable[[Path], None], int]] = {  # and the frames that a
 
 def run(*arguments: object) -> tuple[dict[str, Any], float]:
     """What a command prints as JSON, and the largest memory of its process, MiB."""
-    script = "import resource, sys; from stream_sfm.cli.main import main\n"
+    # not ru_maxrss: a process inherits that of the one that started it
+    script = "import re, sys; from stream_sfm.cli.main import main\n"
     script += "try: main(sys.argv[1:])\n"
-    script += "finally: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    script += "finally: print(int(re.search(r'VmHWM:\\s*(\\d+)', open('/proc/self/status').read())[1]) / 1024)"
     command = [sys.executable, "-c", script, *map(str, arguments), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True, env=dict(os.environ))
     printed, _, peak_mib = done.stdout.strip().rpartition("\n")
