@@ -139,7 +139,7 @@ class Prior:
         q, r = np.linalg.qr(self.world_modes.T, mode="complete")
         modes = self.modes @ q
         shared = modes[..., 6:]
-        whitened = np.linalg.solve(np.linalg.cholesky(self.cov), shared).reshape(-1, shared.shape[2])
+        whitened = (np.linalg.inv(np.linalg.cholesky(self.cov)) @ shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
         shared = shared @ axes
         small = variance < _LEAST_MODE

@@ -61,7 +61,7 @@ class System:
         to_pose = np.zeros((len(sigma), 6))
         if frame >= 0:
             to_pose[6 * frame : 6 * frame + 6] = np.eye(6)
-        cov_q = self.cov_given + (self.gain @ sigma) @ np.swapaxes(self.gain, 1, 2)
+        cov_q = self.cov_given + (_flat(self.gain) @ sigma).reshape(self.gain.shape) @ np.swapaxes(self.gain, 1, 2)
         to_both = sigma @ np.concatenate([to_pose, to_world], axis=1)
         with_both = -self.gain @ to_both
         cov_both = np.concatenate([to_pose, to_world], axis=1).T @ to_both

@@ -36,9 +36,9 @@ from .reading import Reading, read_structure
 from .system import System
 
 _DIVERGED = 1e3  # a step that promises more than this, and more than the last one, leads away from the minimum
-# Near the minimum a step leaves about a ten-thousandth of the decrease it promised (seen in simulated and real views):
-# after one that promised this much, a tenth of a deviation is left, all variables together.
-_CONVERGED = 100.0
+# A step leaves less than a ten-thousandth of the decrease it promised (seen in simulated and real views): after one
+# that promised this much, a third of a deviation at most is left, all variables together; the next frame steps on.
+_CONVERGED = 1000.0
 _STRIKES = 6  # a track rejected so often is never used again; one rejection at its second view is enough
 
 
@@ -138,7 +138,7 @@ class CrossFrame:
         self.q = self.q + (cov @ lin.g_point[..., None])[..., 0]
         self.prior = Prior.of_views(self.ids, self.q, symmetric(cov), solution.world_from_cam, solution.cov_pose)
         self.y = np.zeros(6)
-        self._improve()
+        self._improve(Views.none())
         self._read()
         return solution
 
@@ -246,7 +246,6 @@ class CrossFrame:
         self.charts = np.concatenate([self.charts, np.broadcast_to(back, (int(new.sum()), 4, 4))])
         self._keep(np.argsort(self.ids))
         self.frames.append(views)
-        self._drop_unseen()
 
     def _strike(self, rejected: NDArray[np.int64]) -> None:
         """Remember who disagrees with the motion. Of a track with one view in the state, that view may be the wrong
@@ -295,32 +294,33 @@ class CrossFrame:
 
     # -- the minimum ------------------------------------------------------------------------------------------
 
-    def _views(self) -> tuple[Array, Views]:
-        """Poses (F, 4, 4) and views of the window over all points of the state."""
+    def _cams(self) -> Array:
+        """Poses (F, 4, 4) of the window."""
+        return np.stack([f.cam_from_ref for f in self.frames]) if self.frames else np.empty((0, 4, 4))
+
+    def _views(self) -> Views:
+        """Views of the window over all points of the state."""
         parts = [f.views(self.ids, row) for row, f in enumerate(self.frames)]
-        if not parts:
-            return np.empty((0, 4, 4)), Views.none()
-        return np.stack([f.cam_from_ref for f in self.frames]), Views.joined(parts)
+        return Views.joined(parts) if parts else Views.none()
 
     def _minimise(self) -> int:
-        """Gauss-Newton to the joint minimum; views that contradict it after the first step are dropped. The number of
-        steps; the last factor stays for the covariances."""
-        before = np.inf
-        for iteration in range(1, self.config.window.max_iterations + 1):
-            decrease = self._improve()
+        """Gauss-Newton to the joint minimum; views that contradict it have no part in the next step, of this frame or
+        of the next one. The number of steps; the last factor stays for the covariances."""
+        before, steps = np.inf, 0
+        while steps < self.config.window.max_iterations and not before < _CONVERGED:
+            self._drop_unseen()
+            views = self._views()
+            decrease = self._improve(views)
             if not decrease < max(before, _DIVERGED):
                 raise np.linalg.LinAlgError("Gauss-Newton diverges")
-            before = decrease
-            if iteration == 1:
-                self._gate()
-            elif decrease < _CONVERGED:
-                break
-        return iteration
+            self._gate(views)
+            before, steps = decrease, steps + 1
+        return steps
 
-    def _improve(self) -> float:
+    def _improve(self, views: Views) -> float:
         """One Gauss-Newton step of the whole window, and the decrease of the sum of squares that it promised."""
         assert self.prior is not None
-        cams, views = self._views()
+        cams = self._cams()
         lin = linearise(self.projection, cams, self.charts, self.q, views)
         self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), lin)
         dx, dq, dy, decrease = self.system.step(lin.g_pose, lin.g_point, self.q, self.y)
@@ -329,18 +329,15 @@ class CrossFrame:
         self.q, self.y = self.q + dq, self.y + dy
         return decrease
 
-    def _gate(self) -> None:
-        """Drop views of the window that the joint minimum contradicts."""
-        cams, views = self._views()
-        r = whitened_residuals(self.projection, cams, self.charts, self.q, views)[1]
+    def _gate(self, views: Views) -> None:
+        """Take out the views of the window that the joint minimum contradicts."""
+        r = whitened_residuals(self.projection, self._cams(), self.charts, self.q, views)[1]
         measured = np.count_nonzero(np.diagonal(views.root, axis1=1, axis2=2), axis=1)  # one side, or both
         bad = (r * r).sum(1) > chi2_gates(measured, self.config.robust.gate_probability)
         for row, track_id in zip(views.frame[bad].tolist(), self.ids[views.point[bad]].tolist(), strict=True):
             frame = self.frames[row]
             frame.used[np.searchsorted(frame.ids, track_id)] = False
             self.strikes[track_id] = self.strikes.get(track_id, 0) + 1
-        if bad.any():
-            self._drop_unseen()
 
     # -- the readings -----------------------------------------------------------------------------------------
 

@@ -24,16 +24,11 @@ def skew(v: ArrayLike) -> Array:
 
 
 def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
-    """sin θ/θ, (1−cos θ)/θ², (θ−sin θ)/θ³, by series near zero."""
-    small = angle < _SMALL
-    a = np.where(small, 1.0, angle)
-    a2 = angle * angle
-    half = np.sin(a / 2) / a
-    return (
-        np.where(small, 1 - a2 / 6, np.sin(a) / a),
-        np.where(small, 0.5 - a2 / 24, 2 * half * half),  # 1 − cos θ = 2 sin²(θ/2) without cancellation
-        np.where(small, 1 / 6 - a2 / 120, (a - np.sin(a)) / (a * a * a)),
-    )
+    """sin θ/θ, (1−cos θ)/θ², (θ−sin θ)/θ³ of angles ≥ 0. The last one loses digits as θ² falls, but it always stands
+    before a product of that size."""
+    a = np.maximum(angle, 1e-150)
+    sine, half = np.sin(a) / a, np.sin(a / 2) / a
+    return sine, 2 * half * half, (1 - sine) / (a * a)  # 1 − cos θ = 2 sin²(θ/2) without cancellation
 
 
 def exp_so3(rotation: ArrayLike) -> Array:
@@ -69,11 +64,11 @@ def _left_jacobian(w: Array) -> Array:
 def exp(xi: ArrayLike) -> Array:
     """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4), eq. (3) (Barfoot, eq. 8.33)."""
     xi = np.asarray(xi, dtype=float)
-    k = skew(xi[..., 3:])
-    k2 = k @ k
-    a, b, c = (x[..., None, None] for x in _coefficients(np.linalg.norm(xi[..., 3:], axis=-1)))
-    translation = xi[..., :3, None] + (b * k + c * k2) @ xi[..., :3, None]
-    return from_rotation_translation(_EYE + a * k + b * k2, translation[..., 0])
+    m = np.zeros((*xi.shape[:-1], 4, 4))
+    m[..., :3, :3], m[..., :3, 3] = skew(xi[..., 3:]), xi[..., :3]
+    m2 = m @ m
+    _, b, c = _coefficients(np.sqrt((xi[..., 3:] ** 2).sum(axis=-1)))
+    return np.eye(4) + m + b[..., None, None] * m2 + c[..., None, None] * (m2 @ m)
 
 
 def log(pose: ArrayLike) -> Array:
