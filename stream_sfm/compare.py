@@ -162,7 +162,7 @@ class _Pass:
         t0 = time.perf_counter()
         left, right = self.rectifier.rectify(frame.left, frame.right)
         t1 = time.perf_counter()
-        obs = self.frontend.step(self.next_index, frame.stamp_ns, left, right)
+        obs = self.frontend.step(self.next_index, frame.stamp_ns, self.frontend.prepare(left, right))
         t2 = time.perf_counter()
         front = self.front
         front.decode_ms.append(1e3 * decode_s)
@@ -208,7 +208,7 @@ class _Pass:
             runner.where = " (on the way back)"
         for _, frame in way_back.frames():
             left, right = self.rectifier.rectify(frame.left, frame.right)
-            obs = self.frontend.step(self.next_index, frame.stamp_ns, left, right)
+            obs = self.frontend.step(self.next_index, frame.stamp_ns, self.frontend.prepare(left, right))
             self.next_index += 1
             for runner in self.runners:
                 solved = runner.solve(obs)

@@ -15,6 +15,7 @@ from .errors import ConfigError, FrameError
 from .estimators import make_estimator
 from .estimators.mono import CrossFrameMono
 from .frontend.mono import MonoFrontEnd
+from .frontend.pair import Pair
 from .frontend.rectify import MonoRectifier, Rectifier
 from .frontend.tracker import FrontEnd
 from .geometry import pose as se3
@@ -59,17 +60,23 @@ class Engine:
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
-    def step(self, frame: StereoFrame | MonoFrame) -> FrameEstimate:
-        """The estimate of the next frame.
+    def prepare(self, frame: StereoFrame | MonoFrame) -> Pair:
+        """What `step` does first with the images and needs no other frame for, so that another thread can do it one
+        frame ahead."""
+        images = self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
+        return self.frontend.prepare(*images)
+
+    def step(self, frame: StereoFrame | MonoFrame, prepared: Pair | None = None) -> FrameEstimate:
+        """The estimate of the next frame; `prepared`: what `prepare` gave for it, if that was done already.
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then
         unchanged and takes the next frame.
         """
         self._check(frame)
         t0 = time.perf_counter()
-        images = self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
+        pair = self.prepare(frame) if prepared is None else prepared
         t1 = time.perf_counter()
-        observations = self.frontend.step(self._next_index, frame.stamp_ns, *images)
+        observations = self.frontend.step(self._next_index, frame.stamp_ns, pair)
         t2 = time.perf_counter()
         solution = self.estimator.step(observations)
         t3 = time.perf_counter()

@@ -7,7 +7,7 @@ they occur. In each case the estimates so far are written, and summary.json says
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .accounting import Account, log_figures, peak_rss_mib
+from .ahead import Ahead, prepared
 from .config import Config, config_to_toml
 from .engine import Engine
 from .errors import ConfigError, FrameError, InputError, LogError, OutputError
 from .evaluation import StructureComparison, evaluate, evaluate_unscaled
-from .recording import ImageMessage, StereoLog, StereoPair, open_log
+from .recording import ImageMessage, StereoLog, open_log
 from .recording.estimates import EstimatesWriter
 from .recording.part_file import json_bytes, write_whole
 from .recording.trajectory_files import KittiWriter, TumWriter
-from .types import FrameEstimate, MonoRig, StereoFrame, StereoRig, Trajectory
+from .types import FrameEstimate, MonoRig, StereoRig, Trajectory
 from .way_back import TOO_LONG, WayBack, closure, with_return
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def replay(
         frames = with_return(frames, run.way_back)
     whole = start_s is None and end_s is None and max_frames is None and stride == 1
     with signals_noted() as signals:
-        problem = run.through(frames, on_frame, signals)
+        problem = run.through(prepared(run.engine, frames), on_frame, signals)
         result = run.finish(problem, whole, interrupted=bool(signals))
     if signals:
         raise ReplayInterrupted(result)
@@ -132,7 +133,7 @@ class _Replay:
 
     def through(
         self,
-        frames: Generator[tuple[StereoPair, StereoFrame], None, None],
+        frames: Ahead,
         on_frame: Callable[[FrameEstimate], None] | None,
         signals: list[int],
     ) -> BaseException | None:
@@ -144,9 +145,9 @@ class _Replay:
                 decoded_s = time.perf_counter()
                 if item is None:
                     break
-                pair, frame = item
+                pair, frame, images = item
                 try:
-                    estimate = self.engine.step(frame)
+                    estimate = self.engine.step(frame, images)
                 except FrameError as error:
                     self.account.refuse(error)
                     continue

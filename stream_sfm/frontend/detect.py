@@ -9,37 +9,41 @@ from ..geometry.pose import Array
 _DIM_SHARE = 0.02  # of the image's strongest corner: what always counts as one
 
 
+def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
+    return np.asarray(cv2.cornerMinEigenVal(image, 5, ksize=3), np.float32)
+
+
 def detect(
-    image: NDArray[np.uint8],
+    strength: NDArray[np.float32],
     taken_px: Array,
     allowed: NDArray[np.bool_],
     wanted: int,
     distance_px: float,
-    min_response: float,
+    min_strength: float,
 ) -> NDArray[np.intp]:
     """Up to `wanted` corners (k, 2) as integer pixels (u, v), `distance_px` from each other and from `taken_px` (m, 2).
 
-    Strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994). The image is cut into cells of
-    about one wanted point each; a cell's corners are ranked, and all first ranks come before all second ranks.
-    `allowed` (h, w) bool; `min_response` as `cv2.cornerMinEigenVal` gives it, less in images without contrast.
+    The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come
+    before all second ranks. `strength` (h, w) of `corner_strength`, and its least value `min_strength`, which is less
+    in images without contrast; `allowed` (h, w) bool.
     """
     if wanted <= 0:
         return np.empty((0, 2), np.intp)
-    height, width = image.shape
-    response = cv2.cornerMinEigenVal(image, 5, ksize=3)
+    height, width = strength.shape
     radius = round(distance_px)
     # a dark image has all its contrast, and all its corners, scaled down
-    min_response = min(min_response, _DIM_SHARE * float(response.max()))
+    min_strength = min(min_strength, _DIM_SHARE * float(strength.max()))
     near = 2 * (radius // 3) + 1
-    peak = response >= cv2.dilate(response, np.ones((near, near), np.uint8))
+    peak = strength >= cv2.dilate(strength, np.ones((near, near), np.uint8))
     free = allowed.astype(np.uint8)
     for u, v in np.rint(taken_px).astype(int).tolist():
         cv2.circle(free, (u, v), radius, 0, -1)
-    found = cv2.findNonZero((peak & (response > min_response)).view(np.uint8) & free)
+    found = cv2.findNonZero((peak & (strength > min_strength)).view(np.uint8) & free)
     if found is None:
         return np.empty((0, 2), np.intp)
     u, v = found.reshape(-1, 2).T
-    strength = response[v, u]
+    found_strength = strength[v, u]
     cell = max(2 * distance_px, np.sqrt(width * height / max(1, wanted + len(taken_px))))
     columns = int(width // cell) + 1
     cell_of = (v // cell).astype(int) * columns + (u // cell).astype(int)
@@ -47,12 +51,12 @@ def detect(
         (taken_px[:, 1] // cell).astype(int).clip(0) * columns + (taken_px[:, 0] // cell).astype(int).clip(0),
         minlength=int(cell_of.max()) + 1,
     )
-    order = np.lexsort((u, v, -strength, cell_of))
+    order = np.lexsort((u, v, -found_strength, cell_of))
     first = np.searchsorted(cell_of[order], cell_of[order])
     rank = np.empty(len(order), int)
     rank[order] = np.arange(len(order)) - first
     rank += occupied[cell_of]
-    order = np.lexsort((u, v, -strength, rank))
+    order = np.lexsort((u, v, -found_strength, rank))
     chosen: list[int] = []
     for i in order[: 12 * wanted].tolist():
         if free[v[i], u[i]]:

@@ -62,9 +62,12 @@ class MonoFrontEnd(FrontEnd):
         self.rho_scene = 0.0  # median inverse depth of what was last in view; 0 before the first map
         self.cov_start = np.zeros((6, 6))
 
-    def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image | None = None) -> Observations:
+    def prepare(self, left: Image, right: Image | None = None) -> Pair:
+        """As `FrontEnd.prepare`."""
+        return Pair.of(left, left, self.config.smoothing_px)
+
+    def step(self, frame_index: int, stamp_ns: int, pair: Pair) -> Observations:
         """Observations of the next frame as `FrontEnd.step`; none while depths are not observable."""
-        pair = Pair.of(left, left, self.config.smoothing_px)
         if self.mapped:
             motion, z, cov = self._in_front(*self._follow(pair, (stamp_ns - self.stamp_ns) / 1e9))
             if motion is None:
@@ -195,8 +198,7 @@ class MonoFrontEnd(FrontEnd):
         wanted = cfg.max_tracks - len(self.tracks)
         if wanted < cfg.max_tracks * cfg.renew_share or (len(self.tracks) and not self.mapped):
             return
-        image, _, scale = pair.coarse()
-        corners = self._corners(image, scale, wanted) * round(1 / scale)
+        corners = self._corners(pair, wanted) * round(1 / pair.scale)
         n = len(corners)
         if not n:
             return

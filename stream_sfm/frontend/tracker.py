@@ -14,7 +14,7 @@ from ..geometry.pose import Array
 from ..geometry.resection import resect
 from ..geometry.stereo import StereoProjection
 from ..types import Observations
-from .detect import detect
+from .detect import corner_strength, detect
 from .epipolar import search_rows
 from .noise import ViewNoise
 from .pair import Image, Pair
@@ -55,10 +55,17 @@ class FrontEnd:
         self.cam_from_start = np.eye(4)
         self.stamp_ns = 0
         self.frames = 0
+        self.prepared = 0
 
-    def step(self, frame_index: int, stamp_ns: int, left: Image, right: Image) -> Observations:
-        """Observations of the next frame; rectified images (h, w) uint8, stamps ascending."""
+    def prepare(self, left: Image, right: Image) -> Pair:
+        """Rectified images (h, w) uint8 of the next frame in the forms that `step` needs: what depends on no frame
+        before, so that another thread can do it while `step` is at the last frame."""
         pair = Pair.of(left, right, self.config.smoothing_px)
+        self.prepared += 1
+        return pair.with_corners() if self.prepared % _RENEWAL == 1 else pair
+
+    def step(self, frame_index: int, stamp_ns: int, pair: Pair) -> Observations:
+        """Observations of the next frame; every frame is prepared once, stamps ascend."""
         motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
         dt = (stamp_ns - self.stamp_ns) / 1e9
         if len(self.tracks):
@@ -208,7 +215,7 @@ class FrontEnd:
         cfg, p = self.config, self.projection
         none = np.empty((0, 4)), np.empty((0, 4, 4))
         wanted = cfg.max_tracks - len(self.tracks)
-        enough = cfg.renew_share if self.frames % _RENEWAL == 0 else _URGENT_SHARE
+        enough = cfg.renew_share if pair.strength is not None else _URGENT_SHARE
         if wanted < cfg.max_tracks * enough:
             return none
         corners, start, tolerance_px = self._matches(pair, wanted)
@@ -260,20 +267,22 @@ class FrontEnd:
 
     def _matches(self, pair: Pair, wanted: int) -> tuple[NDArray[np.intp], Array, float]:
         """New corners (k, 2) in whole pixels, where they are in the right image (k, 2), and how well that is known."""
-        left, right, scale = pair.coarse()
-        corners = self._corners(left, scale, wanted)
-        disparity, unique = search_rows(left, right, corners, self._disparity_range(scale))
+        scale, corners = pair.scale, self._corners(pair, wanted)
+        disparity, unique = search_rows(
+            pair.coarse_left(), pair.coarse_right(), corners, self._disparity_range(scale)
+        )
         corners = corners[unique] * round(1 / scale)
         rows = self.rows.difference(corners.astype(float))
         start = np.stack([corners[:, 0] - disparity[unique] / scale, corners[:, 1] - rows], axis=1)
         return corners, start, min(2.0 / scale, 2 * self.config.max_row_difference_px)
 
-    def _corners(self, coarse: Image, scale: float, wanted: int) -> NDArray[np.intp]:
-        """Whole pixels (k, 2) of an image of that scale, away from the tracks."""
-        cfg, step = self.config, round(1 / scale)
-        distance_px = cfg.min_corner_distance_px * scale
-        taken, allowed = self.tracks.left_px * scale, self.valid[::step, ::step]
-        return detect(coarse, taken, allowed, wanted, distance_px, cfg.min_corner_response)
+    def _corners(self, pair: Pair, wanted: int) -> NDArray[np.intp]:
+        """Whole pixels (k, 2) of the coarse left image, away from the tracks."""
+        strength = corner_strength(pair.coarse_left()) if pair.strength is None else pair.strength
+        cfg, step = self.config, round(1 / pair.scale)
+        distance_px = cfg.min_corner_distance_px * pair.scale
+        taken, allowed = self.tracks.left_px * pair.scale, self.valid[::step, ::step]
+        return detect(strength, taken, allowed, wanted, distance_px, cfg.min_corner_response)
 
     def _disparity_range(self, scale: float) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and

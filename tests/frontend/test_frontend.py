@@ -5,7 +5,7 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
-from stream_sfm.frontend.detect import detect
+from stream_sfm.frontend.detect import corner_strength, detect
 from stream_sfm.frontend.epipolar import search_rows
 from stream_sfm.frontend.rectify import Rectifier
 from stream_sfm.frontend.tracker import FrontEnd
@@ -69,13 +69,13 @@ def test_fisheye_and_strong_distortion_keep_the_middle() -> None:
 def test_detect_covers_evenly_and_keeps_its_distance() -> None:
     image = Wall(1).image(rig().left, np.eye(4))
     taken = np.array([[50.0, 60.0], [200.0, 100.0]])
-    corners = detect(image, taken, np.ones(image.shape, bool), 80, 10.0, 1e-5)
+    corners = detect(corner_strength(image), taken, np.ones(image.shape, bool), 80, 10.0, 1e-5)
     every = np.concatenate([taken, corners])
     gap = np.linalg.norm(every[:, None] - every[None], axis=2) + 1e9 * np.eye(len(every))
     assert gap.min() > 9.0
     quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
     assert min(q.sum() for q in quarters) > 0.15 * len(corners)
-    assert len(detect(image, taken, np.zeros(image.shape, bool), 80, 10.0, 1e-5)) == 0
+    assert len(detect(corner_strength(image), taken, np.zeros(image.shape, bool), 80, 10.0, 1e-5)) == 0
 
 
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
@@ -99,7 +99,8 @@ def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None
     born: dict[int, np.ndarray] = {}
     errors, squares = [], []
     for n, pose in enumerate(poses):
-        observations = front.step(n, n * PERIOD_NS, *rectifier.rectify(*_images(wall.frame(stereo, pose, n))))
+        pair = front.prepare(*rectifier.rectify(*_images(wall.frame(stereo, pose, n))))
+        observations = front.step(n, n * PERIOD_NS, pair)
         world_from_rect = pose @ c.T
         p = rectifier.projection
         for i, z, cov in zip(observations.track_ids, observations.z_px, observations.cov_px, strict=True):

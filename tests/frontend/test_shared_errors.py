@@ -22,7 +22,7 @@ def test_points_across_a_depth_edge_say_so() -> None:
     std_px = {}
     for name, image in (("wall", right), ("edge", split)):
         front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
-        seen = front.step(0, 0, left, image)
+        seen = front.step(0, 0, front.prepare(left, image))
         near_edge = np.abs(seen.z_px[:, 2] - (edge - 30)) < 9
         std_px[name] = np.median(front.shared_errors.of(seen.track_ids)[near_edge])
     assert std_px["edge"] > 1.5 * std_px["wall"]

@@ -18,7 +18,7 @@ LAYERS = (
     ("calibration",),
     ("frontend", "estimators", "evaluation", "recording"),
     ("engine", "dense"),
-    ("accounting", "importers", "simulation", "way_back"),
+    ("accounting", "ahead", "importers", "simulation", "way_back"),
     ("run", "report"),
     ("viewer", "compare", "surface"),
     ("comparison_files", "batch"),
