@@ -28,7 +28,6 @@ from .types import (
     MonoRig,
     Observations,
     Solution,
-    Status,
     StereoFrame,
     StereoRig,
 )
@@ -119,13 +118,11 @@ def in_camera_axes(
 
     The world is the first physical left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
     Each point's covariance gets the disparity bias that all its views share, of which `std_bias_px` knows σ (n,) px by
-    ids (n,). Points seen for the first time are not reported yet, but for a map's first frame: one match of left and
-    right may be wrong, and only a second view can tell.
+    ids (n,). Points seen for the first time are not reported yet: one match of left and right may be wrong, and only a
+    second view can tell.
     """
     n = len(observations.track_ids)
-    shown = np.ones(len(solution.track_ids), bool)
-    if solution.status != Status.INITIALISING:
-        shown = ~np.isin(solution.track_ids, observations.track_ids[n - observations.n_new :])
+    shown = ~np.isin(solution.track_ids, observations.track_ids[n - observations.n_new :])
     in_cam = solution.points_in_cam[shown]
     r = rectifier.rect_from_cam.T  # cam_from_rect
     c = np.eye(4)
