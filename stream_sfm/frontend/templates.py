@@ -4,7 +4,7 @@ A patch that is followed from frame to frame drifts towards zero motion under im
 that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the affine
 map that pose and depth predict, then found by Gauss-Newton over its position and over gain and offset of its grey
 values together, inverse compositional (Baker and Matthews 2004): two cameras expose differently, and so does one from
-frame to frame.
+frame to frame. What lies towards the rim counts less: there the warp is less right, and other surfaces begin.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +19,7 @@ from ..geometry.pose import Array
 Grey = NDArray[np.float32]
 _COLUMNS = 32  # patches beside each other in the atlas
 _SPACING_PX = 2  # between samples: neighbours share their noise, smoothing has seen to that
+_WIDTH = 0.8  # σ of the weights over the patch, in units of its radius
 _ITERATIONS = 20  # two or three do, more for an image that is more blurred than the template
 _SHRINKING = 0.7  # of each step over the last one, else it leads nowhere
 _CONVERGED_PX = 0.05  # a step leaves a tenth of itself
@@ -28,14 +29,15 @@ _LEAST_EXPLAINED = 0.5  # of the image's variance, else it shows something else
 
 @dataclass(frozen=True, slots=True)
 class Patches:
-    """Warped templates (n) of k × k samples at all pairs of `offsets_px` (k,): the pseudo-inverse `inverse` (n, 3, k²)
-    of their slopes along u and v and of their grey values, each of mean zero; the products `information` (n, 3, 3) of
-    these three; and the mean grey value `level` (n,)."""
+    """Warped templates (n) of k × k samples at all pairs of `offsets_px` (k,), with `weights` (k²,) of mean 1: the
+    weighted pseudo-inverse `inverse` (n, 3, k²) of their slopes along u and v and of their grey values, each of mean
+    zero; the products `information` (n, 3, 3) of these three; and the mean grey value `level` (n,)."""
 
     inverse: Grey
     information: Array
     level: Grey
     offsets_px: Grey
+    weights: Grey
 
     @classmethod
     def of_grey(cls, grey: Grey, spacing_px: int) -> "Patches":
@@ -49,12 +51,15 @@ class Patches:
         square[:, :2] *= 0.5
         square[:, 2] = grey[:, inner, inner]
         columns = square.reshape(n, 3, len(offsets) ** 2)
-        mean = columns.mean(axis=2, keepdims=True)
-        columns -= mean
-        information = np.einsum("nkm,nlm->nkl", columns, columns).astype(np.float64)
+        across = np.exp(-0.5 * (offsets / (_WIDTH * radius)) ** 2)
+        weights = np.outer(across, across).ravel() / across.mean() ** 2
+        mean = columns @ (weights / len(weights))
+        columns -= mean[:, :, None]
+        weighted = columns * weights
+        information = np.einsum("nkm,nlm->nkl", columns, weighted).astype(np.float64)
         information += (1e-6 * np.trace(information, axis1=1, axis2=2) + 1e-3)[:, None, None] * np.eye(3)
-        inverse = np.linalg.inv(information).astype(np.float32) @ columns
-        return cls(inverse, information, mean[:, 2, 0], offsets)
+        inverse = np.linalg.inv(information).astype(np.float32) @ weighted
+        return cls(inverse, information, mean[:, 2], offsets, weights)
 
     @property
     def gradients(self) -> Array:
@@ -89,7 +94,7 @@ class Patches:
                 break
             there, level = self._samples(image, at[rows])
             fit = np.einsum("nkm,nm->nk", self.inverse[rows], there)  # gain × step along u, v; gain
-            fits[rows], levels[rows], totals[rows] = fit, level, np.einsum("nm,nm->n", there, there)
+            fits[rows], levels[rows], totals[rows] = fit, level, (there * there) @ self.weights
             step = fit[:, :2] / fit[:, 2:].clip(*_GAIN_RANGE)
             at[rows] -= step
             size = np.abs(step).max(axis=1)
@@ -114,7 +119,7 @@ class Patches:
         u = np.tile(at[:, :1] + self.offsets_px, (1, k))
         v = np.repeat(at[:, 1:] + self.offsets_px, k, axis=1)
         grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        level = grey.mean(axis=1)
+        level = grey @ (self.weights / k**2)
         return np.asarray(grey - level[:, None]), np.asarray(level)
 
 
