@@ -7,14 +7,14 @@ __version__ = "0.1.0"
 
 # The public names, resolved on first use so that `stream-sfm --help` and a bare import cost nothing.
 _PUBLIC = {
-    "Camera": "types",
+    "Camera": "camera.models",
     "Config": "config",
     "Engine": "engine",
     "FrameEstimate": "types",
     "MonoFrame": "types",
-    "MonoRig": "types",
+    "MonoRig": "camera.models",
     "StereoFrame": "types",
-    "StereoRig": "types",
+    "StereoRig": "camera.models",
     "Status": "types",
     "Trajectory": "types",
     "ConfigError": "errors",
@@ -25,19 +25,20 @@ _PUBLIC = {
     "StreamSfmError": "errors",
     "open_log": "recording",
     "read_config": "config",
-    "replay": "run",
+    "replay": "pipeline.replay",
 }
 
 __all__ = [*sorted(_PUBLIC), "__version__", "viewer"]
 
 if TYPE_CHECKING:
     from . import viewer
+    from .camera.models import Camera, MonoRig, StereoRig
     from .config import Config, read_config
     from .engine import Engine
     from .errors import ConfigError, FrameError, InputError, LogError, OutputError, StreamSfmError
+    from .pipeline.replay import replay
     from .recording import open_log
-    from .run import replay
-    from .types import Camera, FrameEstimate, MonoFrame, MonoRig, Status, StereoFrame, StereoRig, Trajectory
+    from .types import FrameEstimate, MonoFrame, Status, StereoFrame, Trajectory
 
 
 def __getattr__(name: str) -> Any:

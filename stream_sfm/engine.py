@@ -10,27 +10,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera.models import MonoRig, StereoRig
+from .camera.rectification import MonoRectifier, Rectifier
 from .config import Config
 from .errors import ConfigError, FrameError
 from .estimators import make_estimator
-from .estimators.mono import CrossFrameMono
-from .frontend.mono import MonoFrontEnd
-from .frontend.pair import Pair
-from .frontend.rectify import MonoRectifier, Rectifier
-from .frontend.tracker import FrontEnd
-from .geometry import pose as se3
-from .geometry.pose import Array
+from .estimators.cross_frame.mono import CrossFrameMono
+from .frontend.front_end import FrontEnd
+from .frontend.mono.front_end import MonoFrontEnd
+from .frontend.prepared import Pair
+from .geometry import se3
+from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
-from .types import (
-    Estimator,
-    FrameEstimate,
-    MonoFrame,
-    MonoRig,
-    Observations,
-    Solution,
-    StereoFrame,
-    StereoRig,
-)
+from .types import Estimator, FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
 
 
 class Engine:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.ahead import prepared
 from stream_sfm.errors import LogError
+from stream_sfm.pipeline.prefetch import prepared
 
 SIZE = (32, 48)
 CAMERA = sfm.Camera(SIZE[1], SIZE[0], np.array([[40.0, 0, 24], [0, 40, 16], [0, 0, 1]]))

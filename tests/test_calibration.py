@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import Camera, ConfigError, StereoRig
-from stream_sfm.calibration import calibration_to_toml, read_calibration
+from stream_sfm.camera.calibration_file import calibration_to_toml, read_calibration
 
 GOOD = """
 [left]

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.cli.main import main
-from stream_sfm.compare import Selection, compare
+from stream_sfm.comparison.compare import Selection, compare
 from stream_sfm.config import Config, read_config
+from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording import StereoLog, open_log
-from stream_sfm.run import replay
 from stream_sfm.types import Trajectory
 from tests.recording.make_logs import Calib, K, Spec, right_calib, write_log
 
@@ -160,7 +160,7 @@ def test_three_frames(tmp_path: Path) -> None:
 
 
 def test_one_method_that_fails_does_not_cost_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from stream_sfm.estimators.frame_to_frame import FrameToFrame
+    from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
 
     def broken(self: Any, observations: Any) -> None:
         raise np.linalg.LinAlgError("singular")
@@ -178,7 +178,7 @@ def test_one_method_that_fails_does_not_cost_the_others(tmp_path: Path, monkeypa
 def test_depth_images_are_not_kept_for_a_method_that_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from stream_sfm.estimators.frame_to_frame import FrameToFrame
+    from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
 
     def broken(self: Any, observations: Any) -> None:
         raise np.linalg.LinAlgError("singular")
@@ -210,14 +210,14 @@ def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.way_back.RETURN_LIMIT_BYTES", 10_000)
+    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.RETURN_LIMIT_BYTES", 10_000)
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
     found = compare(log, Config(), ("frame-to-frame",), Selection())
     assert "not done" in found.return_note and not found.runs[0].back
 
 
 def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
-    from stream_sfm.comparison_files import compare_into
+    from stream_sfm.comparison.files import compare_into
 
     def stop(estimate: Any) -> None:
         if estimate.frame_index == 4:

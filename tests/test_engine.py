@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.frontend.shared_errors import BIAS_PX
-from stream_sfm.geometry import pose as se3
+from stream_sfm.frontend.disparity_bias import BIAS_PX
+from stream_sfm.geometry import se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
 N = 24
@@ -101,7 +101,9 @@ def test_something_else_moving_in_a_third_of_the_image_does_little_harm() -> Non
 def test_a_view_that_jumps_at_every_frame_is_lost_and_found_without_a_fault(frames, engine) -> None:
     for n, frame in enumerate(frames[:14]):
         shift = 0 if n % 2 else 90
-        e = engine.step(sfm.StereoFrame(frame.stamp_ns, np.roll(frame.left, shift, 0), np.roll(frame.right, shift, 0)))
+        e = engine.step(
+            sfm.StereoFrame(frame.stamp_ns, np.roll(frame.left, shift, 0), np.roll(frame.right, shift, 0))
+        )
         assert np.isfinite(e.cov_pose).all() and np.isfinite(e.world_from_cam).all()
 
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
-from stream_sfm.compare import compare
+from stream_sfm.comparison.compare import compare
+from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.ate import ate_rmse_sim3_m
 from stream_sfm.evaluation.drift import path_length_m
 from stream_sfm.evaluation.structure import structure_errors
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.recording import StereoLog
-from stream_sfm.recording.estimates_reader import read_estimates
-from stream_sfm.surface import surface_of_frame
+from stream_sfm.results.estimates_reader import read_estimates
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 from tests.wall_log import LEFT, write_wall_log
 

@@ -13,12 +13,12 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.config import read_config
 from stream_sfm.importers.common import calibration_messages
+from stream_sfm.pipeline.replay import ReplayInterrupted, new_run_folder, point_latest_to, replay
 from stream_sfm.recording import open_log
-from stream_sfm.recording.estimates import EstimatesWriter
-from stream_sfm.recording.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.recording.log_writer import StereoLogWriter
-from stream_sfm.recording.trajectory_files import read_tum
-from stream_sfm.run import ReplayInterrupted, new_run_folder, point_latest_to, replay
+from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.results.estimates_writer import EstimatesWriter
+from stream_sfm.results.trajectory_files import read_tum
 
 from .same_results import assert_same_results, estimate_messages
 from .wall_log import write_wall_log
@@ -195,7 +195,7 @@ def test_a_failing_sink_does_not_take_the_others_with_it(log: Path, tmp_path: Pa
 
 def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(log: Path, tmp_path: Path):
     script = (
-        "import os, signal, sys; from stream_sfm.run import replay; from stream_sfm.config import Config\n"
+        "import os, signal, sys; from stream_sfm.pipeline.replay import replay; from stream_sfm.config import Config\n"
         "kill = lambda e: e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
         "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), on_frame=kill)"
     )
@@ -220,7 +220,9 @@ def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
             for side, image in enumerate((pair.left, pair.right)):
                 writer.image(side, n * 100_000_000, bytes(image.data), image.encoding)
             n += 1
-    script = "import sys; from stream_sfm.run import replay; s = replay(sys.argv[1], sys.argv[2]).summary; "
+    script = (
+        "import sys; from stream_sfm.pipeline.replay import replay; s = replay(sys.argv[1], sys.argv[2]).summary; "
+    )
     script += "print(s['frames']['estimated'], s['frames']['lost'], s['peak_rss_mib'])"
     found = []
     for log in (ROOM, longer):
@@ -266,7 +268,7 @@ def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
 
 
 def test_a_way_back_that_is_too_long_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.way_back.RETURN_LIMIT_BYTES", 10_000)
+    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.RETURN_LIMIT_BYTES", 10_000)
     summary = replay(ROOM, max_frames=3, there_and_back=True).summary
     assert summary["there_and_back"] is None
     assert any("way back" in w for w in summary["warnings"])

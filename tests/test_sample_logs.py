@@ -15,8 +15,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoRig
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.geometry import se3
 
 ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "logs" / "room.mcap"

@@ -7,7 +7,7 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 from tests.recording.make_logs import Calib, LogWriter, write_image, write_info
 

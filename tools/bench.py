@@ -49,7 +49,18 @@ def start_up_cpu_s(log: Path) -> float:
 
     with tempfile.TemporaryDirectory() as folder:
         before = children_s()
-        command = [sys.executable, "-m", "stream_sfm", "replay", str(log), "--max-frames", "2", "--out", folder, "-q"]
+        command = [
+            sys.executable,
+            "-m",
+            "stream_sfm",
+            "replay",
+            str(log),
+            "--max-frames",
+            "2",
+            "--out",
+            folder,
+            "-q",
+        ]
         subprocess.run(command, check=True)
         return children_s() - before
 
@@ -72,7 +83,8 @@ def measure(log: Path, repeat: int, overrides: list[str]) -> dict[str, Any]:
         "step_p95_over_p50": median(r["step_ms"]["p95"] / r["step_ms"]["p50"] for r in replays),
         "last_third_over_first": median(r["last_third_over_first"] for r in replays),
         "peak_rss_mib": max(r["peak_rss_mib"] for r in replays),
-        "stages_ms": {"step": quickest["step_ms"], "decode (wait)": quickest["decode_wait_ms"]} | quickest["stages_ms"],
+        "stages_ms": {"step": quickest["step_ms"], "decode (wait)": quickest["decode_wait_ms"]}
+        | quickest["stages_ms"],
         "step_above_imports_mib": job("step", log, *overrides)["above_images_mib"],
         "start_up_cpu_s": start_up_cpu_s(log),
         "ground_truth": replays[0]["ground_truth"],
@@ -84,7 +96,8 @@ def scaling(log: Path) -> dict[str, dict[str, float]]:
     """CPU a frame against each of SCALING, the others at their defaults."""
     return {
         key: {
-            str(v): job("scaled" if key == "scale" else "replay", log, f"{key}={v}")["cpu_ms_per_frame"] for v in values
+            str(v): job("scaled" if key == "scale" else "replay", log, f"{key}={v}")["cpu_ms_per_frame"]
+            for v in values
         }
         for key, values in SCALING.items()
     }

@@ -1,6 +1,6 @@
 """What tools/bench.py measures, one job a process, so that CPU time and peak memory are the job's own.
 
-    python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
+python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
 """
 
 import json
@@ -21,10 +21,11 @@ import cv2
 import numpy as np
 
 from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log, read_config, replay
-from stream_sfm.estimators import make_estimator, window
-from stream_sfm.frontend import tracker
-from stream_sfm.frontend.rectify import Rectifier
-from stream_sfm.recording.estimates import EstimatesWriter
+from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame import window
+from stream_sfm.frontend import front_end as tracker
+from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.simulation.scenes import Scene
 
 WARM_UP = 10  # frames not counted in times

@@ -18,8 +18,8 @@ from mcap_protobuf.writer import Writer
 from render import Scene, Sensor, Shot, render_stereo, room_path, room_rig, room_scene
 from render.room import RATE_HZ
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoRig
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.geometry import se3
 
 START_NS = 1_760_000_000_000_000_000
 SEED = 7

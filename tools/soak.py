@@ -20,7 +20,7 @@ from rich.table import Table
 
 from stream_sfm import Config, Engine, Status, StereoFrame, open_log
 from stream_sfm.estimators import make_estimator
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import FRAME_NS, ROUND_OFF_PX, Scene, Sequence, physical_views, rectified_views
 from stream_sfm.types import FrameEstimate, Observations, Solution
 

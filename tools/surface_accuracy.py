@@ -18,14 +18,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stream_sfm import open_log, read_config
+from stream_sfm.camera.lens import project_into_image
+from stream_sfm.camera.models import Camera
 from stream_sfm.config import Config
 from stream_sfm.dense.mesh import Mesh
-from stream_sfm.evaluation.projection import project_into_image
+from stream_sfm.dense.surface import surface_of_frame, surface_of_log
 from stream_sfm.evaluation.structure import structure_errors
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.recording import StereoLog
-from stream_sfm.surface import surface_of_frame, surface_of_log
-from stream_sfm.types import Camera
 
 _UNKNOWN_M = 6.55  # the depth format ends here, and rendered depth is cut off at it
 _TEXTURE_PX, _TEXTURE_GREY = 15, 10.0

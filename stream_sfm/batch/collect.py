@@ -13,9 +13,9 @@ from .. import __version__
 from ..config import Config, config_to_toml
 from ..errors import ConfigError, OutputError
 from ..estimators import METHODS
-from ..recording.part_file import json_bytes, write_whole
+from ..files import json_bytes, write_whole
+from ..interrupts import signals_noted
 from ..report.batch_page import render_batch
-from ..run import signals_noted
 from .job import Job, Outcome, read_summary, run_job
 from .logs import names_for
 

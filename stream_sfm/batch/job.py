@@ -20,7 +20,7 @@ import msgspec
 from .. import __version__
 from ..errors import InputError
 from ..executors import ONE_THREAD
-from ..recording.part_file import json_bytes, write_whole
+from ..files import json_bytes, write_whole
 
 RESULTS = ("estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml")
 _RECORD, _ERRORS = "job.json", "stderr.txt"

@@ -45,9 +45,9 @@ def run(args: argparse.Namespace) -> int:
 
     from ..batch.collect import run_batch
     from ..batch.logs import find_logs
-    from ..calibration import read_calibration
+    from ..camera.calibration_file import read_calibration
     from ..executors import cluster
-    from ..run import check_selection
+    from ..pipeline.replay import check_selection
     from . import output
 
     config = arguments.read_settings(args)

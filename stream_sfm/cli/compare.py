@@ -43,11 +43,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, print a table, and say by the exit code whether all of the log and all methods went through."""
-    from ..compare import COMPARED, Selection
-    from ..comparison_files import compare_into
+    from ..comparison.compare import COMPARED, Selection
+    from ..comparison.files import compare_into
     from ..config import read_config
-    from ..recording import inspect_log, open_log
-    from ..run import check_selection, new_run_folder, point_latest_to
+    from ..inspection import inspect_log
+    from ..pipeline.replay import check_selection, new_run_folder, point_latest_to
+    from ..recording import open_log
     from . import output
 
     methods = (

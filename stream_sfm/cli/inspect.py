@@ -23,7 +23,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Inspect and print."""
-    from ..recording import inspect_log
+    from ..inspection import inspect_log
     from . import output
 
     found = inspect_log(args.log, args.left, args.right, args.calibration)

@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..recording.part_file import json_bytes
+from ..files import json_bytes
 
 if TYPE_CHECKING:
-    from ..run import ReplayResult
+    from ..pipeline.replay import ReplayResult
     from ..types import FrameEstimate
 
 

@@ -46,8 +46,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print, and say by the exit code whether the log was read whole."""
+    from ..pipeline.replay import ReplayInterrupted, check_selection, new_run_folder, point_latest_to, replay
     from ..recording import open_log
-    from ..run import ReplayInterrupted, check_selection, new_run_folder, point_latest_to, replay
     from . import output
 
     config = arguments.read_settings(args, ["mono=true"] if args.mono else [])

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
     from ..errors import OutputError
     from ..executors import cluster, processes
-    from ..recording.part_file import json_bytes, write_whole
+    from ..files import json_bytes, write_whole
     from ..simulation import figure6, figures, rates, studies
     from . import output
 

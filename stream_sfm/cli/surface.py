@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from . import arguments
 
 if TYPE_CHECKING:
-    from ..surface import Surface
+    from ..dense.surface import Surface
 
 EXIT_INCOMPLETE = 3
 EXIT_INTERRUPTED = 130
@@ -51,9 +51,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Reconstruct, write, print, and say by the exit code whether the log was read whole."""
+    from ..dense.surface import surface_of_frame, surface_of_log
+    from ..pipeline.replay import check_selection
     from ..recording import open_log
-    from ..run import check_selection
-    from ..surface import surface_of_frame, surface_of_log
     from . import output
 
     began_s = time.process_time()
@@ -115,7 +115,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
 def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
-    from ..accounting import peak_rss_mib
+    from ..pipeline.accounting import peak_rss_mib
 
     low, median, high = (float(p) for p in np.percentile(surface.mesh.std_m, [5, 50, 95]))
     return {

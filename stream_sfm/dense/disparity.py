@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .refine import refine
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from .voxels import AXES, Keys, cells_of, find
 
 _CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])  # x, y, z steps

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..recording.part_file import write_whole
+from ..files import write_whole
 from .mesh import Mesh
 
 _VERTEX = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]

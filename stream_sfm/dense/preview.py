@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
-from ..recording.part_file import write_whole
+from ..files import write_whole
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .mesh import Mesh
 
 _FIELD_OF_VIEW_RAD = np.deg2rad(45)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 
 Keys = NDArray[np.int64]
 

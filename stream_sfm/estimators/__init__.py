@@ -14,14 +14,14 @@ from ..geometry.stereo import StereoProjection
 from ..types import Estimator
 
 METHODS: dict[str, tuple[str, str]] = {
-    "cross-frame": ("window", "CrossFrame"),
-    "cross-frame-wc": ("per_point", "CrossFrameWC"),
-    "cross-frame-cc": ("per_point", "CrossFrameCC"),
-    "cross-frame-cc-literal": ("per_point", "CrossFrameCCLiteral"),
-    "ekf": ("ekf", "Ekf"),
-    "ekf-cv": ("ekf", "EkfConstantVelocity"),
-    "frame-to-frame": ("frame_to_frame", "FrameToFrame"),
-    "depth-filter": ("per_point", "DepthFilter"),
+    "cross-frame": ("cross_frame.window", "CrossFrame"),
+    "cross-frame-wc": ("baselines.per_point", "CrossFrameWC"),
+    "cross-frame-cc": ("baselines.per_point", "CrossFrameCC"),
+    "cross-frame-cc-literal": ("baselines.per_point", "CrossFrameCCLiteral"),
+    "ekf": ("baselines.ekf", "Ekf"),
+    "ekf-cv": ("baselines.ekf", "EkfConstantVelocity"),
+    "frame-to-frame": ("baselines.frame_to_frame", "FrameToFrame"),
+    "depth-filter": ("baselines.per_point", "DepthFilter"),
 }
 
 

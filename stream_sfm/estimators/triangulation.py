@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, information_of_views
-from .adjustment import point_in_cam_jacobian
+from .baselines.bundle_adjustment import point_in_cam_jacobian
 
 _MIN_DISPARITY_SIGMAS = 3.0  # below that the depth of one view is no Gaussian
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..types import Trajectory
 
 MAX_GAP_NS = 150_000_000  # interpolate between truths no further apart than this (10 Hz and some jitter)

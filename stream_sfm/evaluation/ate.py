@@ -5,8 +5,8 @@ Arguments are poses world_from_cam (n, 4, 4) of the same moments, row by row.
 
 import numpy as np
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .alignment import from_first_camera, umeyama
 
 

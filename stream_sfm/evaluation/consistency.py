@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .alignment import from_first_camera
 
 

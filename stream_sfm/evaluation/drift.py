@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from .alignment import from_first_camera, umeyama
 
 _STANDING_M = 1e-3  # a path or an extent below this defines no percentage

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.pose import Array
-from ..types import Camera, FrameEstimate
-from .projection import project_into_image
+from ..camera.lens import project_into_image
+from ..camera.models import Camera
+from ..geometry.se3 import Array
+from ..types import FrameEstimate
 
 _HALF = 2  # the patch is 5×5
 _EDGE = 0.01  # relative misfit of inverse depth that marks a depth edge

@@ -8,7 +8,7 @@ factor for all views.
 
 import numpy as np
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
 _FLOOR_PX = 0.03  # interpolation and rectification tables

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 
 _PRIOR_SLOPE = 0.15  # px of disparity per px of image
 _MAX_SLOPE = 0.5

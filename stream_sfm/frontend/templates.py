@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 
 Grey = NDArray[np.float32]
 _COLUMNS = 32  # patches beside each other in the atlas

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .pose import Array
+from .se3 import Array
 
 
 @lru_cache

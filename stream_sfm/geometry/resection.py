@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import pose as se3
+from . import se3
 from .gates import chi2_gates
-from .pose import Array
+from .se3 import Array
 from .stereo import StereoProjection, whitening_of_views
 
 _HYPOTHESES = 96  # at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6

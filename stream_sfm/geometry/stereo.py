@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pose import Array
+from .se3 import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera.models import Camera, StereoRig
+from ..camera.rectification import Rectifier
 from ..errors import ConfigError, InputError
-from ..frontend.rectify import Rectifier
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from ..recording.images import image_size, sniff_format
 from ..recording.log_writer import StereoLogWriter
 from ..recording.messages import CalibrationMessage, ImageMessage
-from ..types import Camera, StereoRig
 
 # the names of Foxglove's CameraCalibration
 _MODELS = {

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..calibration import read_calibration
+from ..camera.calibration_file import read_calibration
 from ..errors import ConfigError, InputError
 from .common import ImageFile, Imported, ascending, read_text, seconds_to_ns, write_images
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera.models import Camera
 from ..errors import ConfigError, InputError
-from ..geometry import pose as se3
-from ..geometry.pose import Array
-from ..types import Camera
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .common import ImageFile, Imported, ascending, read_text, rig_of_files, seconds_to_ns, size_of, write_images
 
 

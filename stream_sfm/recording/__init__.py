@@ -12,14 +12,12 @@ _PUBLIC = {
     "ReadStats": "pair_reader",
     "StereoLog": "stereo_log",
     "StereoPair": "pair_reader",
-    "inspect_log": "inspection",
     "open_log": "stereo_log",
 }
 
-__all__ = ["ImageMessage", "ReadStats", "StereoLog", "StereoPair", "inspect_log", "open_log"]
+__all__ = ["ImageMessage", "ReadStats", "StereoLog", "StereoPair", "open_log"]
 
 if TYPE_CHECKING:
-    from .inspection import inspect_log
     from .messages import ImageMessage
     from .pair_reader import ReadStats, StereoPair
     from .stereo_log import StereoLog, open_log

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from ..mcap_file.records import Damage, LogFile
 from ..types import Trajectory
-from .depth_images import decode_depth_m
+from .depth import decode_depth_m
 from .images import UndecodableImage
 from .messages import MessageDecoder, UndecodableMessage
-from .records import Damage, LogFile
 from .survey import Survey
 
 _DEPTH_TOPICS = ("/ground_truth/depth", "/ground_truth/depth/compressedDepth")  # the second by image_transport

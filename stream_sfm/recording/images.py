@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.models import MAX_PIXELS
 from ..errors import LogError
-from ..types import MAX_PIXELS
 from .messages import ImageMessage
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]

@@ -16,8 +16,8 @@ from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 
 from ..errors import OutputError
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
 _CALIBRATION_PERIOD_NS = 1_000_000_000

@@ -10,10 +10,10 @@ from mcap.records import Channel, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 
 from ..errors import LogError
-from ..geometry import pose as se3
-from ..geometry.pose import Array
-from .lists import MAX_LISTED_BYTES, bounded, decode_json, has_lists
-from .records import LogMessage
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..mcap_file.records import LogMessage
+from .message_limits import MAX_LISTED_BYTES, bounded, decode_json, has_lists
 from .ros import ros_decoder
 
 _PACKAGES = (

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import LogError
+from ..mcap_file.records import Damage, LogFile
 from .images import check_encoding
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts
-from .records import Damage, LogFile
 
 
 @dataclass(frozen=True, slots=True)

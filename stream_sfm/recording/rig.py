@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera.models import DISTORTION_COEFFICIENTS, Camera, MonoRig, StereoRig
 from ..errors import ConfigError, LogError
-from ..geometry import pose as se3
-from ..geometry.pose import Array
-from ..types import DISTORTION_COEFFICIENTS, Camera, MonoRig, StereoRig
+from ..geometry import se3
+from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
 _MODELS = {

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from ..calibration import parse_calibration, parse_camera, read_calibration, read_camera
+from ..camera.calibration_file import parse_calibration, parse_camera, read_calibration, read_camera
+from ..camera.models import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
-from ..types import MonoRig, StereoRig
+from ..mcap_file.records import Damage, LogFile
 from .messages import MessageDecoder
-from .records import Damage, LogFile
 from .rig import CURE, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages
 from .topics import PairChoice, choose_calibration, is_rectified

@@ -9,7 +9,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from .lists import bounded
+from .message_limits import bounded
 
 _RULE = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # stands between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines, as #include

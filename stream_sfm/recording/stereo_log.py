@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.models import MonoRig, StereoRig
 from ..errors import ConfigError, LogError, RigError
-from ..types import MonoRig, StereoFrame, StereoRig, Trajectory
+from ..mcap_file.records import Damage, LogFile
+from ..types import StereoFrame, Trajectory
 from .ground_truth import depth_topic, read_depths, read_truth, truth_topic
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .records import Damage, LogFile
 from .rig import CURE, check_sides
 from .rig_finder import find_camera, find_rig
 from .survey import Survey, survey_log

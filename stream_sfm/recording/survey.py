@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from ..errors import LogError
+from ..mcap_file.records import Damage, LogFile, LogMessage
 from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, kind_of
-from .records import Damage, LogFile, LogMessage
 
 # A log without an index is scanned so far at most, once cameras and calibrations have been met.
 _SCAN_BYTES = 256 * 2**20

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..mcap_file.records import Damage, LogFile
 from .messages import MessageDecoder, UndecodableMessage
-from .records import Damage, LogFile
 from .survey import Survey
 
 _STILL = 1e-6  # a transform whose numbers change by more moves, and says nothing of how two cameras are mounted

@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ..errors import InputError
-from ..recording.trajectory_files import read_tum
+from ..results.trajectory_files import read_tum
 from ..types import Status
 from .svg import Chart, Series, draw
 from .template import inline, template

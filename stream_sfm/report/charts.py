@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from ..evaluation.relative import mean_squares, spans_for
 from ..evaluation.segments import lengths_for_path, segment_errors
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from .records import Comparison, MethodRun
 from .svg import Chart, Series, draw
 from .traces import Trace, broken, closure

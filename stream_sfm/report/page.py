@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..recording.part_file import json_bytes, write_whole
+from ..files import json_bytes, write_whole
 from . import charts, pictures
 from .numbers import numbers, verdict
 from .records import Comparison

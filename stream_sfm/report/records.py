@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.models import StereoRig
 from ..config import Config
 from ..evaluation.structure import StructureComparison
-from ..geometry.pose import Array
-from ..types import FrameEstimate, Observations, StereoRig, Trajectory
+from ..geometry.se3 import Array
+from ..types import FrameEstimate, Observations, Trajectory
 
 MAX_SNAPSHOTS = 6
 

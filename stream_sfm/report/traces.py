@@ -9,8 +9,8 @@ from ..evaluation.alignment import from_first_camera
 from ..evaluation.association import matched
 from ..evaluation.consistency import nees_pose
 from ..evaluation.drift import distances_m
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..types import Trajectory
 from .records import MethodRun
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..estimators import make_estimator
-from ..estimators.batch import Bound, cramer_rao_bound
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..estimators.baselines.full_batch import Bound, cramer_rao_bound
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..types import Solution, Status
 from .scenes import Scene, Sequence
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 
 
 @dataclass(frozen=True, slots=True)

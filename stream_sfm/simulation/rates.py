@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ..estimators.batch import cramer_rao_bound
-from ..geometry.pose import Array
+from ..estimators.baselines.full_batch import cramer_rao_bound
+from ..geometry.se3 import Array
 from .measure import QUANTITIES, Method, measure, stacked
 from .motions import MOTIONS
 from .scenes import Scene

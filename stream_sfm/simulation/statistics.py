@@ -5,7 +5,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 
 _RESAMPLES = 2000
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from ..estimators import METHODS
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from .measure import NORMALISED, QUANTITIES, Method, measure, stacked
 from .scenes import Scene
 from .statistics import mean, ratio

@@ -6,7 +6,8 @@ Not here: the HTML pages (`report/`).
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..types import MonoRig, StereoRig, Trajectory
+from ..camera.models import MonoRig, StereoRig
+from ..types import Trajectory
 
 if TYPE_CHECKING:
     from .sink import RerunSink

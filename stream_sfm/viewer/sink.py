@@ -11,12 +11,13 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from ..camera.lens import project_into_image
+from ..camera.models import MonoRig, StereoRig
 from ..errors import ConfigError, OutputError
-from ..evaluation.projection import project_into_image
-from ..geometry import pose as se3
-from ..geometry.pose import Array
+from ..geometry import se3
+from ..geometry.se3 import Array
 from ..recording.images import sniff_format
-from ..types import FrameEstimate, MonoRig, Status, StereoRig, Trajectory
+from ..types import FrameEstimate, Status, Trajectory
 from . import layout
 
 Picture = NDArray[np.uint8] | bytes

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ..dense.mesh import Mesh
 from ..errors import OutputError
-from ..geometry.pose import Array
+from ..geometry.se3 import Array
 from . import layout
 
 _SURFACE, _PATH = "world/surface", "world/path"

@@ -187,7 +187,7 @@ def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(log: Path, m
     def broken(*_arguments, **_options):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("stream_sfm.recording.inspect_log", broken, raising=False)
+    monkeypatch.setattr("stream_sfm.inspection.inspect_log", broken, raising=False)
     assert main(["inspect", str(log)]) == 1
     said = capsys.readouterr().err
     assert "ZeroDivisionError: a defect" in said and "please report" in said and "Traceback" not in said

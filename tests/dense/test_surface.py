@@ -10,6 +10,7 @@ import trimesh
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from stream_sfm import open_log
+from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.cli.main import main
 from stream_sfm.config import Config, DenseConfig
 from stream_sfm.dense import voxels
@@ -20,11 +21,10 @@ from stream_sfm.dense.mesh import Mesh, mesh_of_frame
 from stream_sfm.dense.ply import write_ply
 from stream_sfm.dense.preview import preview
 from stream_sfm.dense.refine import refine
+from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.structure import structure_errors
-from stream_sfm.frontend.rectify import Rectifier
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.surface import surface_of_frame
 from tests.frontend.plane_world import Wall, rig
 from tests.recording.make_logs import Calib, LogWriter, write_info
 from tests.wall_log import LEFT, RIGHT, START_NS, write_wall_log

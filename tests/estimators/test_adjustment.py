@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.adjustment import (
+from stream_sfm.estimators.baselines.bundle_adjustment import (
     Covariances,
     NormalEquations,
     Views,
@@ -11,9 +11,9 @@ from stream_sfm.estimators.adjustment import (
     point_in_cam_jacobian,
     residuals_and_jacobians,
 )
-from stream_sfm.estimators.batch import gather_views
+from stream_sfm.estimators.baselines.full_batch import gather_views
 from stream_sfm.estimators.triangulation import compose_cov, points_to_world, triangulated
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import rectified_projection
 
 P = rectified_projection()

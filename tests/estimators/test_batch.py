@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.batch import batch_adjust, cramer_rao_bound
-from stream_sfm.geometry import pose as se3
+from stream_sfm.estimators.baselines.full_batch import batch_adjust, cramer_rao_bound
+from stream_sfm.geometry import se3
 
 
 def disturbed_start(sequence):

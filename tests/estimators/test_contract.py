@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.types import Observations, Status
 
 methods = pytest.mark.parametrize("method", list(METHODS))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.estimators.ekf import Ekf
-from stream_sfm.geometry import pose as se3
+from stream_sfm.estimators.baselines.ekf import Ekf
+from stream_sfm.geometry import se3
 
 
 def numerical_measurement_jacobian(projection, pose, points, step=1e-6):

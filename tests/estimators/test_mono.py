@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm.camera.rectification import PRETENDED_BASELINE
 from stream_sfm.config import Config
-from stream_sfm.estimators.mono import CrossFrameMono
-from stream_sfm.frontend.mono import INFLATED, STD_SCENE, pretended
-from stream_sfm.frontend.rectify import PRETENDED_BASELINE
-from stream_sfm.frontend.two_view import two_view_motion
-from stream_sfm.geometry import pose as se3
+from stream_sfm.estimators.cross_frame.mono import CrossFrameMono
+from stream_sfm.frontend.mono.front_end import INFLATED, STD_SCENE, pretended
+from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.geometry import se3
 from stream_sfm.simulation.motions import MOTIONS
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.types import MapStart, Observations, Solution, Status

@@ -6,7 +6,7 @@ import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.inverse_depth import (
+from stream_sfm.estimators.cross_frame.inverse_depth import (
     Views,
     homogeneous_from_q,
     in_reference,
@@ -12,9 +12,9 @@ from stream_sfm.estimators.inverse_depth import (
     q_from_homogeneous,
     q_jacobian,
 )
-from stream_sfm.estimators.prior import Prior
-from stream_sfm.estimators.system import System
-from stream_sfm.geometry import pose as se3
+from stream_sfm.estimators.cross_frame.normal_equations import System
+from stream_sfm.estimators.cross_frame.prior import Prior
+from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)

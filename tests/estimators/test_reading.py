@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from stream_sfm.estimators.inverse_depth import Views, in_reference, linearise, q_from_homogeneous
-from stream_sfm.estimators.prior import Prior
-from stream_sfm.estimators.reading import read_structure
-from stream_sfm.estimators.system import System
-from stream_sfm.geometry import pose as se3
+from stream_sfm.estimators.cross_frame.inverse_depth import Views, in_reference, linearise, q_from_homogeneous
+from stream_sfm.estimators.cross_frame.marginals import read_structure
+from stream_sfm.estimators.cross_frame.normal_equations import System
+from stream_sfm.estimators.cross_frame.prior import Prior
+from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)

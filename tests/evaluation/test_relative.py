@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.evaluation.relative import growth_exponents, paired_ratio, relative_errors, turning
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 
 RNG = np.random.default_rng(5)
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stream_sfm.evaluation.projection import project_into_image
+from stream_sfm.camera.lens import project_into_image
+from stream_sfm.camera.models import Camera
 from stream_sfm.evaluation.structure import StructureComparison, structure_errors
-from stream_sfm.types import Camera
 
 CAMERA = Camera(320, 240, np.array([[300.0, 0, 160.5], [0, 310.0, 118.2], [0, 0, 1]]))
 NORMAL, OFFSET = np.array([0.3, -0.2, 1.0]), 3.0  # the plane n·p = 3 m

@@ -6,7 +6,7 @@ import pytest
 from stream_sfm import evaluation as ev
 from stream_sfm.evaluation.alignment import umeyama
 from stream_sfm.evaluation.segments import lengths_for_path
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.types import Trajectory
 
 

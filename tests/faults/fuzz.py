@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from stream_sfm.cli.main import main
-from stream_sfm.recording.trajectory_files import read_tum
+from stream_sfm.results.trajectory_files import read_tum
 from tests.faults.mutations import FRAMES, make_base, mutate
 
 MAX_SECONDS = 5  # of CPU, a log: a busy machine is no failure

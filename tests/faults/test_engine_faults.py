@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
 STEREO = rig()

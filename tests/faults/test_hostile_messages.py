@@ -12,8 +12,8 @@ import pytest
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 import stream_sfm as sfm
+from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording.ros import ros_decoder
-from stream_sfm.run import replay
 from tests.recording.make_logs import (
     PERIOD_NS,
     START_NS,

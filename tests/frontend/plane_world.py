@@ -3,8 +3,9 @@
 import cv2
 import numpy as np
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoFrame, StereoRig
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.geometry import se3
+from stream_sfm.types import StereoFrame
 
 PERIOD_NS = 50_000_000
 
@@ -31,7 +32,9 @@ class Wall:
         for octave in range(3, 10):
             cells = self.SIZE >> octave
             noise = rng.normal(size=(cells, cells)).astype(np.float32)
-            texture += cv2.resize(noise, (self.SIZE, self.SIZE), interpolation=cv2.INTER_CUBIC) * 0.75 ** (9 - octave)
+            texture += cv2.resize(noise, (self.SIZE, self.SIZE), interpolation=cv2.INTER_CUBIC) * 0.75 ** (
+                9 - octave
+            )
         texture -= texture.mean()
         self.texture = np.clip(128 + 45 * texture / texture.std(), 0, 255).astype(np.uint8)
         self.world_from_wall = se3.exp([0, 0, 3.0, 0, 0, 0]) @ se3.exp([0, 0, 0, 0, 0.3, 0])

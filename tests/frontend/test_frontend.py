@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
-from stream_sfm.frontend.detect import corner_strength, detect
-from stream_sfm.frontend.epipolar import search_rows
-from stream_sfm.frontend.rectify import Rectifier
-from stream_sfm.frontend.tracker import FrontEnd
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoRig
+from stream_sfm.frontend.corners import corner_strength, detect
+from stream_sfm.frontend.front_end import FrontEnd
+from stream_sfm.frontend.stereo_matching import search_rows
+from stream_sfm.geometry import se3
 from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.frontend.rows import RowAlignment
+from stream_sfm.frontend.vertical_disparity import RowAlignment
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)

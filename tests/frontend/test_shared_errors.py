@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
-from stream_sfm.frontend.rectify import Rectifier
-from stream_sfm.frontend.shared_errors import _KEPT, BIAS_PX, SharedErrors
-from stream_sfm.frontend.tracker import FrontEnd
+from stream_sfm.frontend.disparity_bias import _KEPT, BIAS_PX, SharedErrors
+from stream_sfm.frontend.front_end import FrontEnd
 from tests.frontend.plane_world import Wall, rig
 
 

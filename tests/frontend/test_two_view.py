@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stream_sfm.frontend.parallax import depths_from_motion
-from stream_sfm.frontend.two_view import two_view_motion
-from stream_sfm.geometry import pose as se3
+from stream_sfm.frontend.mono.parallax import depths_from_motion
+from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.geometry import se3
 
 STD = 3e-4  # 0.2 px at f = 600
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
 
 RNG = np.random.default_rng(5)

@@ -10,14 +10,14 @@ import pytest
 from mcap.reader import make_reader
 
 from stream_sfm.batch.collect import run_batch
-from stream_sfm.calibration import parse_calibration
+from stream_sfm.camera.calibration_file import parse_calibration
 from stream_sfm.cli.main import main
-from stream_sfm.compare import Selection
-from stream_sfm.comparison_files import compare_into
+from stream_sfm.comparison.compare import Selection
+from stream_sfm.comparison.files import compare_into
 from stream_sfm.config import Config
 from stream_sfm.executors import processes
+from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording import open_log
-from stream_sfm.run import replay
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "logs/room.mcap"
@@ -70,7 +70,9 @@ def test_estimates(replayed: Path) -> None:
     with (replayed / "estimates.mcap").open("rb") as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
-        found = [[c.topic, c.message_encoding, summary.schemas[c.schema_id].name] for c in summary.channels.values()]
+        found = [
+            [c.topic, c.message_encoding, summary.schemas[c.schema_id].name] for c in summary.channels.values()
+        ]
         assert sorted(found) == sorted([cell.strip("`") for cell in row[:3]] for row in topics)
         last = {channel.topic: message for _, channel, message in reader.iter_messages()}
         assert set(json.loads(last["/stream_sfm/estimate"].data)) == names(keys)

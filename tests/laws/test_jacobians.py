@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.inverse_depth import (
+from stream_sfm.estimators.cross_frame.inverse_depth import (
     Views,
     in_reference,
     linearise,
@@ -13,7 +13,7 @@ from stream_sfm.estimators.inverse_depth import (
     q_jacobian,
     whitened_residuals,
 )
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)

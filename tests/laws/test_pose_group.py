@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 
 RNG = np.random.default_rng(7)
 

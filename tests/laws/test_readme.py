@@ -10,7 +10,7 @@ import cv2
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,13 @@ SHORT = {
     "simulate": "--trials=1",
 }
 # what the README's placeholders stand for
-PLACES = {"LOG": "logs/room.mcap", "LOG…": "logs/room.mcap", "DIR": "out", "FILE": "out.rrd", "FILE.ply": "room.ply"}
+PLACES = {
+    "LOG": "logs/room.mcap",
+    "LOG…": "logs/room.mcap",
+    "DIR": "out",
+    "FILE": "out.rrd",
+    "FILE.ply": "room.ply",
+}
 
 
 def commands() -> Iterator[str]:

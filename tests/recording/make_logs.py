@@ -25,8 +25,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import StereoRig
+from stream_sfm.camera.models import StereoRig
+from stream_sfm.geometry import se3
 from tests.recording import idl
 
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12

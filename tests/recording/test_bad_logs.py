@@ -7,7 +7,7 @@ import pytest
 import zstandard
 
 from stream_sfm import LogError, open_log
-from stream_sfm.recording import inspect_log
+from stream_sfm.inspection import inspect_log
 from tests.recording.make_logs import CONTAINERS, Calib, Spec, right_calib, video, whole_messages, write_log
 
 

@@ -13,15 +13,16 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.camera.calibration_file import calibration_to_toml
+from stream_sfm.camera.models import Camera, StereoRig
 from stream_sfm.config import Config, config_to_toml
 from stream_sfm.errors import InputError, OutputError
-from stream_sfm.geometry import pose as se3
-from stream_sfm.recording import odometry
-from stream_sfm.recording.estimates import EstimatesWriter
-from stream_sfm.recording.estimates_reader import read_clouds, read_estimates, read_trajectory
-from stream_sfm.recording.trajectory_files import KittiWriter, TumWriter, read_tum
-from stream_sfm.types import Camera, FrameEstimate, Status, StereoRig
+from stream_sfm.geometry import se3
+from stream_sfm.results import ros as odometry
+from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.results.estimates_writer import EstimatesWriter
+from stream_sfm.results.trajectory_files import KittiWriter, TumWriter, read_tum
+from stream_sfm.types import FrameEstimate, Status
 
 START_NS = 1_700_000_000_123_456_789
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.recording.depth_images import decode_depth_m
+from stream_sfm.recording.depth import decode_depth_m
 from stream_sfm.recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
 from stream_sfm.recording.messages import ImageMessage
 from tests.recording.make_logs import scene

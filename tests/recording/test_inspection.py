@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from stream_sfm import open_log
-from stream_sfm.calibration import calibration_to_toml
+from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
-from stream_sfm.recording import inspect_log
+from stream_sfm.inspection import inspect_log
 from tests.frontend.plane_world import Wall, path, rig
 from tests.recording.make_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import Camera, StereoRig, open_log, replay
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from tests.frontend.plane_world import Wall, path, rig
 from tests.recording.make_logs import (
     PERIOD_NS,

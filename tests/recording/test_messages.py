@@ -4,8 +4,8 @@ import pytest
 from mcap.records import Channel, Schema
 
 from stream_sfm import LogError
+from stream_sfm.mcap_file.records import LogMessage
 from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
-from stream_sfm.recording.records import LogMessage
 from tests.recording import idl
 from tests.recording.make_logs import ROS1, ROS2
 

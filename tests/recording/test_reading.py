@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, StereoRig, open_log
-from stream_sfm.recording import inspect_log
+from stream_sfm.inspection import inspect_log
 from tests.recording.make_logs import (
     BASELINE_M,
     CONTAINERS,

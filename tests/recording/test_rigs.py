@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, open_log
-from stream_sfm.calibration import calibration_to_toml
-from stream_sfm.geometry import pose as se3
+from stream_sfm.camera.calibration_file import calibration_to_toml
+from stream_sfm.geometry import se3
 from tests.recording.make_logs import (
     BASELINE_M,
     START_NS,

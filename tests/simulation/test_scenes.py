@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.geometry import pose as se3
+from stream_sfm.geometry import se3
 from stream_sfm.simulation.motions import MOTIONS
 from stream_sfm.simulation.scenes import (
     HEIGHT,

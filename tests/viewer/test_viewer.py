@@ -103,7 +103,7 @@ def test_importing_the_package_imports_nothing_heavy():
 
 
 def test_replay_writes_a_recording(tmp_path, capsys):
-    from stream_sfm.calibration import calibration_to_toml
+    from stream_sfm.camera.calibration_file import calibration_to_toml
 
     (tmp_path / "c.toml").write_text(calibration_to_toml(_rig()))
     for n in range(4):

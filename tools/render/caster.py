@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoRig
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.geometry import se3
 
 from .scene import FACE_AXES, LEVELS, Scene
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from stream_sfm.geometry import pose as se3
-from stream_sfm.types import Camera, StereoRig
+from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.geometry import se3
 
 from .scene import Box, Scene, build_scene
 from .textures import books, bricks, cabinet, carton, ceiling, crate, fabric, planks, wall

@@ -1,0 +1,1 @@
+"""Cameras and rigs: models, lenses, rectification, calibration files."""

@@ -1,0 +1,161 @@
+"""Calibration files: the stereo rig as TOML, written by hand or by `calibration_to_toml`.
+
+    [left]
+    width = 752                     # pixels
+    height = 480
+    K = [[458.654, 0.0, 367.215],   # pixels; or fx, fy, cx, cy instead of K
+         [0.0, 457.296, 248.375],
+         [0.0, 0.0, 1.0]]
+    distortion_model = "plumb_bob"  # none, plumb_bob (k1 k2 p1 p2 [k3]), rational_polynomial (8), equidistant (4)
+    D = [-0.283, 0.074, 0.00019, 1.76e-05]   # may be left out
+
+    [right]                         # the same keys
+    ...
+
+    [right_from_left]               # carries points of the left camera into the right one
+    rotation = [[1.0, 0.0, 0.0],    # 3×3, rows; may be left out for parallel cameras
+                [0.0, 1.0, 0.0],
+                [0.0, 0.0, 1.0]]
+    translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
+
+Instead of the last section, `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
+one camera (`Config.mono`) the first section is enough.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConfigError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .models import Camera, MonoRig, StereoRig
+
+_CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
+
+
+def read_calibration(path: str | Path) -> StereoRig:
+    """The rig in a calibration file (format: see the module). Raises ConfigError naming file and key."""
+    return parse_calibration(_content(path), path)
+
+
+def read_camera(path: str | Path) -> MonoRig:
+    """The left camera of a calibration file that may have no other. Raises as `read_calibration`."""
+    return parse_camera(_content(path), path)
+
+
+def parse_calibration(content: bytes, path: str | Path) -> StereoRig:
+    """The rig in the `content` of a calibration file; `path` names it. Raises as `read_calibration`."""
+    data = _tables(content, path)
+    left, right = _camera(path, data, "left"), _camera(path, data, "right")
+    pose = _right_from_left(path, data.get("right_from_left"))
+    try:
+        return StereoRig(left, right, pose)
+    except ConfigError as error:
+        raise ConfigError(f"calibration {path}: {error}") from None
+
+
+def parse_camera(content: bytes, path: str | Path) -> MonoRig:
+    """As `parse_calibration`, of the left camera alone."""
+    return MonoRig(_camera(path, _tables(content, path), "left"))
+
+
+def _content(path: str | Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
+
+
+def _tables(content: bytes, path: str | Path) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(content.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"calibration {path} is not TOML: {error}") from None
+    _known(path, "the top", data, {"left", "right", "right_from_left"})
+    return data
+
+
+def calibration_to_toml(rig: StereoRig | MonoRig) -> str:
+    """The rig as text that `read_calibration`, of one camera `read_camera`, takes back unchanged."""
+    lines = ["# calibration: pixels and metres"]
+    for name, camera in rig.cameras.items():
+        lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
+        lines += [f"K = {camera.K.tolist()}", f'distortion_model = "{camera.distortion_model}"']
+        lines += [f"D = {list(camera.D)}"]
+    if isinstance(rig, StereoRig):
+        lines += ["", "[right_from_left]", f"rotation = {rig.right_from_left[:3, :3].tolist()}"]
+        lines += [f"translation_m = {rig.right_from_left[:3, 3].tolist()}"]
+    return "\n".join(lines) + "\n"
+
+
+def _known(path: str | Path, where: str, table: dict[str, Any], known: set[str]) -> None:
+    unknown = sorted(set(table) - known)
+    if unknown:
+        raise ConfigError(
+            f"calibration {path}: unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}"
+        )
+
+
+def _camera(path: str | Path, data: dict[str, Any], name: str) -> Camera:
+    table = data.get(name)
+    if not isinstance(table, dict):
+        raise ConfigError(f"calibration {path}: section [{name}] is missing")
+    where = f"calibration {path}: {name}"
+    _known(path, f"[{name}]", table, _CAMERA_KEYS)
+    size = []
+    for key in ("width", "height"):
+        value = table.get(key)
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise ConfigError(f"{where}.{key} must be a whole number of pixels, got {value!r}")
+        size.append(value)
+    if "K" in table:
+        if {"fx", "fy", "cx", "cy"} & set(table):
+            raise ConfigError(f"{where}: give either K or fx, fy, cx, cy, not both")
+        k = _numbers(f"{where}.K", table["K"], (3, 3))
+    else:
+        fx, fy, cx, cy = (float(_numbers(f"{where}.{key}", table.get(key), ())) for key in ("fx", "fy", "cx", "cy"))
+        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    d = _numbers(f"{where}.D", table.get("D", []), None)
+    model = table.get("distortion_model", "plumb_bob" if d.any() else "none")
+    if not isinstance(model, str):
+        raise ConfigError(f"{where}.distortion_model must be a name in quotes, got {model!r}")
+    try:
+        return Camera(size[0], size[1], k, tuple(d), model)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _right_from_left(path: str | Path, value: Any) -> Array:
+    where = f"calibration {path}: right_from_left"
+    if value is None:
+        raise ConfigError(
+            f"{where} is missing: give rotation and translation_m of the right camera, or a 4×4 matrix"
+        )
+    if not isinstance(value, dict):
+        return _numbers(where, value, (4, 4))
+    _known(path, "[right_from_left]", value, {"rotation", "translation_m"})
+    rotation = _numbers(f"{where}.rotation", value.get("rotation", np.eye(3).tolist()), (3, 3))
+    translation = _numbers(f"{where}.translation_m", value.get("translation_m"), (3,))
+    return se3.from_rotation_translation(rotation, translation)
+
+
+def _numbers(where: str, value: Any, shape: tuple[int, ...] | None) -> Array:
+    """Finite numbers of one shape (None: a list of any length); strings and booleans are no numbers."""
+    kind = "a list of numbers" if shape is None else "a number"
+    if shape:
+        kind = f"{'×'.join(map(str, shape))} numbers"
+    try:
+        array = np.array(value)
+    except ValueError:  # rows of different length
+        array = np.array(None)
+    shape_fits = array.ndim == 1 if shape is None else array.shape == shape
+    if (
+        not shape_fits
+        or not (array.dtype.kind in "iuf" or array.size == 0)
+        or not np.isfinite(array.astype(float)).all()
+    ):
+        raise ConfigError(f"{where} must be {kind}, finite, got {value!r}")
+    return array.astype(float)

@@ -1,0 +1,132 @@
+"""Any calibrated pair to a rectified one: common focal length and rows, the baseline along +x.
+
+The rectified axes are our own choice from `right_from_left` (x along the baseline, z between the two optical axes),
+whatever rectification a log proposes; poses are handed out in the physical left camera's axes again.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RigError
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from .models import Camera, StereoRig
+
+# Of the right camera that one camera does not have, in units of the first baseline. What it pretends to see hardly
+# counts (`mono`); as a length it says what a drift of patches means for depths, and is about that of a first scene.
+PRETENDED_BASELINE = 10.0
+# A wider view than the lens centre's own scale is bought with resolution; not below this share of it.
+_MIN_FOCAL_SHARE = 0.9
+
+
+class _Remapping:
+    """Cameras to pinholes of one focal length and one row, in axes turned by `rotations`.
+
+    `valid` (h, w): pixels of the first rectified image that hold picture. Raises RigError for an impossible lens.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], rotations: Sequence[Array]) -> None:
+        width, height = cameras[0].width, cameras[0].height
+        self.rect_from_cam: Array = rotations[0]
+        extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
+        f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
+        spans = np.mean([e[1] - e[0] for e in extents], axis=0)
+        if not (spans > 0).all():  # false for NaN too
+            raise RigError(
+                f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
+                "are they of these cameras, in OpenCV's order?"
+            )
+        f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
+        self._f = f_lens if f_fit > 0.999 * f_lens else max(f_fit, _MIN_FOCAL_SHARE * f_lens)
+        middle = [(e[0] + e[1]) / 2 for e in extents]
+        self._cx = [(width - 1) / 2 - self._f * m[0] for m in middle]
+        self._cy = (height - 1) / 2 - self._f * float(np.mean([m[1] for m in middle]))
+        self._maps = [
+            _maps(c, r, self._f, cx, self._cy) for c, r, cx in zip(cameras, rotations, self._cx, strict=True)
+        ]
+        self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
+        self.valid &= self._rectified(np.full((height, width), 255, np.uint8), 0) == 255
+
+    def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """An image (h, w) uint8 of each camera, rectified; the same array where nothing has to move."""
+        return [self._rectified(image, side) for side, image in enumerate(images)]
+
+    def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+        maps = self._maps[side]
+        return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
+
+
+class Rectifier(_Remapping):
+    """`projection` of the rectified pair; `rect_from_cam` (3, 3): its axes from the physical left camera's.
+
+    Raises RigError where left and right are exchanged, or where the calibration leaves no image.
+    """
+
+    unscaled = False
+
+    def __init__(self, rig: StereoRig) -> None:
+        rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
+        right_in_left = -rotation.T @ translation
+        x = right_in_left / np.linalg.norm(right_in_left)
+        if x[0] < -0.5:
+            raise RigError(
+                f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
+                "exchange left and right (--left, --right), or the sign of the baseline in the calibration"
+            )
+        z = rotation[2] + (0, 0, 1)
+        z = z - (z @ x) * x
+        z /= np.linalg.norm(z)
+        rect_from_left = np.stack([x, np.cross(z, x), z])
+        super().__init__((rig.left, rig.right), (rect_from_left, rect_from_left @ rotation.T))
+        cx_left, cx_right = self._cx
+        self.projection = StereoProjection(
+            self._f, cx_left, cx_right, self._cy, rig.baseline_m, rig.left.width, rig.left.height
+        )
+
+
+class MonoRectifier(_Remapping):
+    """`projection` of one camera without its distortion, and of a right one that does not exist."""
+
+    unscaled = True
+
+    def __init__(self, camera: Camera) -> None:
+        super().__init__((camera,), (np.eye(3),))
+        cx = self._cx[0]
+        self.projection = StereoProjection(
+            self._f, cx, cx, self._cy, PRETENDED_BASELINE, camera.width, camera.height
+        )
+
+
+def _distortion(camera: Camera) -> tuple[bool, Array]:
+    """Whether the lens is a fisheye (also one whose coefficients are all zero), and its coefficients for OpenCV."""
+    fisheye = camera.distortion_model == "equidistant"
+    return fisheye, np.array(camera.D if any(camera.D) else (0.0,) * 4)
+
+
+def _extent(camera: Camera, rotation: Array) -> Array:
+    """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
+    w, h = camera.width - 1.0, camera.height - 1.0
+    pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
+    fisheye, d = _distortion(camera)
+    rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    with np.errstate(invalid="ignore"):  # where the lens model has no answer, the caller says so
+        rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
+    # a lens of 180° and more reaches behind the rectified plane; the focal share bounds what is kept of it
+    rays = rays[:, :2] / np.maximum(rays[:, 2:], 0.2)
+    return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
+
+
+def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tuple | None:
+    k = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
+    size = (camera.width, camera.height)
+    fisheye, d = _distortion(camera)
+    module = cv2.fisheye if fisheye else cv2
+    u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k, size, cv2.CV_32FC1)
+    # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
+    grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
+    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < 1e-2:
+        return None
+    return cv2.convertMaps(u, v, cv2.CV_16SC2)

@@ -1,0 +1,1 @@
+"""The methods to compare with, and the batch that bounds them all."""

@@ -1,0 +1,239 @@
+"""Baseline: the extended Kalman filter over the pose and all visible points, on filterpy, in error-state form.
+
+filterpy's filter is additive, so its state is the error (x = 0 before the update), which is injected into the
+pose and the points afterwards. State: ξ of world_from_cam (6), then δX in the world (3 a point). Nothing is
+assumed of the motion: `predict` frees the pose of all it knew. One update a frame, linearised at the robust
+resection of the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
+Solà, Simultaneous localization and mapping with the extended Kalman filter, 2014.
+"""
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...geometry import se3
+from ...geometry.resection import Resection
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from ...types import Observations, Solution, Status
+from .. import lifecycle as outcome
+from ..motion_model import MotionPrior, robust_start
+from ..triangulation import triangulated, usable_births
+from .bundle_adjustment import point_in_cam_jacobian
+
+# The pose before its update is unknown: its prior has this many times the covariance that the views will give it, and
+# of the drift so far (or each frame would pretend to know a little of where it is in the world). More would only cost
+# digits: the update subtracts numbers that large.
+_FREE, _FREE_OF_DRIFT = 1e4, 300.0
+
+
+class Ekf:
+    """Joint covariance of the pose and the visible points; world-centred."""
+
+    name = "ekf"
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self._projection = projection
+        self._config = config
+        self._motion = MotionPrior(config.motion)
+        self._world_from_cam = np.eye(4)
+        self._ids = np.empty(0, np.int64)
+        self._points = np.empty((0, 3))  # in the world
+        self._cov = np.zeros((6, 6))  # (6+3m, 6+3m)
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see types.Estimator."""
+        obs = observations
+        if not len(self._ids):
+            return self._start(obs)
+        ended = self._drop(np.isin(self._ids, obs.track_ids))
+        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
+        rows = np.searchsorted(obs.track_ids, self._ids)
+        if obs.std_drift_px is not None:  # part of the prediction, ahead of the gate
+            self._cov[6:, 6:] += self._drift(obs.std_drift_px[rows])
+        found = self._resect(obs, rows, predicted)
+        robust = self._config.robust
+        if found is None:
+            reason = outcome.few_views(0, len(rows), robust)
+            ended = outcome.joined([ended, self._drop(np.zeros(len(self._ids), bool))])
+            return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, ended)
+        world_from_resected = se3.orthonormalised(self._world_from_cam @ se3.inverse(found.cam_from_ref))
+        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
+        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
+        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, free)
+        self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
+        rejected = self._ids[~found.accepted]
+        self._add(obs)
+        status, reason = outcome.status_of(int(found.accepted.sum()), obs.note, robust)
+        return self._solution(obs, status, reason, ended, rejected, nis, dof)
+
+    def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
+        return resected
+
+    def _start(self, obs: Observations) -> Solution:
+        solution = outcome.open_map(self._projection, self._config.robust, self._motion, obs)
+        if solution.status is Status.INITIALISING:
+            self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
+            self._add(obs)
+        return solution
+
+    def _drop(self, keep: NDArray[np.bool_]) -> outcome.Ended:
+        """Marginalise points: their rows leave the state."""
+        columns = 6 + 3 * np.flatnonzero(~keep)[:, None, None] + np.arange(3)
+        blocks = self._cov[np.swapaxes(columns, 1, 2), columns]
+        ended = self._ids[~keep], self._points[~keep], blocks.reshape(-1, 3, 3)
+        rows = np.concatenate([np.ones(6, bool), np.repeat(keep, 3)])
+        self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
+        return ended
+
+    def _resect(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
+        """Robust motion since the previous camera, and the χ² gate, from the points as that camera knew them."""
+        in_previous, cov_in_previous = self._local_structure()
+        starts = [se3.inverse(predicted) @ self._world_from_cam, np.eye(4)]
+        if obs.cam_from_previous is not None:
+            starts.insert(0, obs.cam_from_previous)
+        robust = self._config.robust
+        return robust_start(
+            self._projection,
+            in_previous,
+            cov_in_previous,
+            obs.z_px[rows],
+            obs.cov_px[rows],
+            starts,
+            robust.gate_probability,
+            robust.min_views,
+        )
+
+    def _measurement(self, used: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Predicted views (k, 4) and H (4k, 6+3m) of the points `used`, at the current pose and points."""
+        cam_from_world = se3.inverse(self._world_from_cam)
+        in_cam = se3.transform(cam_from_world, self._points[used])
+        in_cam[:, 2] = np.maximum(in_cam[:, 2], 1e-3)
+        a = self._projection.jacobian(in_cam)
+        h = np.zeros((len(used), 4, 6 + 3 * len(self._ids)))
+        h[:, :, :6] = a @ point_in_cam_jacobian(in_cam)
+        columns = 6 + 3 * used[:, None] + np.arange(3)
+        h[np.arange(len(used))[:, None, None], np.arange(4)[None, :, None], columns[:, None, :]] = (
+            a @ cam_from_world[:3, :3]
+        )
+        return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
+
+    def _update(
+        self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
+    ) -> tuple[float, int]:
+        """One predict, which leaves the pose with `cov_free` (6, 6), and one update of filterpy's filter.
+
+        Eqs. (50) and (51). Returns the squared innovation and its degrees of freedom.
+        """
+        used = np.flatnonzero(accepted)
+        predicted_views, h = self._measurement(used)
+        seen = np.isfinite(z_px[used]).ravel()
+        noise = np.zeros((len(used), 4, len(used), 4))
+        noise[np.arange(len(used)), :, np.arange(len(used)), :] = cov_px[used]
+        noise = noise.reshape(4 * len(used), -1)[seen][:, seen]
+        innovation = (z_px[used] - predicted_views).ravel()[seen]
+        d = len(self._cov)
+        kf = ExtendedKalmanFilter(dim_x=d, dim_z=len(innovation))
+        kf.x = np.zeros(d)
+        kf.P = self._cov
+        kf.F = np.diag(np.concatenate([np.zeros(6), np.ones(d - 6)]))
+        kf.Q = np.zeros((d, d))
+        kf.Q[:6, :6] = cov_free
+        kf.predict()
+        kf.update(innovation, HJacobian=lambda x: h[seen], Hx=lambda x: h[seen] @ x, R=noise)
+        self._world_from_cam = se3.orthonormalised(self._world_from_cam @ se3.exp(kf.x[:6]))
+        self._points = self._points + kf.x[6:].reshape(-1, 3)
+        self._cov = (kf.P + kf.P.T) / 2
+        return float(kf.y @ kf.SI @ kf.y), len(innovation) - 6
+
+    def _drift(self, drift_px: Array) -> Array:
+        """Process noise (3m, 3m) m² of templates that slid by `drift_px` (m,): across the ray, and in disparity."""
+        p, r = self._projection, self._world_from_cam[:3, :3]
+        in_cam = se3.transform(se3.inverse(self._world_from_cam), self._points)
+        ray = in_cam / np.maximum(in_cam[:, 2:], 1e-3)
+        along = in_cam[:, 2] ** 2 * drift_px / (p.f_px * p.baseline_m)
+        across = in_cam[:, 2] * drift_px / p.f_px
+        blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
+        blocks[:, [0, 1], [0, 1]] += across[:, None] ** 2
+        m = len(in_cam)
+        q = np.zeros((m, 3, m, 3))
+        q[np.arange(m), :, np.arange(m), :] = r @ blocks @ r.T
+        return q.reshape(3 * m, 3 * m)
+
+    def _add(self, obs: Observations) -> None:
+        """New points: X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×], eq. (52), correlated with the rest."""
+        new = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, self._ids)
+        in_cam, cov = triangulated(self._projection, obs.z_px[new], obs.cov_px[new])
+        r = self._world_from_cam[:3, :3]
+        g = (-r @ point_in_cam_jacobian(in_cam)).reshape(-1, 6)
+        n, d = len(g), len(self._cov)
+        joint = np.empty((d + n, d + n))
+        joint[:d, :d] = self._cov
+        joint[d:, :d] = g @ self._cov[:6]
+        joint[:d, d:] = joint[d:, :d].T
+        own = (g @ self._cov[:6, :6] @ g.T).reshape(n // 3, 3, n // 3, 3)
+        own[np.arange(n // 3), :, np.arange(n // 3), :] += r @ cov @ r.T
+        joint[d:, d:] = own.reshape(n, n)
+        ids = np.concatenate([self._ids, obs.track_ids[new]])
+        order = np.argsort(ids)
+        rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
+        self._ids = ids[order]
+        self._points = np.concatenate([self._points, se3.transform(self._world_from_cam, in_cam)])[order]
+        self._cov = joint[np.ix_(rows, rows)]
+
+    def _local_structure(self) -> tuple[Array, Array]:
+        """Points in the camera of the state's pose (m, 3), covariances (m, 3, 3): δX_c = Rᵀ δX + [−I, [X_c]×] ξ."""
+        cam_from_world = se3.inverse(self._world_from_cam)
+        in_cam = se3.transform(cam_from_world, self._points)
+        r, j = cam_from_world[:3, :3], point_in_cam_jacobian(in_cam)
+        jt = np.swapaxes(j, 1, 2)
+        cross = self._cov[6:, :6].reshape(-1, 3, 6)
+        mixed = r @ cross @ jt
+        cov = r @ self._point_blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
+        return in_cam, (cov + np.swapaxes(cov, 1, 2)) / 2
+
+    def _point_blocks(self) -> Array:
+        m = len(self._ids)
+        return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
+
+    def _solution(
+        self,
+        obs: Observations,
+        status: Status,
+        reason: str,
+        ended: outcome.Ended,
+        rejected: NDArray[np.int64],
+        nis: float,
+        dof: int,
+    ) -> Solution:
+        in_cam, cov_points = self._local_structure()
+        return Solution(
+            status=status,
+            reason=reason,
+            world_from_cam=self._world_from_cam,
+            cov_pose=self._cov[:6, :6].copy(),
+            track_ids=self._ids,
+            points_in_cam=in_cam,
+            cov_points=cov_points,
+            points_in_world=self._points,
+            cov_points_in_world=self._point_blocks(),
+            window_frame_indices=np.array([obs.frame_index], np.int64),
+            window_world_from_cam=self._world_from_cam[None],
+            rejected_ids=rejected,
+            ended_ids=ended[0],
+            ended_points_in_world=ended[1],
+            ended_cov_points_in_world=ended[2],
+            iterations=1,
+            nis=nis,
+            nis_dof=dof,
+        )
+
+
+class EkfConstantVelocity(Ekf):
+    """The same filter linearised where constant velocity predicts the camera: weaker where motion is uneven."""
+
+    name = "ekf-cv"
+
+    def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
+        return predicted

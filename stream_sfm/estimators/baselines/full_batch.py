@@ -1,0 +1,120 @@
+"""All frames and all points at once: the maximum-likelihood adjustment, and the bound that no estimator beats.
+
+The Cramér–Rao bound, eq. (46), is the inverse Fisher information at the truth with the first camera fixed; for
+Gaussian noise it is the adjustment's own covariance evaluated at the truth.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from ...types import Observations
+from .bundle_adjustment import Adjusted, Covariances, NormalEquations, Views, adjust
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Covariances of the best unbiased estimate from frames 0 … n.
+
+    `cov_poses` (n+1, 6, 6) m², rad², right perturbation of world_from_cam, zero for the first; of the points in
+    view of frame n, `track_ids` (m,): `cov_points_in_world`, `cov_points_in_cam` (m, 3, 3) m².
+    """
+
+    cov_poses: Array
+    track_ids: NDArray[np.int64]
+    cov_points_in_world: Array
+    cov_points_in_cam: Array
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """Full adjustment: `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) of `track_ids` (p,), and theirs."""
+
+    world_from_cam: Array
+    track_ids: NDArray[np.int64]
+    points_in_world: Array
+    cov_poses: Array
+    cov_points_in_world: Array
+    chi2: float
+    iterations: int
+    converged: bool
+
+
+def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64], Views]:
+    """All views of a sequence as rows; the point index is the row in the returned ascending track ids."""
+    ids = np.concatenate([o.track_ids for o in observations])
+    frame = np.repeat(np.arange(len(observations)), [len(o.track_ids) for o in observations])
+    z = np.concatenate([o.z_px for o in observations])
+    cov = np.concatenate([o.cov_px for o in observations])
+    unique, point = np.unique(ids, return_inverse=True)
+    return unique, Views.sorted_by_point(frame, point, z, cov)
+
+
+def batch_adjust(
+    projection: StereoProjection,
+    observations: Sequence[Observations],
+    world_from_cam_start: Array,
+    points_start: Array,
+    max_iterations: int = 50,
+) -> BatchResult:
+    """Least squares over all views, the first camera held; no outlier test.
+
+    `world_from_cam_start` (n, 4, 4); `points_start` (p, 3) in the world, by ascending track id.
+    """
+    ids, views = gather_views(observations)
+    free = _all_but_first(len(observations))
+    result: Adjusted = adjust(
+        projection, world_from_cam_start, points_start, views, free, None, max_iterations, tolerance=1e-14
+    )
+    normal = NormalEquations.build(projection, result.ref_from_cam, result.points, views)
+    covariances = Covariances.of(normal.eliminate_points(free), free)
+    return BatchResult(
+        world_from_cam=result.ref_from_cam,
+        track_ids=ids,
+        points_in_world=result.points,
+        cov_poses=_pose_blocks(covariances),
+        cov_points_in_world=covariances.cov_points,
+        chi2=result.cost,
+        iterations=result.iterations,
+        converged=result.converged,
+    )
+
+
+def cramer_rao_bound(
+    projection: StereoProjection,
+    observations: Sequence[Observations],
+    world_from_cam: Array,
+    points_in_world: Array,
+    frame: int | None = None,
+) -> Bound:
+    """The bound at `frame` (default the last) from all views up to it, at the true poses (n, 4, 4) and points.
+
+    `points_in_world` (p, 3) is indexed by track id. Of the observations only ids and covariances matter.
+    """
+    last = len(observations) - 1 if frame is None else frame
+    ids, views = gather_views(observations[: last + 1])
+    free = _all_but_first(last + 1)
+    points = points_in_world[ids]
+    normal = NormalEquations.build(projection, world_from_cam[: last + 1], points, views)
+    now = np.flatnonzero(np.isin(ids, observations[last].track_ids))
+    covariances = Covariances.of(normal.eliminate_points(free), free, now)
+    in_cam = se3.transform(se3.inverse(world_from_cam[last]), points[now])
+    return Bound(
+        cov_poses=_pose_blocks(covariances),
+        track_ids=ids[now],
+        cov_points_in_world=covariances.cov_points,
+        cov_points_in_cam=covariances.cov_points_in_cam(last, world_from_cam[last], in_cam),
+    )
+
+
+def _all_but_first(n: int) -> NDArray[np.bool_]:
+    return np.arange(n) > 0
+
+
+def _pose_blocks(covariances: Covariances) -> Array:
+    return np.stack([covariances.cov_pose(k) for k in range(len(covariances.free))])

@@ -1,0 +1,60 @@
+"""The cross-frame window over the views of one camera: how its map begins, and what it says of its scale.
+
+Views are 2-vectors; all else is `CrossFrame`'s. Scale is carried from map point to map point by the joint prior, in
+units of the first baseline: it drifts, and the covariances say by how much.
+"""
+
+from dataclasses import replace
+
+from ...config import Config
+from ...geometry.stereo import StereoProjection
+from ...types import Observations, Solution, Status
+from .window import CrossFrame
+
+_UNIT = "the first depths are known: the distance to the first frame is the unit of length"
+_SAME_SCENE = "new map at the predicted pose, its unit such that the scene is as far away as before"
+
+
+class CrossFrameMono:
+    """The estimator of one camera (see `Estimator`); `Observations.start` is where its maps begin."""
+
+    name = "cross-frame"
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self.projection = projection
+        self.config = config
+        self.window = CrossFrame(projection, config)
+        self.mapped = False  # ever
+        self.following = False
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`. Status initialising until the first depths are known."""
+        if observations.start is None or not self.following:
+            solution = self._without_a_map(observations)
+        else:
+            solution = self._in_a_map(observations)
+        self.following = observations.start is not None and solution.status != Status.LOST
+        self.mapped |= self.following
+        if not self.mapped:
+            return replace(solution, status=Status.INITIALISING)
+        return solution
+
+    def _without_a_map(self, observations: Observations) -> Solution:
+        start = observations.start
+        if start is None:
+            return replace(self.window.step(observations), reason=observations.note)
+        if not self.mapped:
+            self.window = CrossFrame(self.projection, self.config)
+            self.window.motion.restart(observations.stamp_ns, start.first_from_cam, start.cov_first_from_cam)
+        solution = self.window.step(replace(observations, z_px=start.z_px, cov_px=start.cov_px))
+        if solution.status == Status.INITIALISING:
+            return replace(solution, reason=_SAME_SCENE if self.mapped else _UNIT)
+        return solution
+
+    def _in_a_map(self, observations: Observations) -> Solution:
+        solution = self.window.step(observations)
+        known, needed = len(solution.track_ids), self.config.robust.degraded_views
+        if solution.status == Status.OK and known < needed:
+            reason = f"the depth of only {known} points is known (fewer than {needed}): the scale may change"
+            return replace(solution, status=Status.DEGRADED, reason=reason)
+        return solution

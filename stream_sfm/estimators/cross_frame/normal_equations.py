@@ -1,0 +1,73 @@
+"""The joint normal equations of the window, factored once a frame: [poses 6F | modes k] dense, points eliminated.
+
+Given the poses and the common modes of the prior, points are independent of each other, so each is eliminated by
+itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.linear import Cholesky, symmetric
+from ...geometry.se3 import Array
+from .inverse_depth import Linearised
+from .prior import Prior
+
+
+class System:
+    """`prior` over the points `known` (N,) of the state's P; `lin` the linearised views of F frames."""
+
+    def __init__(self, prior: Prior, known: NDArray[np.intp], lin: Linearised) -> None:
+        frames, points = len(lin.u), len(lin.v)
+        self.prior, self.known = prior, known
+        self.poses = 6 * frames
+        k = prior.modes.shape[2]
+        size = self.poses + k
+        self.d_inv = symmetric(np.linalg.inv(prior.cov))
+        v = lin.v.copy()
+        v[known] += self.d_inv
+        self.pull = self.d_inv @ prior.modes  # D⁻¹F
+        self.cross = np.zeros((points, 3, size))
+        self.cross[:, :, : self.poses] = lin.c
+        self.cross[known, :, self.poses :] = -self.pull
+        self.cov_given = symmetric(np.linalg.inv(v))  # of a point once poses and modes are given
+        self.gain = self.cov_given @ self.cross
+        h = np.zeros((size, size))
+        for s in range(frames):
+            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
+        h[self.poses :, self.poses :] = np.eye(k) + _flat(prior.modes).T @ _flat(self.pull)
+        h -= _flat(self.cross).T @ _flat(self.gain)
+        self.chol = Cholesky(symmetric(h))
+
+    def step(self, g_pose: Array, g_point: Array, q: Array, y: Array) -> tuple[Array, Array, Array, float]:
+        """Steps of poses (F, 6), points (P, 3), modes (k,) at q (P, 3) and y (k,), and the decrease gᵀδ they promise.
+
+        `g_pose` (F, 6), `g_point` (P, 3): right-hand sides of the views alone.
+        """
+        away = q[self.known] - self.prior.points(y)
+        g_point = g_point.copy()
+        g_point[self.known] -= (self.d_inv @ away[..., None])[..., 0]
+        g = np.concatenate([g_pose.ravel(), _flat(self.pull).T @ away.ravel() - y])
+        delta = self.chol.solve(g - _flat(self.gain).T @ g_point.ravel())
+        dq = (self.cov_given @ g_point[..., None])[..., 0] - self.gain @ delta
+        decrease = float(g @ delta + (g_point * dq).sum())
+        return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
+
+    def covariances(self, frame: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Blocks of the inverse, eq. (28): qq (P, 3, 3), q with the pose of a frame and with the world (P, 3, 6),
+        pose (6, 6), world (6, 6), pose with world (6, 6). Frame −1 is the reference camera, which has no error."""
+        sigma = self.chol.inverse()
+        to_world = np.zeros((len(sigma), 6))
+        to_world[self.poses :] = self.prior.world_modes.T
+        to_pose = np.zeros((len(sigma), 6))
+        if frame >= 0:
+            to_pose[6 * frame : 6 * frame + 6] = np.eye(6)
+        cov_q = self.cov_given + (_flat(self.gain) @ sigma).reshape(self.gain.shape) @ np.swapaxes(self.gain, 1, 2)
+        to_both = sigma @ np.concatenate([to_pose, to_world], axis=1)
+        with_both = -self.gain @ to_both
+        cov_both = np.concatenate([to_pose, to_world], axis=1).T @ to_both
+        return cov_q, with_both[..., :6], with_both[..., 6:], cov_both[:6, :6], cov_both[6:, 6:], cov_both[:6, 6:]
+
+
+def _flat(blocks: Array) -> Array:
+    """(P, 3, n) as (3P, n)."""
+    return blocks.reshape(-1, blocks.shape[-1])

@@ -1,0 +1,1 @@
+"""One camera: motion and depths without a right image."""

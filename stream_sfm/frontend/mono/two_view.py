@@ -1,0 +1,106 @@
+"""The motion of one camera between two images, up to scale, and the depths that it shows, eqs. (64) and (65).
+
+The five-point method in RANSAC (Nistér, PAMI 2004; OpenCV's) finds it, least squares over Sampson's distance in the
+five degrees of freedom that are observable refine it. |t| = 1: the first baseline is the unit of all that follows.
+A scene that is one plane allows two motions; the one with more points in front is taken.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.se3 import Array
+from .parallax import depths_from_motion, directions
+
+_LEAST_RAYS = 8
+_GATE = 3.5  # in standard deviations, of a distance to the epipolar line
+_AGREE = 0.7  # share of the rays that one rigid motion has to explain
+_SIGNIFICANT = 10.0  # median of inverse depth over its σ that begins a map
+_STD_DIRECTION_RAD = 0.035
+_LEAST_DEPTH = 0.05
+_ANY_DEPTH = 1e6  # OpenCV leaves out what is farther than 50 baselines otherwise
+
+
+@dataclass(frozen=True, slots=True)
+class TwoView:
+    """`now_from_first` (4, 4) with |t| = 1; `cov_first_from_now` (6, 6); `agree` (n,) bool: rays that fit
+    it, in front of both cameras; `rho`, `var_rho` (n,): inverse depths in the first camera."""
+
+    now_from_first: Array
+    cov_first_from_now: Array
+    agree: NDArray[np.bool_]
+    rho: Array
+    var_rho: Array
+
+    @property
+    def problem(self) -> str:
+        """Why no map can begin with it; empty when it can."""
+        share = self.agree.mean()
+        if share < _AGREE:
+            return f"one motion explains {100 * share:.0f} % of the points, {100 * _AGREE:.0f} % needed"
+        significance = float(np.median(self.rho[self.agree] / np.sqrt(self.var_rho[self.agree])))
+        if significance < _SIGNIFICANT:
+            known = f"known to {100 / significance:.0f} %" if significance > 1 else "not known"
+            return f"too little parallax yet: depths are {known}, {100 / _SIGNIFICANT:.0f} % needed"
+        worst = float(np.sqrt(np.linalg.eigvalsh(self.cov_first_from_now[:3, :3])[-1]))
+        if worst > _STD_DIRECTION_RAD:
+            return f"the direction of motion is known to {worst:.2f} rad only, {_STD_DIRECTION_RAD} needed"
+        return ""
+
+
+def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoView | None:
+    """The motion that rays (n, 2) = (X/Z, Y/Z) of the same points show, those of both views with deviation `std_ray`;
+    None where there is none."""
+    from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
+
+    if len(rays_first) < _LEAST_RAYS:
+        return None
+    cv2.setRNGSeed(0)  # the same rays give the same answer
+    essential, inliers = cv2.findEssentialMat(
+        rays_first, rays_now, np.eye(3), method=cv2.RANSAC, prob=0.9999, threshold=_GATE * std_ray
+    )
+    if essential is None or essential.shape != (3, 3):
+        return None
+    _, rotation, t, *_ = cv2.recoverPose(
+        essential, rays_first, rays_now, np.eye(3), distanceThresh=_ANY_DEPTH, mask=inliers.copy()
+    )
+    start, inlier = se3.from_rotation_translation(rotation, t[:, 0]), inliers[:, 0] > 0
+    across = np.linalg.svd(t.T)[2][1:]  # two directions across t
+
+    def moved(x: Array) -> Array:
+        direction = start[:3, 3] + x[3:] @ across
+        return se3.from_rotation_translation(
+            se3.exp_so3(x[:3]) @ start[:3, :3], direction / np.linalg.norm(direction)
+        )
+
+    def distances(x: Array, first: Array, now: Array) -> Array:
+        return _sampson(moved(x), first, now) / std_ray
+
+    found = least_squares(
+        distances, np.zeros(5), loss="huber", f_scale=2.0, args=(rays_first[inlier], rays_now[inlier])
+    )
+    pose = moved(found.x)
+    rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
+    depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
+    agree = (np.abs(distances(found.x, rays_first, rays_now)) < _GATE) & (rho > -2 * np.sqrt(var_rho))
+    agree &= depth_now > _LEAST_DEPTH
+    # R' = Exp(w) R, t' = t + a·across is Exp(−ξ) applied on the left, ξ = (w × t − a·across, −w)
+    by_x = np.zeros((6, 5))
+    by_x[:3, :3], by_x[:3, 3:], by_x[3:, :3] = -se3.skew(pose[:3, 3]), -across.T, -np.eye(3)
+    cov = by_x @ np.linalg.pinv(found.jac.T @ found.jac) @ by_x.T
+    # |t| is exact; the depths that carry the unit on agree with it about as well as they fix its direction
+    cov[:3, :3] += np.linalg.eigvalsh(cov[:3, :3])[-1] * np.outer(pose[:3, 3], pose[:3, 3])
+    return TwoView(pose, cov, agree, rho, var_rho)
+
+
+def _sampson(now_from_first: Array, rays_first: Array, rays_now: Array) -> Array:
+    """Distances (n,) to the epipolar lines to first order, eq. (64) (Hartley and Zisserman, section 11.4.3)."""
+    e = se3.skew(now_from_first[:3, 3]) @ now_from_first[:3, :3]
+    one = np.ones((len(rays_first), 1))
+    a, b = np.concatenate([rays_first, one], axis=1), np.concatenate([rays_now, one], axis=1)
+    line_now, line_first = a @ e.T, b @ e
+    scale = np.sqrt((line_now[:, :2] ** 2).sum(1) + (line_first[:, :2] ** 2).sum(1))
+    return np.asarray((b * line_now).sum(1) / np.maximum(scale, 1e-12))

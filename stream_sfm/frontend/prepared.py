@@ -1,0 +1,82 @@
+"""A pair of rectified images in the forms that the front-end's steps need."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .corners import corner_strength
+
+Image = NDArray[np.uint8]
+_COARSE_COLUMNS = 800  # at most: corners of a patch's size are found there, and a search along the row is short
+_SAME_GAIN = 0.05  # between images one after the other
+_SAME_LEVEL_GREY = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two smoothed images (h, w); the left one at half the size for flow; and their grey values for alignment:
+    interpolated bytes are rounded, too coarse for dark images. `strength`: of corners in the coarse left image, where
+    new ones are wanted in any case."""
+
+    left: Image
+    right: Image
+    left_half: Image
+    left_grey: NDArray[np.float32]
+    right_grey: NDArray[np.float32]
+    strength: NDArray[np.float32] | None = None
+
+    @classmethod
+    def of(cls, left: Image, right: Image, sigma_px: float) -> "Pair":
+        """From images as they come, smoothed by a Gaussian."""
+        same = left is right
+        left = _smoothed(left, sigma_px)
+        right = left if same else _smoothed(right, sigma_px)
+        left_grey = left.astype(np.float32)
+        return cls(left, right, _halved(left), left_grey, left_grey if same else right.astype(np.float32))
+
+    def with_corners(self) -> "Pair":
+        """With the strength of corners."""
+        return replace(self, strength=corner_strength(self.coarse_left()))
+
+    def equals(self, other: "Pair") -> bool:
+        """The same to the bit."""
+        return np.array_equal(self.left, other.left) and np.array_equal(self.right, other.right)
+
+    @property
+    def scale(self) -> float:
+        """Of the coarse images."""
+        return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / _COARSE_COLUMNS))))
+
+    def coarse_left(self) -> Image:
+        """The left image at no more than 800 columns."""
+        return self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
+
+    def coarse_right(self) -> Image:
+        """The right one, too."""
+        return _coarse(self.right, self.scale)
+
+    def half_exposed_as(self, now: "Pair") -> list[Image]:
+        """What the left image, at half the size, may have been with the exposure of a later one, likelier first: flow
+        takes a change of grey values for motion. Where mean and contrast have changed, exposure may have done that, or
+        half of the view is covered."""
+        before, after = self.left_half[::4, ::4], now.left_half[::4, ::4]
+        gain = (after.std() + 1) / (before.std() + 1)
+        offset = after.mean() - gain * before.mean()
+        if abs(gain - 1) < _SAME_GAIN and abs(after.mean() - before.mean()) < _SAME_LEVEL_GREY:
+            return [self.left_half]
+        exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
+        return [np.asarray(cv2.LUT(self.left_half, exposed)), self.left_half]
+
+
+def _smoothed(image: Image, sigma_px: float) -> Image:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8) if sigma_px > 0 else image.copy()
+
+
+def _coarse(image: Image, scale: float) -> Image:
+    return image if scale == 1 else _coarse(_halved(image), 2 * scale)
+
+
+def _halved(image: Image) -> Image:
+    return np.asarray(cv2.pyrDown(image), np.uint8)

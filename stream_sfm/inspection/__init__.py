@@ -1,0 +1,15 @@
+"""What a log holds, which stereo pair would be used, and whether its calibration fits its images."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__all__ = ["inspect_log"]
+
+if TYPE_CHECKING:
+    from .overview import inspect_log
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(".overview", __name__), name)

@@ -1,0 +1,133 @@
+"""Does the calibration fit the images? Matched corners must lie on one row once lens and vergence are taken out."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.models import Camera, StereoRig
+from ..geometry.se3 import Array
+
+_MIN_MATCHES = 40
+_FEATURES = 1500
+_WINDOW_PX = (15, 15)
+
+Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationCheck:
+    """Over the matches of a few frames, in pixels of rectified images: `vertical_px` is left minus right row.
+
+    `negative_share`: share of matches whose disparity is negative, as none can be if left is left. NaN where
+    there are too few matches.
+    """
+
+    matches: int
+    vertical_px: float
+    vertical_spread_px: float
+    negative_share: float
+    median_disparity_px: float
+
+    @property
+    def row_error_px(self) -> float:
+        """How far matched corners are from lying on one row; infinite where there are too few."""
+        return float(np.nan_to_num(np.hypot(self.vertical_px, self.vertical_spread_px), nan=np.inf))
+
+
+def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
+    """Match corners between left and right without using the calibration, then look where it puts them."""
+    rotation_left, rotation_right = _rectifying_rotations(rig)
+    focal_px = float(rig.left.K[0, 0])
+    rows: list[Array] = []
+    disparities: list[Array] = []
+    for images in frames:
+        left_px, right_px = _matches(*images)
+        if len(left_px) < 8:
+            continue
+        left = _rectified(rig.left, rotation_left, left_px)
+        right = _rectified(rig.right, rotation_right, right_px)
+        offset = focal_px * (left - right)
+        good = np.isfinite(offset).all(axis=1)
+        rows.append(offset[good, 1])
+        disparities.append(offset[good, 0])
+    vertical = np.concatenate(rows) if rows else np.empty(0)
+    disparity = np.concatenate(disparities) if disparities else np.empty(0)
+    # Wrong matches lie anywhere: keep what agrees on one vertical offset.
+    centre, spread = 0.0, 0.1 * rig.left.height
+    for _ in range(6):
+        good = np.abs(vertical - centre) < max(3 * spread, 1.0)
+        if good.sum() < _MIN_MATCHES:
+            return CalibrationCheck(int(good.sum()), np.nan, np.nan, np.nan, np.nan)
+        centre = float(np.median(vertical[good]))
+        spread = 1.4826 * float(np.median(np.abs(vertical[good] - centre)))
+    disparity = disparity[good]
+    negative = float(np.mean(disparity < -1.0))
+    return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))
+
+
+def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: CalibrationCheck) -> tuple[int, float]:
+    """(0, 1 or −1: the number of frames by which right images ought to be taken later, their row error in px).
+
+    `runs`: images of frames that follow each other, paired as `check` had them. Only a clear difference counts,
+    which takes motion across the rows.
+    """
+    runs = [list(run) for run in runs]
+    shifted = {
+        1: [(a[0], b[1]) for run in runs for a, b in pairwise(run)],
+        -1: [(b[0], a[1]) for run in runs for a, b in pairwise(run)],
+    }
+    errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
+    best = min(errors, key=lambda shift: errors[shift])
+    if errors[best] < 0.5 * check.row_error_px and check.row_error_px > 0.2:
+        return best, errors[best]
+    return 0, check.row_error_px
+
+
+def _matches(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
+    orb = cv2.ORB.create(_FEATURES)
+    left_keys, left_words = orb.detectAndCompute(left, None)
+    right_keys, right_words = orb.detectAndCompute(right, None)
+    if left_words is None or right_words is None:
+        return np.empty((0, 2)), np.empty((0, 2))
+    found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left_words, right_words)
+    found = [m for m in found if m.distance < 40]
+    if not found:
+        return np.empty((0, 2)), np.empty((0, 2))
+    left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
+    coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
+    # ORB's corners are whole pixels of their scale; the patch around them is found to a tenth of one
+    fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
+        left, right, left_px, coarse_px.copy(), winSize=_WINDOW_PX, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < 3)
+    return left_px[good].astype(float), fine_px[good].astype(float)
+
+
+def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
+    """Rotations (3, 3) of left and right camera axes into axes whose x runs along the baseline."""
+    rotation = rig.right_from_left[:3, :3]
+    right_in_left = -rotation.T @ rig.right_from_left[:3, 3]
+    x = right_in_left / np.linalg.norm(right_in_left)
+    if x[0] < 0:
+        x = -x  # keep the image upright where the baseline has the wrong sign
+    z = np.array([0.0, 0.0, 1.0]) + rotation[2]  # the mean of both optical axes
+    y = np.cross(z, x)
+    y /= np.linalg.norm(y)
+    from_left = np.stack([x, y, np.cross(x, y)])
+    return from_left, from_left @ rotation.T
+
+
+def _rectified(camera: Camera, rotation: Array, points_px: Array) -> Array:
+    """Normalised rectified coordinates (n, 2) of pixels (n, 2)."""
+    points = points_px.reshape(-1, 1, 2)
+    d = np.array(camera.D) if camera.D else np.zeros(4)
+    if camera.distortion_model == "equidistant":
+        flat = cv2.fisheye.undistortPoints(points, camera.K, d)
+    else:
+        flat = cv2.undistortPoints(points, camera.K, d)
+    rays = np.concatenate([flat.reshape(-1, 2), np.ones((len(points_px), 1))], axis=1) @ rotation.T
+    return np.where(rays[:, 2:] > 0.05, rays[:, :2] / np.maximum(rays[:, 2:], 0.05), np.nan)

@@ -1,0 +1,249 @@
+"""What is in a log, which pair would be used and why, and whether a replay would work: for `stream-sfm inspect`."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera.models import MAX_PIXELS, StereoRig
+from ..errors import LogError
+from ..mcap_file.records import Damage, LogFile
+from ..recording.ground_truth import depth_topic, truth_topic
+from ..recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
+from ..recording.messages import ImageMessage
+from ..recording.pair_reader import PairReader, StereoPair
+from ..recording.rig import check_sides
+from ..recording.rig_finder import find_rig
+from ..recording.stereo_log import choose_cameras
+from ..recording.survey import Survey, survey_log
+from ..recording.topics import PairChoice, is_rectified
+from . import findings
+from .calibration_check import CalibrationCheck, Images, better_shift, check_calibration
+
+_CHECKED_PLACES = 4  # in the log, two frames that follow each other at each
+_KEPT_BYTES = 256 * 2**20  # of images for it, recorded and decoded; where they are so large, fewer are looked at
+_LISTED_GAPS = 20
+
+
+def inspect_log(
+    path: str | Path,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | None = None,
+) -> dict[str, Any]:
+    """A description of the log, ready for JSON. The arguments are those of `open_log`.
+
+    `problems` lists what stands in the way of a replay, each with its cure, and is empty where there is none;
+    `warnings` what makes it worse. Keys whose content could not be found out are None. Raises LogError only
+    where the file is no log at all, ConfigError for a calibration file.
+    """
+    inspection = _Inspection(LogFile(path))
+    inspection.look(left, right, calibration)
+    return {
+        "log": str(path),
+        **inspection.result,
+        "problems": list(dict.fromkeys(inspection.problems)),
+        "warnings": list(dict.fromkeys(inspection.warnings)),
+    }
+
+
+def describe_rig(rig: StereoRig) -> dict[str, Any]:
+    """Baseline in metres, focal lengths in pixels, vergence in degrees (angle between the optical axes)."""
+    vergence = np.degrees(np.arccos(np.clip(rig.right_from_left[2, 2], -1, 1)))
+    return {
+        "width": rig.left.width,
+        "height": rig.left.height,
+        "baseline_m": rig.baseline_m,
+        "focal_px": [float(rig.left.K[0, 0]), float(rig.right.K[0, 0])],
+        "distortion_model": [rig.left.distortion_model, rig.right.distortion_model],
+        "D": [list(rig.left.D), list(rig.right.D)],
+        "vergence_deg": float(vergence),
+        "right_from_left": rig.right_from_left.tolist(),
+    }
+
+
+class _Inspection:
+    """One look at a log; what is found gathers in `result`, `problems` and `warnings`."""
+
+    def __init__(self, file: LogFile) -> None:
+        self.file = file
+        self.problems: list[str] = []
+        self.warnings: list[str] = []
+        damage = Damage()
+        self.survey = survey = survey_log(file, damage)
+        self.notes = damage.notes
+        header = file.header()
+        self.result: dict[str, Any] = {
+            "size_bytes": file.size,
+            "profile": header.profile if header else None,
+            "library": header.library if header else None,
+            "indexed": file.index is not None,
+            "complete": damage.complete,
+            "duration_s": (survey.end_ns - survey.start_ns) / 1e9 if survey.whole and survey.topics else None,
+            "topics": _topics(survey),
+            "ground_truth": truth_topic(survey),
+            "ground_truth_depth": depth_topic(survey),
+            "pair": None,
+            "images": None,
+            "frames": None,
+            "rig": None,
+            "calibration_check": None,
+        }
+
+    def look(self, left: str | None, right: str | None, calibration: str | Path | StereoRig | None) -> None:
+        """The pair, its frames, its calibration, and whether these fit."""
+        try:
+            choice = choose_cameras(self.file, self.survey, left, right)
+        except LogError as error:
+            self.problems.append(str(error))
+            self.warnings += self.notes
+            return
+        self.result["pair"] = asdict(choice)
+        rig: StereoRig | None = None
+        try:
+            found = find_rig(self.file, self.survey, choice, calibration)
+            rig = found.rig
+            facts = {"source": found.source, "rectified_images": is_rectified(choice.left)}
+            self.result["rig"] = facts | describe_rig(rig)
+        except LogError as error:
+            self.problems.append(str(error))
+        runs = self._read_pairs(choice)
+        if rig is not None and self._sizes_fit(rig, runs):
+            self._check(rig, choice, runs)
+
+    def _read_pairs(self, choice: PairChoice) -> list[list[StereoPair]]:
+        """Read all pairs for the figures of time; returns a few runs of two that follow each other."""
+        reader = PairReader(self.file, choice.left, choice.right)
+        every = max(2, (self.survey.topics[choice.left].count or 1) // _CHECKED_PLACES)
+        stamps_ns: list[int] = []
+        offsets_ns: list[int] = []
+        runs: list[list[StereoPair]] = [[] for _ in range(_CHECKED_PLACES)]
+        kept_bytes = 0
+        try:
+            for pair in reader.pairs():
+                place, within = divmod(len(stamps_ns), every)
+                if within < 2 and place < _CHECKED_PLACES:
+                    kept_bytes += sum(map(_held_bytes, pair.images))
+                    if not stamps_ns or kept_bytes <= _KEPT_BYTES:
+                        runs[place].append(pair)
+                stamps_ns.append(pair.stamp_ns)
+                offsets_ns.append(pair.right.stamp_ns - pair.left.stamp_ns)
+        except LogError as error:
+            self.problems.append(str(error))
+        self.result["complete"] = self.result["complete"] and reader.stats.complete
+        self.warnings += reader.stats.warnings
+        counts = {k: v for k, v in asdict(reader.stats).items() if k not in ("warnings", "complete", "bytes_total")}
+        self.result["frames"] = counts | _timing(stamps_ns, offsets_ns)
+        if gaps := self.result["frames"]["gap_count"]:
+            longest_s = self.result["frames"]["longest_gap_s"]
+            self.warnings.append(f"{gaps} gaps between stereo frames, the longest {longest_s:.2f} s")
+        if runs[0]:
+            first = runs[0][0]
+            self.result["images"] = {"left": _describe_image(first.left), "right": _describe_image(first.right)}
+        return [run for run in runs if run]
+
+    def _sizes_fit(self, rig: StereoRig, runs: list[list[StereoPair]]) -> bool:
+        for message in (m for run in runs for pair in run for m in (pair.left, pair.right)):
+            size = image_size(message)
+            if size is not None and (problem := findings.size_problem(size, rig)) is not None:
+                self.problems.append(f"{self.file.path}: topic {message.topic}: {problem}")
+                return False
+        return True
+
+    def _check(self, rig: StereoRig, choice: PairChoice, runs: list[list[StereoPair]]) -> None:
+        """What the images say of the calibration and of the stamps."""
+        decoded = [list(self._decoded(run)) for run in runs]
+        if runs and not any(decoded):
+            self.problems.append(f"{self.file.path}: none of the sampled image pairs can be decoded")
+        check = check_calibration(rig, [images for run in decoded for images in run])
+        self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
+        if np.isnan(check.negative_share):
+            try:
+                check_sides(self.file.path, rig)
+            except LogError as error:
+                self.problems.append(str(error))
+        if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
+            problems = [of_stamps]  # what else the rows say follows from it
+        else:
+            swapped = check_calibration(rig, [(right, left) for run in decoded for left, right in run])
+            problems, warnings = findings.calibration_findings(rig, check, swapped, choice)
+            self.warnings += warnings
+        self.problems += [f"{self.file.path}: {problem}" for problem in problems]
+
+    def _check_stamps(
+        self, rig: StereoRig, choice: PairChoice, decoded: list[list[Images]], check: CalibrationCheck
+    ) -> str | None:
+        """Adds a warning where the stamps of the two sides differ; a problem if the neighbouring frame fits better."""
+        offset_ms, rate_hz = (self.result["frames"][k] for k in ("median_offset_ms", "rate_hz"))
+        if not offset_ms or not rate_hz:
+            return None
+        warning = findings.offset_warning(offset_ms, 1e3 / rate_hz, choice.right)
+        if warning is None:
+            return None
+        shift, row_error_px = better_shift(rig, decoded, check)
+        if shift:
+            true_ms = offset_ms + shift * 1e3 / rate_hz
+            return findings.shift_problem(shift, row_error_px, check, true_ms, choice.right)
+        self.warnings.append(warning)
+        return None
+
+    def _decoded(self, run: list[StereoPair]) -> Iterator[Images]:
+        scaler = GreyScaler()
+        for pair in run:
+            try:
+                left, right = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
+            except UndecodableImage as error:
+                self.warnings.append(f"an image cannot be decoded: {error}")
+            else:
+                yield left, right
+
+
+def _topics(survey: Survey) -> list[dict[str, Any]]:
+    span_s = (survey.end_ns - survey.start_ns) / 1e9
+    return [
+        {
+            "topic": t.name,
+            "schema": t.schema,
+            "encoding": t.encoding,
+            "kind": t.kind or None,
+            "count": t.count,
+            "rate_hz": (t.count - 1) / span_s if t.count and t.count > 1 and span_s > 0 else None,
+        }
+        for t in sorted(survey.topics.values(), key=lambda t: t.name)
+    ]
+
+
+def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
+    """Rate and gaps of the pairs, and how much later the right stamps are than the left ones."""
+    periods_s = np.diff(np.array(stamps_ns, dtype=np.int64)) / 1e9
+    period_s = float(np.median(periods_s)) if len(periods_s) else None
+    gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > 1.6 * period_s]
+    return {
+        "rate_hz": 1 / period_s if period_s else None,
+        "span_s": (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else None,
+        "median_offset_ms": float(np.median(offsets_ns)) / 1e6 if offsets_ns else None,
+        "gap_count": len(gaps),
+        "longest_gap_s": float(max(periods_s[gaps])) if gaps else None,
+        "gaps": [
+            {"after_s": (stamps_ns[i] - stamps_ns[0]) / 1e9, "length_s": float(periods_s[i])}
+            for i in gaps[:_LISTED_GAPS]
+        ],
+    }
+
+
+def _held_bytes(message: ImageMessage) -> int:
+    """What an image takes as recorded and as grey."""
+    width, height = image_size(message) or (0, 0)
+    return len(message.data) + min(width * height, MAX_PIXELS)
+
+
+def _describe_image(message: ImageMessage) -> dict[str, Any]:
+    size = image_size(message)
+    return {
+        "encoding": message.encoding,
+        "frame_id": message.frame_id,
+        "size": list(size) if size else None,
+        "bytes": len(message.data),
+    }

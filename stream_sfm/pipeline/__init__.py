@@ -1,0 +1,1 @@
+"""A replay: a log through the engine into sinks, with a summary."""

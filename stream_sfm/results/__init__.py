@@ -1,0 +1,1 @@
+"""Results of a run: written and read back."""

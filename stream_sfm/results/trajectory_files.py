@@ -1,0 +1,93 @@
+"""Trajectories as text: TUM (`t x y z qx qy qz qw`) and KITTI (twelve numbers of the 3×4 pose a row).
+
+Both hold `world_from_cam` of the left camera, metres; of one camera, units of the first baseline, which TUM's format
+lets a comment say. Lines are written as estimates come, under a temporary name
+that `close` moves into place.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..files import PartFile
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..types import FrameEstimate, Trajectory
+
+
+class TumWriter:
+    """`trajectory.tum`: seconds with nine decimals, taken from the integer stamp without passing a float."""
+
+    def __init__(self, path: str | Path, comment: str = "") -> None:
+        self._file = PartFile(path)
+        if comment:
+            self._file.write(f"# {comment}\n".encode())
+
+    def write(self, estimate: FrameEstimate) -> None:
+        """Append one line."""
+        self._file.write((tum_line(estimate.stamp_ns, estimate.world_from_cam) + "\n").encode())
+        self._file.flush()
+
+    def close(self) -> None:
+        """Move the file into place."""
+        self._file.close()
+
+
+class KittiWriter:
+    """`trajectory.kitti`: one row a frame, row-major, no stamps."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._file = PartFile(path)
+
+    def write(self, estimate: FrameEstimate) -> None:
+        """Append one line."""
+        self._file.write((kitti_line(estimate.world_from_cam) + "\n").encode())
+        self._file.flush()
+
+    def close(self) -> None:
+        """Move the file into place."""
+        self._file.close()
+
+
+def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
+    """`t x y z qx qy qz qw` of a pose (4, 4)."""
+    numbers = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])]
+    sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
+    return f"{sign}{ns // 10**9}.{ns % 10**9:09d} " + " ".join(f"{x:.12g}" for x in numbers)
+
+
+def kitti_line(world_from_cam: Array) -> str:
+    """The upper three rows of a pose (4, 4)."""
+    return " ".join(f"{x:.12g}" for x in world_from_cam[:3].ravel())
+
+
+def read_tum(path: str | Path) -> Trajectory:
+    """A TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
+    stamps, poses = [], []
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read {path}: {error}") from None
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split()
+        if not fields or line.lstrip().startswith("#"):
+            continue
+        try:
+            if len(fields) != 8:
+                raise ValueError("eight numbers are expected")
+            stamps.append(_ns(fields[0]))
+            values = np.array([float(x) for x in fields[1:]])
+        except ValueError as error:
+            raise InputError(f"{path}, line {number} is not `t x y z qx qy qz qw`: {error}") from None
+        poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(values[3:]), values[:3]))
+    return Trajectory(np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, 4, 4))
+
+
+def _ns(text: str) -> int:
+    """Nanoseconds of decimal seconds, exactly; exponents are read as floats."""
+    if "e" in text.lower():
+        return round(float(text) * 1e9)
+    whole, _, fraction = text.partition(".")
+    ns = int((fraction + "0" * 9)[:9] or 0)
+    return int(whole or 0) * 10**9 + (-ns if whole.startswith("-") else ns)
