@@ -14,10 +14,10 @@ from ..geometry.resection import resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations
-from .corners import corner_strength, detect
+from .corners import detect
 from .disparity_bias import SharedErrors
 from .noise import ViewNoise
-from .prepared import Image, Pair
+from .prepared import Image, PreparedImages
 from .slant import disparity_slopes
 from .stereo_matching import search_rows
 from .templates import Patches, TemplateAtlas
@@ -50,32 +50,35 @@ class FrontEnd:
         self.shared_errors = SharedErrors()
         self.tracks = Tracks.none()
         self.next_id = 0
-        self.previous: Pair | None = None
+        self.previous: PreparedImages | None = None
         self.velocity = np.zeros(6)  # ξ of cam_from_previous a second
         self.cam_from_start = np.eye(4)
         self.stamp_ns = 0
-        self.frames = 0
-        self.prepared = 0
 
-    def prepare(self, left: Image, right: Image) -> Pair:
-        """Rectified images (h, w) uint8 of the next frame in the forms that `step` needs: what depends on no frame
-        before, so that another thread can do it while `step` is at the last frame."""
-        pair = Pair.of(left, right, self.config.smoothing_px)
-        self.prepared += 1
-        return pair.with_corners() if self.prepared % _RENEWAL == 1 else pair
+    def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
+        """Compute from rectified images (h, w) uint8 the forms that `step` needs.
 
-    def step(self, frame_index: int, stamp_ns: int, pair: Pair) -> Observations:
-        """Observations of the next frame; every frame is prepared once, stamps ascend."""
+        Pure: any thread may call it at any time, in any order, also for frames that are never stepped. With the
+        `frame_index` that the frame is going to have, its corners are computed here too and not in `step`; the
+        observations are the same.
+        """
+        images = PreparedImages.of(left, right, self.config.smoothing_px)
+        if frame_index is not None and _renews(frame_index):
+            _ = images.corner_strength  # computed now, kept for `step`
+        return images
+
+    def step(self, frame_index: int, stamp_ns: int, pair: PreparedImages) -> Observations:
+        """Observations of the next frame; indices count the frames from 0, stamps ascend."""
         motion, z, cov = None, np.empty((0, 4)), np.empty((0, 4, 4))
         dt = (stamp_ns - self.stamp_ns) / 1e9
         if len(self.tracks):
             motion, z, cov = self._follow(pair, dt)
         kept = len(self.tracks)
         drift = np.zeros(0) if motion is None else self.noise.drift(self.tracks.points, motion)
-        z_new, cov_new = self._renew(pair)
+        z_new, cov_new = self._renew(pair, frame_index)
         z = np.concatenate([z, z_new])
         note = _note(pair, self.previous, len(self.tracks), int(np.isfinite(z).all(axis=1).sum()))
-        self.previous, self.stamp_ns, self.frames = pair, stamp_ns, self.frames + 1
+        self.previous, self.stamp_ns = pair, stamp_ns
         return Observations(
             frame_index=frame_index,
             stamp_ns=stamp_ns,
@@ -90,7 +93,7 @@ class FrontEnd:
 
     # -- old points -------------------------------------------------------------------------------------------
 
-    def _follow(self, pair: Pair, dt: float) -> tuple[Array | None, Array, Array]:
+    def _follow(self, pair: PreparedImages, dt: float) -> tuple[Array | None, Array, Array]:
         """Motion since the last frame (None: not found), views (n, 4) and covariances of the tracks that live on."""
         predicted = se3.exp(self.velocity * dt)
         assert self.previous is not None
@@ -134,7 +137,7 @@ class FrontEnd:
         """Tracks in the new camera, put where they were seen in it."""
         return tracks.measured(z, cov, self.projection)
 
-    def _flow(self, before_half: Image, pair: Pair, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
+    def _flow(self, before_half: Image, pair: PreparedImages, moved: Tracks) -> tuple[Array, NDArray[np.bool_]]:
         """Pyramidal Lucas-Kanade from the left image before, started where the predicted motion puts the points; at
         half the size, for it is a start only."""
         start = np.ascontiguousarray(self.projection.project_homogeneous(moved.points)[:, :2], np.float32)
@@ -182,7 +185,7 @@ class FrontEnd:
         return inside & self.valid[v.clip(0, h - 1), u.clip(0, w - 1)]
 
     def _align(
-        self, pair: Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
+        self, pair: PreparedImages, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Views (n, 4) against the anchored templates, their covariances, and which are good at least on the left."""
         cfg = self.config
@@ -201,7 +204,9 @@ class FrontEnd:
         z = np.concatenate([left, np.where(seen[:, None], right, np.nan)], axis=1)
         return z, self.noise.covariance(patches.gradients, error_l, error_r), good
 
-    def _align_left(self, pair: Pair, patches: Patches, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _align_left(
+        self, pair: PreparedImages, patches: Patches, start: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Positions (n, 2) in the left image, deviations of grey differences, and which are good."""
         cfg = self.config
         left, ok, error = patches.align(pair.left_grey, start)
@@ -210,15 +215,15 @@ class FrontEnd:
 
     # -- new points -------------------------------------------------------------------------------------------
 
-    def _renew(self, pair: Pair) -> tuple[Array, Array]:
+    def _renew(self, pair: PreparedImages, frame_index: int) -> tuple[Array, Array]:
         """New tracks where they are missing: corners, unique on their row, aligned in the right image."""
         cfg, p = self.config, self.projection
         none = np.empty((0, 4)), np.empty((0, 4, 4))
         wanted = cfg.max_tracks - len(self.tracks)
-        enough = cfg.renew_share if pair.strength is not None else _URGENT_SHARE
+        enough = cfg.renew_share if _renews(frame_index) else _URGENT_SHARE
         if wanted < cfg.max_tracks * enough:
             return none
-        corners, start, tolerance_px = self._matches(pair, wanted)
+        corners, start, tolerance_px = self._matches(pair, wanted, frame_index)
         if not len(corners):
             return none
         free = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[: len(corners)]
@@ -265,38 +270,44 @@ class FrontEnd:
         self.shared_errors.learn(new.ids, apart_px[ok])
         return z[ok], cov[ok]
 
-    def _matches(self, pair: Pair, wanted: int) -> tuple[NDArray[np.intp], Array, float]:
+    def _matches(
+        self, pair: PreparedImages, wanted: int, frame_index: int
+    ) -> tuple[NDArray[np.intp], Array, float]:
         """New corners (k, 2) in whole pixels, where they are in the right image (k, 2), and how well that is known."""
         scale, corners = pair.scale, self._corners(pair, wanted)
         disparity, unique = search_rows(
-            pair.coarse_left(), pair.coarse_right(), corners, self._disparity_range(scale)
+            pair.coarse_left(), pair.coarse_right(), corners, self._disparity_range(scale, frame_index)
         )
         corners = corners[unique] * round(1 / scale)
         rows = self.rows.difference(corners.astype(float))
         start = np.stack([corners[:, 0] - disparity[unique] / scale, corners[:, 1] - rows], axis=1)
         return corners, start, min(2.0 / scale, 2 * self.config.max_row_difference_px)
 
-    def _corners(self, pair: Pair, wanted: int) -> NDArray[np.intp]:
+    def _corners(self, pair: PreparedImages, wanted: int) -> NDArray[np.intp]:
         """Whole pixels (k, 2) of the coarse left image, away from the tracks."""
-        strength = corner_strength(pair.coarse_left()) if pair.strength is None else pair.strength
         cfg, step = self.config, round(1 / pair.scale)
         distance_px = cfg.min_corner_distance_px * pair.scale
         taken, allowed = self.tracks.left_px * pair.scale, self.valid[::step, ::step]
-        return detect(strength, taken, allowed, wanted, distance_px, cfg.min_corner_response)
+        return detect(pair.corner_strength, taken, allowed, wanted, distance_px, cfg.min_corner_response)
 
-    def _disparity_range(self, scale: float) -> tuple[int, int]:
+    def _disparity_range(self, scale: float, frame_index: int) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image: up to half as much again as any track has, and
         every few frames, or where little is tracked, all that the configuration allows."""
         p = self.projection
         far = p.cx_left_px - p.cx_right_px
         near = far + self.config.max_disparity_share * p.width
-        if self.frames % _FULL_SEARCH and len(self.tracks) > self.config.max_tracks // 4:
+        if frame_index % _FULL_SEARCH and len(self.tracks) > self.config.max_tracks // 4:
             largest = p.f_px * p.baseline_m * float(self.tracks.points[:, 3].max())
             near = min(near, far + 1.5 * largest + _SEARCH_MARGIN_PX)
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
-def _note(pair: Pair, previous: Pair | None, tracked: int, in_both: int) -> str:
+def _renews(frame_index: int) -> bool:
+    """Whether new points are added in this frame where few are missing; in the others only where most are."""
+    return frame_index % _RENEWAL == 0
+
+
+def _note(pair: PreparedImages, previous: PreparedImages | None, tracked: int, in_both: int) -> str:
     """What is wrong with the images: nothing can be matched in them, or they are the last ones again; else empty."""
     if in_both < _FEW:
         for name, image in (("left", pair.left), ("right", pair.right)):

@@ -1,6 +1,7 @@
 """A pair of rectified images in the forms that the front-end's steps need."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -14,34 +15,33 @@ _SAME_GAIN = 0.05  # between images one after the other
 _SAME_LEVEL_GREY = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """Two smoothed images (h, w); the left one at half the size for flow; and their grey values for alignment:
-    interpolated bytes are rounded, too coarse for dark images. `strength`: of corners in the coarse left image, where
-    new ones are wanted in any case."""
+@dataclass(frozen=True, eq=False, repr=False)
+class PreparedImages:
+    """The two smoothed images (h, w) of one frame; the left one at half the size, for flow; and both as float32, for
+    alignment, because interpolated bytes are rounded, which is too coarse for dark images."""
 
     left: Image
     right: Image
     left_half: Image
     left_grey: NDArray[np.float32]
     right_grey: NDArray[np.float32]
-    strength: NDArray[np.float32] | None = None
 
     @classmethod
-    def of(cls, left: Image, right: Image, sigma_px: float) -> "Pair":
-        """From images as they come, smoothed by a Gaussian."""
+    def of(cls, left: Image, right: Image, sigma_px: float) -> "PreparedImages":
+        """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
         same = left is right
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
         left_grey = left.astype(np.float32)
         return cls(left, right, _halved(left), left_grey, left_grey if same else right.astype(np.float32))
 
-    def with_corners(self) -> "Pair":
-        """With the strength of corners."""
-        return replace(self, strength=corner_strength(self.coarse_left()))
+    @cached_property
+    def corner_strength(self) -> NDArray[np.float32]:
+        """Strength of corners at every pixel of the coarse left image; computed when first asked for."""
+        return corner_strength(self.coarse_left())
 
-    def equals(self, other: "Pair") -> bool:
-        """The same to the bit."""
+    def equals(self, other: "PreparedImages") -> bool:
+        """Whether both images are bit for bit those of another frame."""
         return np.array_equal(self.left, other.left) and np.array_equal(self.right, other.right)
 
     @property
@@ -57,7 +57,7 @@ class Pair:
         """The right one, too."""
         return _coarse(self.right, self.scale)
 
-    def half_exposed_as(self, now: "Pair") -> list[Image]:
+    def half_exposed_as(self, now: "PreparedImages") -> list[Image]:
         """What the left image, at half the size, may have been with the exposure of a later one, likelier first: flow
         takes a change of grey values for motion. Where mean and contrast have changed, exposure may have done that, or
         half of the view is covered."""

@@ -6,12 +6,12 @@ from contextlib import closing
 
 from ..engine import Engine
 from ..errors import InputError
-from ..frontend.prepared import Pair
+from ..frontend.prepared import PreparedImages
 from ..recording import StereoPair
 from ..types import StereoFrame
 
 Frames = Generator[tuple[StereoPair, StereoFrame], None, None]
-Ahead = Generator[tuple[StereoPair, StereoFrame, Pair | None], None, None]
+Ahead = Generator[tuple[StereoPair, StereoFrame, PreparedImages | None], None, None]
 
 
 def prepared(engine: Engine, frames: Frames) -> Ahead:
@@ -21,15 +21,15 @@ def prepared(engine: Engine, frames: Frames) -> Ahead:
     """
 
     def delivered(
-        pair: StereoPair, frame: StereoFrame, future: Future[Pair]
-    ) -> tuple[StereoPair, StereoFrame, Pair | None]:
+        pair: StereoPair, frame: StereoFrame, future: Future[PreparedImages]
+    ) -> tuple[StereoPair, StereoFrame, PreparedImages | None]:
         return pair, frame, None if future.exception() else future.result()
 
-    ahead: tuple[StereoPair, StereoFrame, Future[Pair]] | None = None
+    ahead: tuple[StereoPair, StereoFrame, Future[PreparedImages]] | None = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
         try:
-            for pair, frame in frames:
-                submitted = pair, frame, pool.submit(engine.prepare, frame)
+            for index, (pair, frame) in enumerate(frames):
+                submitted = pair, frame, pool.submit(engine.prepare, frame, index)
                 if ahead is not None:
                     yield delivered(*ahead)
                 ahead = submitted

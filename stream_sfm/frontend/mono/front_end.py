@@ -17,7 +17,7 @@ from ...geometry.stereo import StereoProjection
 from ...types import MapStart, Observations
 from ..disparity_bias import SharedErrors
 from ..front_end import FrontEnd, _note
-from ..prepared import Image, Pair
+from ..prepared import Image, PreparedImages
 from ..tracks import Tracks
 from .parallax import MonoTracks
 from .two_view import two_view_motion
@@ -62,11 +62,11 @@ class MonoFrontEnd(FrontEnd):
         self.rho_scene = 0.0  # median inverse depth of what was last in view; 0 before the first map
         self.cov_start = np.zeros((6, 6))
 
-    def prepare(self, left: Image, right: Image | None = None) -> Pair:
-        """As `FrontEnd.prepare`."""
-        return Pair.of(left, left, self.config.smoothing_px)
+    def prepare(self, left: Image, right: Image | None = None, frame_index: int | None = None) -> PreparedImages:
+        """As `FrontEnd.prepare`; corners are rarely wanted, and computed in `step`."""
+        return PreparedImages.of(left, left, self.config.smoothing_px)
 
-    def step(self, frame_index: int, stamp_ns: int, pair: Pair) -> Observations:
+    def step(self, frame_index: int, stamp_ns: int, pair: PreparedImages) -> Observations:
         """Observations of the next frame as `FrontEnd.step`; none while depths are not observable."""
         if self.mapped:
             motion, z, cov = self._in_front(*self._follow(pair, (stamp_ns - self.stamp_ns) / 1e9))
@@ -103,7 +103,7 @@ class MonoFrontEnd(FrontEnd):
         self.tracks, self.cam_from_start = MonoTracks.none(), np.eye(4)
         self.waiting = why
 
-    def _begin(self, pair: Pair) -> _Found:
+    def _begin(self, pair: PreparedImages) -> _Found:
         """Views, and the motion since the opening frame (not the previous one), as soon as they show depths."""
         if not len(self.tracks):
             self._reopen("depths need a second view")
@@ -135,7 +135,7 @@ class MonoFrontEnd(FrontEnd):
         z = np.concatenate([tracks.left_px, np.full((len(rho), 2), np.nan)], axis=1)
         return self.cam_from_start, z, cov[found.agree]
 
-    def _follow_directions(self, pair: Pair) -> Array:
+    def _follow_directions(self, pair: PreparedImages) -> Array:
         """Follow the tracks, all taken for infinitely far; covariances (n, 4, 4) of what is left of them."""
         assert self.previous is not None
         at, found = self._flow(self.previous.half_exposed_as(pair)[0], pair, self.tracks)
@@ -160,7 +160,7 @@ class MonoFrontEnd(FrontEnd):
         return motion, z[front], cov[front]
 
     def _align(
-        self, pair: Pair, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
+        self, pair: PreparedImages, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         patches = self.atlas.warped(tracks.slots, warps[0])
         left, error, good = self._align_left(pair, patches, start)
@@ -192,7 +192,7 @@ class MonoFrontEnd(FrontEnd):
 
     # -- new points -------------------------------------------------------------------------------------------
 
-    def _renew_left(self, pair: Pair) -> None:
+    def _renew_left(self, pair: PreparedImages) -> None:
         """New tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
         cfg = self.config
         wanted = cfg.max_tracks - len(self.tracks)
