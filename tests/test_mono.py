@@ -200,6 +200,6 @@ def test_the_viewer_shows_one_camera(one_camera_log, tmp_path) -> None:
     pytest.importorskip("rerun")
     rrd = tmp_path / "one.rrd"
     log = sfm.open_log(one_camera_log, mono=True)
-    sfm.replay(log, None, MONO, max_frames=4, viewer=sfm.viewer.open_viewer(log.cameras, rrd))
+    sfm.replay(log, None, MONO, max_frames=4, viewer=sfm.viewer.open_viewer(log.rig, rrd))
     data = rrd.read_bytes()
     assert b"left image and tracks" in data and b"right image and tracks" not in data

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import RigError
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .models import Camera, StereoRig
+from .models import Camera, MonoRig, StereoRig
 
 # Of the right camera that one camera does not have, in units of the first baseline. What it pretends to see hardly
 # counts (`mono`); as a length it says what a drift of patches means for depths, and is about that of a first scene.
@@ -31,14 +31,8 @@ class _Remapping:
     def __init__(self, cameras: Sequence[Camera], rotations: Sequence[Array]) -> None:
         width, height = cameras[0].width, cameras[0].height
         self.rect_from_cam: Array = rotations[0]
-        extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
+        extents, spans = _extents(cameras, rotations)
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
-        spans = np.mean([e[1] - e[0] for e in extents], axis=0)
-        if not (spans > 0).all():  # false for NaN too
-            raise RigError(
-                f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
-                "are they of these cameras, in OpenCV's order?"
-            )
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
         self._f = f_lens if f_fit > 0.999 * f_lens else max(f_fit, _MIN_FOCAL_SHARE * f_lens)
         middle = [(e[0] + e[1]) / 2 for e in extents]
@@ -68,19 +62,7 @@ class Rectifier(_Remapping):
     unscaled = False
 
     def __init__(self, rig: StereoRig) -> None:
-        rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
-        right_in_left = -rotation.T @ translation
-        x = right_in_left / np.linalg.norm(right_in_left)
-        if x[0] < -0.5:
-            raise RigError(
-                f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
-                "exchange left and right (--left, --right), or the sign of the baseline in the calibration"
-            )
-        z = rotation[2] + (0, 0, 1)
-        z = z - (z @ x) * x
-        z /= np.linalg.norm(z)
-        rect_from_left = np.stack([x, np.cross(z, x), z])
-        super().__init__((rig.left, rig.right), (rect_from_left, rect_from_left @ rotation.T))
+        super().__init__((rig.left, rig.right), _rectifying_rotations(rig))
         cx_left, cx_right = self._cx
         self.projection = StereoProjection(
             self._f, cx_left, cx_right, self._cy, rig.baseline_m, rig.left.width, rig.left.height
@@ -98,6 +80,43 @@ class MonoRectifier(_Remapping):
         self.projection = StereoProjection(
             self._f, cx, cx, self._cy, PRETENDED_BASELINE, camera.width, camera.height
         )
+
+
+def check_rectifiable(rig: StereoRig | MonoRig) -> None:
+    """Raise the RigError that a rectifier of this rig would raise, without computing its maps."""
+    if isinstance(rig, StereoRig):
+        _extents((rig.left, rig.right), _rectifying_rotations(rig))
+    else:
+        _extents((rig.left,), (np.eye(3),))
+
+
+def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
+    """Rotations (3, 3) of left and right camera axes into the rectified ones. Raises RigError for exchanged sides."""
+    rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
+    right_in_left = -rotation.T @ translation
+    x = right_in_left / np.linalg.norm(right_in_left)
+    if x[0] < -0.5:
+        raise RigError(
+            f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
+            "exchange left and right, or the sign of the baseline in the calibration"
+        )
+    z = rotation[2] + (0, 0, 1)
+    z = z - (z @ x) * x
+    z /= np.linalg.norm(z)
+    rect_from_left = np.stack([x, np.cross(z, x), z])
+    return rect_from_left, rect_from_left @ rotation.T
+
+
+def _extents(cameras: Sequence[Camera], rotations: Sequence[Array]) -> tuple[list[Array], Array]:
+    """The extent of each camera's rectified rays and their mean span (2,). Raises RigError where there is none."""
+    extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
+    spans: Array = np.mean([e[1] - e[0] for e in extents], axis=0)
+    if not (spans > 0).all():  # false for NaN too
+        raise RigError(
+            f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
+            "are they of these cameras, in OpenCV's order?"
+        )
+    return extents, spans
 
 
 def _distortion(camera: Camera) -> tuple[bool, Array]:

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         from ..viewer import open_viewer
 
         truth = None if config.mono else log.ground_truth()
-        viewer = open_viewer(log.cameras, args.rrd, args.view, truth, log.path.stem)
+        viewer = open_viewer(log.rig, args.rrd, args.view, truth, log.path.stem)
     try:
         with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
             if args.verbose:

@@ -17,7 +17,7 @@ from ..config import Config
 from ..engine import in_camera_axes
 from ..errors import ConfigError, InputError
 from ..estimators import METHODS, make_estimator
-from ..evaluation.structure import StructureComparison, structure_errors
+from ..evaluation.structure import StructureComparison
 from ..frontend.front_end import FrontEnd
 from ..interrupts import signals_noted
 from ..pipeline.replay import Sink
@@ -110,7 +110,7 @@ def compare(
         note = f"not done: {problems[0]}" if problems else pass_.way_back(way_back)
     return Comparison(
         log=Path(log.path).name,
-        rig=log.rig,
+        rig=log.stereo_rig,
         config=config,
         runs=[r.run for r in pass_.runners],
         front=pass_.front,
@@ -140,17 +140,15 @@ class _Pass:
     def __init__(
         self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], list[Sink]]
     ) -> None:
-        with log.named():
-            self.rectifier = Rectifier(log.rig)
+        self.rectifier = Rectifier(log.stereo_rig)
         projection = self.projection = self.rectifier.projection
         self.frontend = FrontEnd(projection, config, self.rectifier.valid)
         self.front = FrontRecord()
-        self.camera = log.rig.left
         self.local_difference: list[tuple[int, float]] = []
-        self._depths = _DepthNow(log.depths())
+        self._depths = log.depth_images()
         self.runners: list[_Runner] = []
         for name in methods:
-            structure = StructureComparison(log.rig.left, self._depths.shared())
+            structure = StructureComparison(log.rig.left)
             method_config = msgspec.structs.replace(config, method=name)
             estimator = make_estimator(name, projection, method_config)
             self.runners.append(_Runner(name, estimator, MethodRun(name, structure), make_sink(name)))
@@ -187,10 +185,8 @@ class _Pass:
             for sink in runner.sinks:
                 sink.write(estimate)
             if runner.run.structure is not None:
-                runner.run.structure.add(estimate)
-            if depth is not None and depth.shape == (self.camera.height, self.camera.width):
-                found = structure_errors(self.camera, estimate.points_in_cam, estimate.cov_points, depth)
-                if len(found.errors_m):
+                found = runner.run.structure.add(estimate, depth)
+                if found is not None and len(found.errors_m):
                     rms = [float(np.sqrt((x**2).mean())) for x in (found.errors_m, found.sigmas_m)]
                     runner.run.depth_rows.append((self.next_index, rms[0], rms[1]))
         self._compare_local(local)
@@ -258,22 +254,3 @@ class _Pass:
         stereo = obs.z_px[np.isfinite(obs.z_px).all(axis=1)]
         images = [jpeg(image, _SNAPSHOT_WIDTH) for image in (left, right)]
         return Snapshot(obs.frame_index, (left.shape[1], left.shape[0]), images[0], images[1], stereo, temporal)
-
-
-class _DepthNow:
-    """The depth image of a stamp, if there is one; stamps ascend. Methods share it: none but the latest is kept."""
-
-    def __init__(self, depths: Iterator[tuple[int, np.ndarray]]) -> None:
-        self._depths, self._next = depths, next(depths, None)
-
-    def at(self, stamp_ns: int) -> np.ndarray | None:
-        while self._next is not None and self._next[0] < stamp_ns - 1_000_000:
-            self._next = next(self._depths, None)
-        if self._next is not None and abs(self._next[0] - stamp_ns) <= 1_000_000:
-            return self._next[1]
-        return None
-
-    def shared(self) -> Iterator[tuple[int, np.ndarray]]:
-        """The depth image that `at` went to, whenever it is asked for: after `at`, for the same stamp."""
-        while self._next is not None:
-            yield self._next

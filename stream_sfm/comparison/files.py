@@ -73,7 +73,7 @@ class _Folder:
                 raise OutputError(f"cannot make the folder {self._path}: {error.strerror}") from None
             write_whole(self._path / "config.toml", config_to_toml(self._config).encode())
             self._sinks = [
-                EstimatesWriter(self._path / "estimates.mcap", self._log.rig, self._config),
+                EstimatesWriter(self._path / "estimates.mcap", self._log.stereo_rig, self._config),
                 TumWriter(self._path / "trajectory.tum"),
                 KittiWriter(self._path / "trajectory.kitti"),
             ]

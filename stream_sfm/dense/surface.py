@@ -82,8 +82,7 @@ def surface_of_frame(log: StereoLog, frames: Frames, number: int, config: Config
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path}: there is no frame {number}, the last one is {read - 1}")
-    with log.named():
-        view = DenseView(Rectifier(log.rig), config)
+    view = DenseView(Rectifier(log.stereo_rig), config)
     found, picture = view.see(*wanted)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
@@ -100,7 +99,7 @@ def surface_of_log(
     `on_frame` sees each estimate. Raises LogError where no frame can be read or none shows a surface.
     """
     config.needs_scale("a surface")
-    engine = Engine(log.rig, config)
+    engine = Engine(log.stereo_rig, config)
     assert isinstance(engine.rectifier, Rectifier)
     view = DenseView(engine.rectifier, config)
     fusion = Fusion(view.projection, config.dense)

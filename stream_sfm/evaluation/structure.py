@@ -8,7 +8,6 @@ measured in full; one that errs sideways on a surface facing the camera hardly a
 image can tell.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +20,6 @@ from ..types import FrameEstimate
 
 _HALF = 2  # the patch is 5×5
 _EDGE = 0.01  # relative misfit of inverse depth that marks a depth edge
-_STAMP_NS = 1_000_000
 _OFFSETS = np.arange(-_HALF, _HALF + 1)
 _DESIGN = np.stack(
     [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
@@ -78,16 +76,10 @@ def structure_errors(
 
 
 class StructureComparison:
-    """Sums over a run. Depth images are drawn from their iterator as estimates arrive, one at a time.
+    """Sums the depth errors of a run, frame by frame; neither depth images nor errors are kept."""
 
-    `depths`: (stamp_ns, depth (h, w) m), stamps ascending, as `StereoLog.depths()` gives them.
-    """
-
-    def __init__(self, camera: Camera, depths: Iterable[tuple[int, NDArray[np.floating]]]) -> None:
+    def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._depths: Iterator[tuple[int, NDArray[np.floating]]] = iter(depths)
-        self._next: tuple[int, NDArray[np.floating]] | None = None
-        self._done = False
         self.frames = 0
         self.points = 0
         self._squares = 0.0
@@ -95,16 +87,15 @@ class StructureComparison:
         self._with_sigma = 0
         self._histogram = np.zeros(len(_BINS_M) + 1, dtype=np.int64)
 
-    def add(self, estimate: FrameEstimate) -> None:
-        """Compare this frame if the log has a depth image of its moment (within 1 ms)."""
-        while not self._done and (self._next is None or self._next[0] < estimate.stamp_ns - _STAMP_NS):
-            self._next = next(self._depths, None)
-            self._done = self._next is None
-        if self._next is None or abs(self._next[0] - estimate.stamp_ns) > _STAMP_NS:
-            return
-        depth = self._next[1]
-        if depth.shape != (self._camera.height, self._camera.width) or len(estimate.points_in_cam) == 0:
-            return
+    def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
+        """Compare one frame with its depth image (h, w); None, and nothing is added, where they cannot be compared.
+
+        That is where there is no depth image, where it has another size than the camera's, or without any point.
+        """
+        depth = true_depth_m
+        size = (self._camera.height, self._camera.width)
+        if depth is None or depth.shape != size or len(estimate.points_in_cam) == 0:
+            return None
         found = structure_errors(self._camera, estimate.points_in_cam, estimate.cov_points, depth)
         known = found.sigmas_m > 0
         self.frames += 1
@@ -113,6 +104,7 @@ class StructureComparison:
         self._normalised += float(((found.errors_m[known] / found.sigmas_m[known]) ** 2).sum())
         self._with_sigma += int(known.sum())
         np.add.at(self._histogram, np.searchsorted(_BINS_M, abs(found.errors_m)), 1)
+        return found
 
     @property
     def rms_m(self) -> float:

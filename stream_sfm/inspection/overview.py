@@ -9,7 +9,7 @@ import numpy as np
 
 from ..camera.models import MAX_PIXELS, StereoRig
 from ..errors import LogError
-from ..mcap_file.records import Damage, LogFile
+from ..mcap_file.log_file import Damage, LogFile
 from ..recording.ground_truth import depth_topic, truth_topic
 from ..recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage

@@ -7,7 +7,7 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-from .framing import MAX_RECORD_BYTES, BrokenRecord
+from .records import MAX_RECORD_BYTES, BrokenRecord
 
 _CHUNK = struct.Struct("<QQQI")
 _STEP = 1 << 17

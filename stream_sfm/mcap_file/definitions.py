@@ -8,7 +8,7 @@ from copy import copy
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .framing import BrokenRecord, parse
+from .records import BrokenRecord, parse
 
 _MAX_ONE_BYTES = 8 * 2**20
 _MAX_ALL_BYTES = 64 * 2**20

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
 from .definitions import Definitions
-from .framing import FRAME, MAGIC, MAX_RECORD_BYTES, BrokenRecord, parse, split
+from .records import FRAME, MAGIC, MAX_RECORD_BYTES, BrokenRecord, parse, split
 
 _MAX_LISTED = 2**20  # chunks: a recording of a terabyte has fewer
 

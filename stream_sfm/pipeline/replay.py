@@ -120,12 +120,12 @@ class _Replay:
         viewer: "RerunSink | None",
     ) -> None:
         self.log, self.out_dir, self.config, self.sinks, self.viewer = log, out_dir, config, sinks, viewer
-        with log.named():
-            self.engine = Engine(log.cameras, config)
+        self.engine = Engine(log.rig, config)
         self.account = Account()
         self.structure: StructureComparison | None = None
         if not config.mono:
-            self.structure = StructureComparison(log.cameras.left, log.depths())
+            self.structure = StructureComparison(log.rig.left)
+        self.depths = log.depth_images()
         self.warnings: list[str] = []
         self.complete = True
         self.way_back: WayBack | None = None
@@ -194,7 +194,7 @@ class _Replay:
         if self.structure is None:
             return
         try:
-            self.structure.add(estimate)
+            self.structure.add(estimate, self.depths.at(estimate.stamp_ns))
         except InputError as error:
             self.warnings.append(f"ground-truth depth is not compared: {error}")
             self.structure = None

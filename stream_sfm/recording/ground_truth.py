@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..mcap_file.records import Damage, LogFile
+from ..mcap_file.log_file import Damage, LogFile
 from ..types import Trajectory
 from .depth import decode_depth_m
 from .images import UndecodableImage
 from .messages import MessageDecoder, UndecodableMessage
 from .survey import Survey
 
+Depth = NDArray[np.float32]  # (h, w) metres along the optical axis, NaN where unknown
+
 _DEPTH_TOPICS = ("/ground_truth/depth", "/ground_truth/depth/compressedDepth")  # the second by image_transport
 _MAX_NAMED = 20
+_SAME_STAMP_NS = 1_000_000  # stamps of a depth image and of its frame may differ by rounding to 1 ms
 _TRUTH = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon", re.IGNORECASE)
 _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z])", re.IGNORECASE)
 
@@ -67,7 +70,7 @@ def depth_topic(survey: Survey) -> str | None:
     return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
 
 
-def read_depths(file: LogFile, topic: str, warnings: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:
+def read_depths(file: LogFile, topic: str, warnings: list[str]) -> Iterator[tuple[int, Depth]]:
     """(stamp_ns, depth (h, w) float32, metres, NaN where unknown) of each image on `topic`."""
     decoder = MessageDecoder(file.path)
     sound = True
@@ -81,3 +84,22 @@ def read_depths(file: LogFile, topic: str, warnings: list[str]) -> Iterator[tupl
             sound = False
             continue
         yield image.stamp_ns, depth_m
+
+
+class DepthImages:
+    """Looks up the depth image of a stamp while stamps ascend; only one image is held at a time."""
+
+    def __init__(self, images: Iterator[tuple[int, Depth]]) -> None:
+        """`images`: (stamp_ns, depth), stamps ascending, as `StereoLog.depths` yields them."""
+        self._images = images
+        self._current: tuple[int, Depth] | None = None
+        self._exhausted = False
+
+    def at(self, stamp_ns: int) -> Depth | None:
+        """The depth image of this moment (within 1 ms), or None."""
+        while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - _SAME_STAMP_NS):
+            self._current = next(self._images, None)
+            self._exhausted = self._current is None
+        if self._current is None or abs(self._current[0] - stamp_ns) > _SAME_STAMP_NS:
+            return None
+        return self._current[1]

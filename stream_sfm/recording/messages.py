@@ -12,7 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.records import LogMessage
+from ..mcap_file.log_file import LogMessage
 from .message_limits import MAX_LISTED_BYTES, bounded, decode_json, has_lists
 from .ros import ros_decoder
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import LogError
-from ..mcap_file.records import Damage, LogFile
+from ..mcap_file.log_file import Damage, LogFile
 from .images import check_encoding
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts

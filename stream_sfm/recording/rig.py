@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ..camera.models import DISTORTION_COEFFICIENTS, Camera, MonoRig, StereoRig
-from ..errors import ConfigError, LogError
+from ..camera.rectification import check_rectifiable
+from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .messages import CalibrationMessage
@@ -63,6 +64,16 @@ def right_is_left(rig: StereoRig) -> float | None:
     """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
+
+
+def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:
+    """Raise LogError where the images of a log cannot be used with this rig, whatever they show."""
+    if isinstance(rig, StereoRig):
+        check_sides(path, rig)
+    try:
+        check_rectifiable(rig)
+    except RigError as error:
+        raise LogError(f"{path}: {error} Or {CURE}") from None
 
 
 def check_sides(path: Path, rig: StereoRig) -> None:

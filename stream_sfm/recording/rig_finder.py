@@ -12,7 +12,7 @@ from typing import TypeVar
 from ..camera.calibration_file import parse_calibration, parse_camera, read_calibration, read_camera
 from ..camera.models import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
-from ..mcap_file.records import Damage, LogFile
+from ..mcap_file.log_file import Damage, LogFile
 from .messages import MessageDecoder
 from .rig import CURE, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages

@@ -2,21 +2,20 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.models import MonoRig, StereoRig
-from ..errors import ConfigError, LogError, RigError
-from ..mcap_file.records import Damage, LogFile
+from ..errors import ConfigError, LogError
+from ..mcap_file.log_file import Damage, LogFile
 from ..types import StereoFrame, Trajectory
-from .ground_truth import depth_topic, read_depths, read_truth, truth_topic
+from .ground_truth import DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .rig import CURE, check_sides
+from .rig import check_rig
 from .rig_finder import find_camera, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
@@ -57,12 +56,14 @@ def _open(
     survey = survey_log(file, damage)
     if mono:
         one = choose_one(file.path, _images(file, survey, left, None, damage.notes), left)
-        return StereoLog(file, survey, one, find_camera(file, survey, one.left, calibration))
+        camera = find_camera(file, survey, one.left, calibration)
+        check_rig(file.path, camera)
+        return StereoLog(file, survey, one, camera)
     if isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera; a pair is needed, or mono")
     choice = choose_cameras(file, survey, left, right, damage.notes)
     rig = find_rig(file, survey, choice, calibration).rig
-    check_sides(file.path, rig)
+    check_rig(file.path, rig)
     return StereoLog(file, survey, choice, rig)
 
 
@@ -94,7 +95,7 @@ def _images(
 class StereoLog:
     """A log whose cameras and calibration are known. Each reading opens the file anew and renews `stats`.
 
-    `path`; `cameras`: the rig, and `rig` the same where it is of two; `left_topic`, `right_topic` and
+    `path`; `rig`: the cameras it is read with, one or two; `left_topic`, `right_topic` and
     `choice_reason`; `expected_frames`: images on the left topic by the index, None where there is none; `duration_s`:
     span of the recording's own clock, None where not known.
     """
@@ -103,7 +104,7 @@ class StereoLog:
         self._file = file
         self.survey = survey
         self.path = file.path
-        self.cameras = rig
+        self.rig = rig
         self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
         self._reader = PairReader(file, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
@@ -111,24 +112,16 @@ class StereoLog:
         self._camera_frame = ""
 
     @property
-    def rig(self) -> StereoRig:
-        """Both cameras. Raises ConfigError where the log was opened for one."""
-        if not isinstance(self.cameras, StereoRig):
+    def stereo_rig(self) -> StereoRig:
+        """The rig of both cameras. Raises ConfigError where the log was opened for one."""
+        if not isinstance(self.rig, StereoRig):
             raise ConfigError(f"{self.path} was opened for one camera (mono): what is asked for needs two")
-        return self.cameras
+        return self.rig
 
     @property
     def stats(self) -> ReadStats:
         """What the latest reading met; final when its iterator has ended."""
         return self._reader.stats
-
-    @contextmanager
-    def named(self) -> Iterator[None]:
-        """Within, a RigError becomes a LogError that names this log."""
-        try:
-            yield
-        except RigError as error:
-            raise LogError(f"{self.path}: {error} Or {CURE}") from None
 
     def pairs(self) -> Generator[StereoPair, None, None]:
         """All pairs in ascending order of stamps, not decoded; see `PairReader.pairs`."""
@@ -225,13 +218,17 @@ class StereoLog:
         if (topic := depth_topic(self.survey)) is not None:
             yield from read_depths(self._file, topic, self.stats.warnings)
 
+    def depth_images(self) -> DepthImages:
+        """The same images, looked up by the stamps of frames."""
+        return DepthImages(self.depths())
+
 
 class _Decoding:
     """Pairs to frames, one ahead; the first images decide whether the sizes fit the calibration at all."""
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
-        self._cameras = list(log.cameras.cameras.values())
+        self._cameras = list(log.rig.cameras.values())
         self._scaler = GreyScaler()
         self._delivered = False
         self.problem = ""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from ..errors import LogError
-from ..mcap_file.records import Damage, LogFile, LogMessage
+from ..mcap_file.log_file import Damage, LogFile, LogMessage
 from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, kind_of
 
 # A log without an index is scanned so far at most, once cameras and calibrations have been met.

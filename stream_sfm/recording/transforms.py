@@ -4,7 +4,7 @@ import numpy as np
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.records import Damage, LogFile
+from ..mcap_file.log_file import Damage, LogFile
 from .messages import MessageDecoder, UndecodableMessage
 from .survey import Survey
 

@@ -55,14 +55,15 @@ def test_points_at_a_depth_edge_or_off_the_image_or_without_depth_are_left_out()
     assert len(found.errors_m) == 0
 
 
-def test_a_comparison_takes_depths_as_they_come_and_keeps_none():
+def test_a_comparison_sums_the_frames_that_have_a_depth_image():
     points = plane_points(50)
     cov = np.tile(1e-4 * np.eye(3), (50, 1, 1))
-    depths = ((stamp, plane_depth()) for stamp in (0, 500, 1_000_000_000, 3_000_000_000))
-    comparison = StructureComparison(CAMERA, depths)
-    for stamp in (500_000_000, 1_000_000_000, 2_000_000_000, 9_000_000_000):
-        moved = points * (1.01 if stamp == 1_000_000_000 else 2.0)
-        comparison.add(SimpleNamespace(stamp_ns=stamp, points_in_cam=moved, cov_points=cov))
+    comparison = StructureComparison(CAMERA)
+    near, far = (SimpleNamespace(points_in_cam=scale * points, cov_points=cov) for scale in (1.01, 2.0))
+    assert comparison.add(far, None) is None
+    assert comparison.add(far, plane_depth()[:-1]) is None
+    found = comparison.add(near, plane_depth())
+    assert len(found.errors_m) == 50
     assert (comparison.frames, comparison.points) == (1, 50)
     assert comparison.rms_m == pytest.approx(np.sqrt(np.mean((0.01 * points[:, 2]) ** 2)), rel=1e-6)
     assert comparison.rms_over_sigma > 1

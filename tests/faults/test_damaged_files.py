@@ -10,7 +10,7 @@ import pytest
 from mcap.opcode import Opcode
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.records import Damage, LogFile
+from stream_sfm.mcap_file.log_file import Damage, LogFile
 from stream_sfm.pipeline.replay import replay
 from tests.faults.mutations import BASES, FRAMES, Base, make_base
 from tests.recording.make_logs import (

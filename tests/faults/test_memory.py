@@ -25,7 +25,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.records import LogFile
+from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.ground_truth import read_truth
 from stream_sfm.recording.topics import possible_pairs
 from stream_sfm.recording.transforms import _still

@@ -17,7 +17,7 @@ from stream_sfm import Config, Engine, StereoFrame, StereoRig, replay
 from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.config import read_config
 from stream_sfm.geometry import se3
-from stream_sfm.mcap_file.records import Damage, LogFile
+from stream_sfm.mcap_file.log_file import Damage, LogFile
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from tests.frontend.plane_world import Wall, path, rig
 from tests.recording.make_logs import (

@@ -4,7 +4,7 @@ import pytest
 from mcap.records import Channel, Schema
 
 from stream_sfm import LogError
-from stream_sfm.mcap_file.records import LogMessage
+from stream_sfm.mcap_file.log_file import LogMessage
 from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
 from tests.recording import idl
 from tests.recording.make_logs import ROS1, ROS2
