@@ -139,7 +139,7 @@ def _convert(data: Any, kind: type, where: str) -> Any:
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"configuration{where}: {error}; `stream-sfm config` prints every key") from None
+        raise ConfigError(f"configuration{where}: {error}", hint=("config_to_toml",)) from None
 
 
 def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
@@ -160,7 +160,7 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     for override in overrides:
         key, sign, text = override.partition("=")
         if not sign:
-            raise ConfigError(f"--set {override}: write KEY=VALUE, for example window.frames=12")
+            raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
         try:
             value = tomllib.loads(f"x = {text}")["x"]
         except tomllib.TOMLDecodeError:
@@ -170,9 +170,8 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
         for section in sections:
             target = target.setdefault(section, {})
             if not isinstance(target, dict):
-                raise ConfigError(f"--set {override}: {section} is no section")
+                raise ConfigError(f"setting {override!r}: {section} is not a section")
         target[leaf] = value
-        where = where or " of --set"
     return _convert(data, Config, where)
 
 

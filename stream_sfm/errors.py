@@ -1,4 +1,4 @@
-"""Every exception this package raises on purpose.
+"""Every exception this package raises on purpose, and the exit codes of the command line.
 
     StreamSfmError
     ├── ConfigError        a setting, a calibration file or an argument is wrong      (exit code 2)
@@ -12,27 +12,49 @@ Each message names the file, topic or frame, and says what to do. Lost tracking 
 `FrameEstimate` whose status is `lost`.
 """
 
+from collections.abc import Sequence
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """How every command ends."""
+
+    DONE = 0
+    DEFECT = 1  # a defect of stream_sfm
+    USAGE = 2  # usage or configuration
+    INPUT = 3  # input unreadable, unsuitable or only partly read; output that cannot be written
+    INTERRUPTED = 130  # Ctrl-C or SIGTERM, with everything so far written
+
 
 class StreamSfmError(Exception):
-    """Base of all; `exit_code` is what the command line returns."""
+    """The base class of all errors of this package.
 
-    exit_code = 1
+    `exit_code` is what the command line returns. `hint` names the arguments of the call, or functions of this
+    package, that would help, such as "calibration" or "inspect"; the command line shows them as its own options and
+    commands.
+    """
+
+    exit_code = ExitCode.DEFECT
+
+    def __init__(self, message: str = "", *, hint: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.hint = tuple(hint)
 
 
 class ConfigError(StreamSfmError):
     """A setting, a calibration file or an argument is wrong."""
 
-    exit_code = 2
+    exit_code = ExitCode.USAGE
 
 
 class RigError(ConfigError):
-    """No image can be rectified by this calibration; of a log's own one the log is told (LogError)."""
+    """No image can be rectified by this calibration. Where the calibration came with a log, it is a LogError."""
 
 
 class InputError(StreamSfmError):
     """A log or a frame cannot be used."""
 
-    exit_code = 3
+    exit_code = ExitCode.INPUT
 
 
 class LogError(InputError):
@@ -46,4 +68,4 @@ class FrameError(InputError):
 class OutputError(StreamSfmError):
     """A result cannot be written."""
 
-    exit_code = 3
+    exit_code = ExitCode.INPUT

@@ -42,11 +42,13 @@ def cluster(address: str) -> Iterator[Executor]:
         from distributed import Client
         from distributed.comm import get_address_host_port
     except ImportError:
-        raise ConfigError("--scheduler needs Dask: pip install 'stream-sfm[cluster]'") from None
+        raise ConfigError("a cluster needs Dask: pip install 'stream-sfm[cluster]'") from None
     try:
         get_address_host_port(address, strict=True)
     except ValueError as error:
-        raise ConfigError(f"--scheduler {address}: {error}; write it as in tcp://127.0.0.1:8786") from None
+        raise ConfigError(
+            f"{address} is not the address of a Dask scheduler ({error}); write it as in tcp://127.0.0.1:8786"
+        ) from None
     try:
         client = Client(address, timeout=_ANSWER_S, set_as_default=False)
     except OSError as error:

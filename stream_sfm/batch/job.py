@@ -18,7 +18,7 @@ from typing import Any, Literal
 import msgspec
 
 from .. import __version__
-from ..errors import InputError
+from ..errors import ExitCode
 from ..executors import ONE_THREAD
 from ..files import json_bytes, write_whole
 
@@ -77,7 +77,7 @@ def run_job(job: Job) -> Outcome:
             if earlier.key == key and all((job.folder / name).exists() for name in RESULTS):
                 return msgspec.structs.replace(earlier, name=job.name, log=str(job.log), reused=True)
             if earlier.log_sha256 != log_sha256 and earlier.log != str(job.log):
-                reason = f"{job.folder} holds the results of another log, {earlier.log}: choose another --out"
+                reason = f"{job.folder} holds the results of another log, {earlier.log}: choose another folder"
                 return _outcome(job, "failed", reason)
         _clear(job.folder)
         status, reason = _replay(job)
@@ -203,4 +203,4 @@ def _verdict(job: Job, code: int, ended_for: str, said: str) -> tuple[Ending, st
         return "failed", f"exit code {code}, see {job.folder / _ERRORS}"
     if code == 0:
         return "done", ""
-    return "incomplete" if code == InputError.exit_code else "failed", "; ".join(summary["warnings"])
+    return "incomplete" if code == ExitCode.INPUT else "failed", "; ".join(summary["warnings"])

@@ -98,7 +98,8 @@ def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
     if x[0] < -0.5:
         raise RigError(
             f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
-            "exchange left and right, or the sign of the baseline in the calibration"
+            "exchange left and right, or the sign of the baseline in the calibration",
+            hint=("left", "right"),
         )
     z = rotation[2] + (0, 0, 1)
     z = z - (z @ x) * x

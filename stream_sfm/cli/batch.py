@@ -5,10 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ..errors import ExitCode
 from . import arguments
-
-EXIT_SOME_FAILED = 3
-EXIT_INTERRUPTED = 130
 
 
 def add_parser(subparsers: Any) -> None:
@@ -81,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         if log["status"] != "done":
             print(f"stream-sfm: {log['name']}: {log['status']}: {log['reason']}", file=sys.stderr)
     if content["interrupted"]:
-        return EXIT_INTERRUPTED
-    return 0 if content["complete"] else EXIT_SOME_FAILED
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE if content["complete"] else ExitCode.INPUT
 
 
 def _print(content: dict[str, Any], out: Path) -> None:

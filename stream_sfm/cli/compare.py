@@ -5,11 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ..errors import ExitCode
 from . import arguments
-
-EXIT_DEFECT = 1
-EXIT_INCOMPLETE = 3
-EXIT_INTERRUPTED = 130
 
 
 def add_parser(subparsers: Any) -> None:
@@ -79,10 +76,10 @@ def run(args: argparse.Namespace) -> int:
         output.print_notes("warning", comparison.warnings)
         _print(content, folder)
     if comparison.interrupted:
-        return EXIT_INTERRUPTED
+        return ExitCode.INTERRUPTED
     if any(r.failure for r in comparison.runs):
-        return EXIT_DEFECT
-    return 0 if comparison.complete else EXIT_INCOMPLETE
+        return ExitCode.DEFECT
+    return ExitCode.DONE if comparison.complete else ExitCode.INPUT
 
 
 def _print(content: dict[str, Any], folder: Path) -> None:

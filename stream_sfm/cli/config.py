@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from ..errors import ExitCode
 from . import arguments
 
 
@@ -22,4 +23,4 @@ def run(args: argparse.Namespace) -> int:
     from ..config import config_to_toml, read_config
 
     print(config_to_toml(read_config(args.config, args.set)), end="")
-    return 0
+    return ExitCode.DONE

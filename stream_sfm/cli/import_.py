@@ -3,6 +3,8 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from ..errors import ExitCode
+
 if TYPE_CHECKING:
     from ..importers import Imported
 
@@ -70,4 +72,4 @@ def _tell(imported: "Imported", args: argparse.Namespace) -> int:
         output.print_json({"out": str(imported.path), **counts, "warnings": imported.warnings})
     else:
         print(f"{imported.path}: {imported.left} left and {imported.right} right images, {imported.poses} poses")
-    return 0
+    return ExitCode.DONE

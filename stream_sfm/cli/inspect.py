@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from ..errors import ExitCode
 from . import arguments
-
-EXIT_UNSUITABLE = 3
 
 
 def add_parser(subparsers: Any) -> None:
@@ -31,4 +30,4 @@ def run(args: argparse.Namespace) -> int:
         output.print_json(found)
     else:
         output.print_inspection(found)
-    return EXIT_UNSUITABLE if found["problems"] else 0
+    return ExitCode.INPUT if found["problems"] else ExitCode.DONE

@@ -1,7 +1,6 @@
 """`stream-sfm`: parse, call, and turn errors into exit codes; the commands are modules beside this one.
 
-Exit codes: 0 done; 1 a defect of ours; 2 usage or configuration; 3 input unreadable, unsuitable or only partly
-read; 130 interrupted. Heavy imports happen in the commands, so that `--help` answers at once.
+The exit codes are in `errors.py`. Heavy imports happen in the commands, so that `--help` answers at once.
 """
 
 import argparse
@@ -11,12 +10,11 @@ import sys
 from collections.abc import Sequence
 
 from .. import __version__
-from ..errors import StreamSfmError
+from ..errors import ExitCode, StreamSfmError
 from . import batch, compare, config, import_, inspect, replay, simulate, surface
+from .hints import hint
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, simulate, config)
-EXIT_DEFECT = 1
-EXIT_INTERRUPTED = 130
 _DEBUG_HELP = "show the traceback of an error"
 
 
@@ -57,24 +55,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except StreamSfmError as error:
-        return _failed(args, error, error.exit_code, str(error))
+        return _failed(args, error, error.exit_code, str(error), hint(error, args))
     except KeyboardInterrupt as error:
-        return _failed(args, error, EXIT_INTERRUPTED, "interrupted")
+        return _failed(args, error, ExitCode.INTERRUPTED, "interrupted")
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return ExitCode.DONE
     except Exception as error:
         text = f"{type(error).__name__}: {error}".splitlines()[0]
-        hint = "this is a defect of stream-sfm, please report it with the output of --debug"
-        return _failed(args, error, EXIT_DEFECT, f"{text}\n{hint}")
+        advice = "this is a defect of stream-sfm; please report it with the output of --debug"
+        return _failed(args, error, ExitCode.DEFECT, text, advice)
 
 
-def _failed(args: argparse.Namespace, error: BaseException, code: int, message: str) -> int:
+def _failed(args: argparse.Namespace, error: BaseException, code: int, message: str, advice: str = "") -> int:
     if args.debug:
         import traceback
 
         traceback.print_exception(error)
     print(f"stream-sfm: {message}", file=sys.stderr)
+    if advice:
+        print(advice, file=sys.stderr)
     return code
 
 

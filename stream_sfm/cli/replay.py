@@ -4,9 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..errors import ExitCode
 from . import arguments
-
-EXIT_INCOMPLETE = 3
 
 
 def add_parser(subparsers: Any) -> None:
@@ -84,8 +83,8 @@ def run(args: argparse.Namespace) -> int:
             point_latest_to(folder)
     output.print_replay(result, args)
     if interrupted:
-        return 130
+        return ExitCode.INTERRUPTED
     summary = result.summary
     if not summary["complete"] or (args.strict and summary["warnings"]):
-        return EXIT_INCOMPLETE
-    return 0
+        return ExitCode.INPUT
+    return ExitCode.DONE

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """Run one experiment, write its results and figures, print them."""
     import msgspec
 
-    from ..errors import OutputError
+    from ..errors import ExitCode, OutputError
     from ..executors import cluster, processes
     from ..files import json_bytes, write_whole
     from ..simulation import figure6, figures, rates, studies
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print_report(args.experiment, report)
         print(f"results.json, {args.experiment}.png and .svg in {folder}")
-    return 0
+    return ExitCode.DONE
 
 
 def _print_report(experiment: str, report: dict[str, Any]) -> None:

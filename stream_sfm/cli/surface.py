@@ -7,13 +7,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import ExitCode
 from . import arguments
 
 if TYPE_CHECKING:
     from ..dense.surface import Surface
-
-EXIT_INCOMPLETE = 3
-EXIT_INTERRUPTED = 130
 
 
 def add_parser(subparsers: Any) -> None:
@@ -74,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
         figures = _figures(surface, args) | {"cpu_s": time.process_time() - began_s}
         output.print_json(figures) if args.json else _print(figures)
     if surface.interrupted:
-        return EXIT_INTERRUPTED
-    return 0 if surface.complete else EXIT_INCOMPLETE
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE if surface.complete else ExitCode.INPUT
 
 
 def _check_files(args: argparse.Namespace) -> None:

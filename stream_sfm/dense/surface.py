@@ -23,7 +23,7 @@ from .mesh import Mesh, mesh_of_frame
 Frames = Iterator[tuple[StereoPair, StereoFrame]]
 _NOTHING_SEEN = (
     "no surface could be found: are the images black, blurred or without texture, or is the calibration that of "
-    "other cameras? `stream-sfm inspect` checks it"
+    "other cameras?"
 )
 
 
@@ -86,7 +86,7 @@ def surface_of_frame(log: StereoLog, frames: Frames, number: int, config: Config
     found, picture = view.see(*wanted)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
-        raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}")
+        raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), log.stats.warnings)
 
 
@@ -132,7 +132,7 @@ def surface_of_log(
     if lost:
         problems.append(f"{lost} of {len(path)} frames are lost and left out; what was seen after may be displaced")
     if not len(mesh.faces):
-        raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]))
+        raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
     warnings = list(dict.fromkeys([*log.stats.warnings, *problems]))
     return Surface(
         mesh, len(path), fusion.frames, fusion.voxel_m, np.array(path), warnings, complete, bool(signals)

@@ -27,9 +27,11 @@ def import_images(
     ConfigError, OutputError.
     """
     rig = read_calibration(calibration)
-    sides = [_matches("--left", left), _matches("--right", right)]
+    sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
-        raise ConfigError(f"{min(both)} matches --left and --right: give two different globs")
+        raise ConfigError(
+            f"{min(both)} is both a left and a right image: give two different globs", hint=("left", "right")
+        )
     _check_partners(*sides)
     warnings = []
     if stamps is not None:
@@ -40,12 +42,14 @@ def import_images(
         raise ConfigError(f"the rate must be a positive number of frames a second, got {rate_hz:g}")
     else:
         times = [round(n * 1e9 / rate_hz) for n in range(len(sides[0]))]
-        warnings.append(f"no stamps were given: frames are {1 / rate_hz:g} s apart (--stamps FILE, --rate HZ)")
+        warnings.append(
+            f"no stamps were given: frames are {1 / rate_hz:g} s apart, as the rate of {rate_hz:g} Hz says"
+        )
     images = tuple([ImageFile(s, f) for s, f in zip(times, side, strict=True)] for side in sides)
     return write_images(out, rig, (images[0], images[1]), warnings=warnings)
 
 
-def _matches(option: str, patterns: str | Sequence[str]) -> list[Path]:
+def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
     """Files in natural order: image_2 before image_10. Raises InputError where there is none."""
     found: set[Path] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
@@ -57,7 +61,8 @@ def _matches(option: str, patterns: str | Sequence[str]) -> list[Path]:
             matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
         if not matches:
             raise InputError(
-                f"{option} {pattern}: no image there; give files, a folder, or a glob such as 'l/*.png'"
+                f"{pattern} matches no {side} image: give files, a folder, or a glob such as 'l/*.png'",
+                hint=(side,),
             )
         found.update(matches)
     return sorted(found, key=lambda p: [(int(t), "") if t.isdecimal() else (-1, t) for t in _tokens(str(p))])

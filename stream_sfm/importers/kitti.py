@@ -47,7 +47,7 @@ def import_kitti(folder: str | Path, out: str | Path, poses: str | Path | None =
     chosen = _poses_file(folder, poses)
     truth: list[tuple[int, Array]] = []
     if chosen is None:
-        warnings.append("no ground truth: give the file of poses with --poses FILE if there is one")
+        warnings.append("no ground truth: no file of poses was given or found beside the sequence")
     else:
         cam0_from_left = se3.from_rotation_translation(np.eye(3), -left[1])
         world_from_cam0 = _read_poses(chosen)

@@ -70,7 +70,7 @@ def side_problem(
         return None
     negative_m = right_is_left(rig)
     share = f"{100 * check.negative_share:.0f} % of the matches have negative disparity"
-    swap = f"--left {choice.right} --right {choice.left}"
+    swap = f"{choice.right} as left and {choice.left} as right"
     # cameras that converge have disparities of both signs in their images; there the rows tell
     rows_tell = swapped.row_error_px < 0.5 * check.row_error_px > 0.25 and swapped.negative_share < 0.1
     if check.negative_share <= 0.5 and negative_m is not None:
@@ -82,7 +82,7 @@ def side_problem(
     if negative_m is not None:
         return (
             f"left and right are swapped: by the calibration the right camera stands {negative_m:.4g} m to the left "
-            f"of the left one, and {share}; replay with {swap}"
+            f"of the left one, and {share}; name {swap}"
         )
     if check.negative_share > 0.5 or rows_tell:
         rows = (
@@ -91,8 +91,8 @@ def side_problem(
         )
         return (
             f"the images are swapped: {rows if rows_tell else share}, while the calibration has left and right as "
-            f"they are named; replay with {swap} and a calibration of that pair (--calibration FILE), or exchange "
-            "the names of the image topics"
+            f"they are named; name {swap} and give a calibration of that pair, or exchange the names of the image "
+            "topics"
         )
     return None
 

@@ -76,7 +76,8 @@ class LogFile:
             raise LogError(f"{str(self.path)!a}: the name of the file is not UTF-8: rename it") from None
         if self.path.is_dir():
             raise LogError(
-                f"{self.path} is a folder: give a log (.mcap); `stream-sfm import` makes one of folders of images"
+                f"{self.path} is a folder: give a log (.mcap), or import its images into one",
+                hint=("import_images",),
             )
         with self._open() as stream:
             try:
@@ -256,7 +257,7 @@ def _other_format(start: bytes) -> str:
     if start.startswith(b"SQLite"):
         return " but a ROS 2 SQLite bag: convert it with `ros2 bag convert` to storage id mcap"
     if start.startswith((b"\x89PNG", b"\xff\xd8\xff")):
-        return " but an image: make a log of images with `stream-sfm import images`"
+        return " but an image: import images into a log first"
     if start.startswith(b"RRF"):
         return " but a Rerun recording"
     if start.startswith(MAGIC[:5]):

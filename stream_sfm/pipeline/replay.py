@@ -242,7 +242,7 @@ class _Replay:
         }
         if self.way_back is not None:
             if self.way_back.too_long:
-                summary["warnings"].append(f"no way back: {TOO_LONG}; take fewer with --max-frames")
+                summary["warnings"].append(f"the frames were not fed backwards: {TOO_LONG}; select fewer frames")
             summary["there_and_back"] = None if self.way_back.too_long or interrupted else closure(trajectory)
         if truth is not None:
             summary["ground_truth"] = (
@@ -276,7 +276,7 @@ def point_latest_to(folder: Path) -> None:
 def check_selection(start_s: float | None, end_s: float | None) -> None:
     """Raises ConfigError where no frame can lie between."""
     if start_s is not None and end_s is not None and end_s < start_s:
-        raise ConfigError(f"--end {end_s:g} lies before --start {start_s:g}")
+        raise ConfigError(f"the end, {end_s:g} s, lies before the start, {start_s:g} s")
 
 
 def _picture(recorded: ImageMessage, decoded: NDArray[np.uint8]) -> "Picture":

@@ -111,7 +111,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
             "record the images so, or raw"
         )
     if "compresseddepth" in message.encoding.lower().replace(" ", ""):
-        raise LogError(f"{where} holds depth images, not a camera: name the topic with --left or --right")
+        raise LogError(f"{where} holds depth images: name the topics of the two cameras", hint=("left", "right"))
 
 
 def sniff_format(data: bytes) -> str | None:

@@ -22,7 +22,7 @@ _MODELS = {
     "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "kannala_brandt": "equidistant", "fisheye": "equidistant", "none": "none",
 }  # fmt: skip
-CURE = "give the calibration with --calibration FILE"
+CURE = "give the calibration of these cameras"
 
 
 def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
@@ -49,7 +49,9 @@ def rig_from_messages(
             right_from_left = se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
         return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
-        raise LogError(f"{path}: topics {left.topic} and {right.topic}: {error}; or {CURE}") from None
+        raise LogError(
+            f"{path}: topics {left.topic} and {right.topic}: {error}; or {CURE}", hint=("calibration",)
+        ) from None
 
 
 def camera_from_message(path: Path, message: CalibrationMessage, rectified: bool) -> MonoRig:
@@ -57,7 +59,7 @@ def camera_from_message(path: Path, message: CalibrationMessage, rectified: bool
     try:
         return MonoRig(_camera(path, message, rectified))
     except ConfigError as error:
-        raise LogError(f"{path}: topic {message.topic}: {error}; or {CURE}") from None
+        raise LogError(f"{path}: topic {message.topic}: {error}; or {CURE}", hint=("calibration",)) from None
 
 
 def right_is_left(rig: StereoRig) -> float | None:
@@ -73,7 +75,7 @@ def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:
     try:
         check_rectifiable(rig)
     except RigError as error:
-        raise LogError(f"{path}: {error} Or {CURE}") from None
+        raise LogError(f"{path}: {error}; or {CURE}", hint=(*error.hint, "calibration")) from None
 
 
 def check_sides(path: Path, rig: StereoRig) -> None:
@@ -81,8 +83,8 @@ def check_sides(path: Path, rig: StereoRig) -> None:
     if (distance_m := right_is_left(rig)) is not None:
         raise LogError(
             f"{path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left one: "
-            "left and right are swapped (swap them with --left and --right), or the sign of P[3] is wrong; "
-            f"`stream-sfm inspect` tells which from the images; {CURE}"
+            f"left and right are swapped, or the sign of P[3] is wrong: exchange the topics, or {CURE}",
+            hint=("left", "right", "calibration", "inspect"),
         )
 
 
@@ -94,7 +96,10 @@ def _rotation(path: Path, message: CalibrationMessage) -> Array:
     if not message.R.any():
         return np.eye(3)
     if not np.allclose(message.R @ message.R.T, np.eye(3), atol=1e-3) or np.linalg.det(message.R) < 0:
-        raise LogError(f"{path}: topic {message.topic}: R is no rotation matrix: {message.R.tolist()}; {CURE}")
+        raise LogError(
+            f"{path}: topic {message.topic}: R is not a rotation matrix: {message.R.tolist()}; {CURE}",
+            hint=("calibration",),
+        )
     pose: Array = se3.orthonormalised(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]
 
@@ -107,7 +112,8 @@ def _camera(path: Path, message: CalibrationMessage, rectified: bool) -> Camera:
     if model is None and any(coefficients):
         raise LogError(
             f"{path}: topic {message.topic}: distortion model {message.distortion_model!r} is not known; known are "
-            f"plumb_bob, rational_polynomial, equidistant (kannala_brandt); {CURE}"
+            f"plumb_bob, rational_polynomial, equidistant (kannala_brandt); {CURE}",
+            hint=("calibration",),
         )
     if model == "plumb_bob" and any(coefficients[5:]):
         model = "rational_polynomial"  # some drivers send eight coefficients under the older name
@@ -126,6 +132,7 @@ def _fitted(path: Path, message: CalibrationMessage, model: str) -> tuple[float,
     if count is None:
         raise LogError(
             f"{path}: topic {message.topic}: {len(sent)} distortion coefficients are not supported, only the first "
-            f"{max(counts)} of {model} (no thin prism, no tilt); rectify the images first, or {CURE}"
+            f"{max(counts)} of {model} (no thin prism, no tilt); rectify the images first, or {CURE}",
+            hint=("calibration",),
         )
     return (*sent, *[0.0] * count)[:count]

@@ -64,7 +64,7 @@ def _attached(file: LogFile, parse: Callable[[bytes, str], Rig]) -> Rig | None:
             try:
                 return parse(attachment.data, "attached to the log")
             except ConfigError as error:
-                raise LogError(f"{file.path}: {error}; {CURE}") from None
+                raise LogError(f"{file.path}: {error}; {CURE}", hint=("calibration",)) from None
     return None
 
 
@@ -74,7 +74,7 @@ def _calibration_topic(file: LogFile, survey: Survey, image_topic: str, side: in
     if topic is None:
         listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
         raise LogError(
-            f"{file.path} has no calibration for topic {image_topic}{listed}; give one with --calibration FILE"
+            f"{file.path} has no calibration for topic {image_topic}{listed}; {CURE}", hint=("calibration",)
         )
     return topic
 
@@ -96,7 +96,8 @@ def _sent(file: LogFile, survey: Survey, choice: PairChoice) -> FoundRig:
     if right_from_left is None:
         raise LogError(
             f"{file.path}: the baseline is not known: P of topics {left.topic} and {right.topic} gives none, and no "
-            f"fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}; {CURE}"
+            f"fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}; {CURE}",
+            hint=("calibration",),
         )
     rig = rig_from_messages(file.path, left, right, rectified, right_from_left)
     return FoundRig(rig, f"{sent}, baseline from the transform between {frames[0]} and {frames[1]}")

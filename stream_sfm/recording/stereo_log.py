@@ -261,7 +261,7 @@ class _Decoding:
                 )
                 if not self._delivered:
                     raise LogError(
-                        f"{self._log.path}: {text}: give the calibration of these images with --calibration FILE"
+                        f"{self._log.path}: {text}: give the calibration of these images", hint=("calibration",)
                     )
                 self._skip(text)
                 return False

@@ -110,6 +110,7 @@ def read_calibration_messages(
         if topic not in found:
             raise LogError(
                 f"{file.path}: no calibration could be read from topic {topic}{problem}; "
-                "give one with --calibration FILE"
+                "give the calibration of these cameras",
+                hint=("calibration",),
             )
     return found[topics[0]], found[topics[1]]

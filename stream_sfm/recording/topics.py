@@ -85,11 +85,15 @@ def choose_pair(
     Raises LogError, listing the candidates, where there is none or where the choice is the user's.
     """
     listed = ", ".join(sorted(image_topics)) or "none"
-    for flag, topic in (("--left", left), ("--right", right)):
+    for side, topic in (("left", left), ("right", right)):
         if topic is not None and topic not in image_topics:
-            raise LogError(f"{path}: {flag} {topic} is no image topic of this log; image topics are: {listed}")
+            raise LogError(
+                f"{path}: {topic} is not an image topic of this log; image topics are: {listed}", hint=(side,)
+            )
     if left is not None and left == right:
-        raise LogError(f"{path}: --left and --right are both {left}: a stereo pair needs two topics")
+        raise LogError(
+            f"{path}: left and right are both {left}: a stereo pair needs two topics", hint=("left", "right")
+        )
     if left is not None and right is not None:
         return PairChoice(left, right, "named by the user")
     cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
@@ -110,13 +114,15 @@ def choose_pair(
                 pairs = [(pairs[0][1], pairs[0][0])]
     if len(cameras) == 1 and not pairs:
         raise LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two (replay --mono does with one, "
-            f"without scale); image topics are: {listed}"
+            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; a replay with one camera is "
+            f"possible, without scale; image topics are: {listed}",
+            hint=("mono",),
         )
     if not pairs:
         raise LogError(
-            f"{path}: the names do not tell which is the left and which the right camera; say it with "
-            f"--left TOPIC --right TOPIC; image topics are: {', '.join(sorted(cameras))}"
+            f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
+            f"image topics are: {', '.join(sorted(cameras))}",
+            hint=("left", "right"),
         )
     if len(pairs) == 1:
         return PairChoice(*pairs[0], "their names differ in the side alone")
@@ -124,8 +130,8 @@ def choose_pair(
     if len({_device(l) for l, _ in pairs}) == 1:
         best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
         return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
-    options = "; ".join(f"--left {l} --right {r}" for l, r in pairs)
-    raise LogError(f"{path} holds several stereo pairs; choose one: {options}")
+    listed = "; ".join(f"{l} and {r}" for l, r in pairs)
+    raise LogError(f"{path} holds several stereo pairs, name one: {listed}", hint=("left", "right"))
 
 
 def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:

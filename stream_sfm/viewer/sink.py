@@ -73,12 +73,14 @@ class RerunSink:
         if view:
             if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
                 raise ConfigError(
-                    "there is no display for a viewer: write a file with --rrd FILE and open it elsewhere"
+                    "there is no display for a viewer: write a file and open it elsewhere", hint=("rrd",)
                 )
             try:
                 rr.spawn(connect=False)
             except RuntimeError as error:
-                raise ConfigError(f"the viewer could not be started ({error}): use --rrd FILE") from None
+                raise ConfigError(
+                    f"the viewer could not be started ({error}): write a file instead", hint=("rrd",)
+                ) from None
             sinks.append(rr.GrpcSink())
         self._stream.set_sinks(*sinks, default_blueprint=blueprint)
 

@@ -1,7 +1,9 @@
 """The commands as a user types them: exit codes, messages, one JSON object and nothing else."""
 
+import argparse
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -12,12 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stream_sfm.cli.hints import COMMANDS as HINTED_COMMANDS
+from stream_sfm.cli.hints import OPTIONS
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from stream_sfm.config import Config, read_config
 from tests.recording.make_logs import Spec, video, write_log
 from tests.wall_log import write_wall_log
 
 FAST = ["--method", "frame-to-frame"]
+COMMAND_NAMES = [c.__name__.rsplit(".", 1)[1].rstrip("_") for c in COMMANDS]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +35,13 @@ def half(log: Path, to: Path) -> Path:
     return to
 
 
-@pytest.mark.parametrize("command", ["", *(c.__name__.rsplit(".", 1)[1].rstrip("_") for c in COMMANDS)])
+def options() -> list[argparse.Action]:
+    """All options of all commands."""
+    (commands,) = (a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction))
+    return [action for parser in commands.choices.values() for action in parser._actions]
+
+
+@pytest.mark.parametrize("command", ["", *COMMAND_NAMES])
 def test_every_command_has_help(command: str, capsys):
     assert main([*command.split(), "--help"]) == 0
     assert "usage: stream-sfm" in capsys.readouterr().out
@@ -112,6 +123,26 @@ def test_logs_that_cannot_be_used_are_3_with_the_file_named_and_no_traceback(log
         assert not (tmp_path / "out").exists(), what
         assert main(["inspect", str(path)]) == 3, what
         assert "Traceback" not in capsys.readouterr().err, what
+
+
+def test_an_error_is_followed_by_the_options_and_commands_that_help(log: Path, tmp_path: Path, capsys):
+    def hint(*arguments: str) -> str:
+        assert main(list(arguments)) in (2, 3)
+        return capsys.readouterr().err.splitlines()[-1]
+
+    one_camera = str(write_log(tmp_path / "one.mcap", Spec(right=())))
+    assert hint("replay", one_camera) == "hint: use --mono"
+    assert hint("surface", one_camera, "--out", "x.ply").startswith("stream-sfm: "), "surface has no --mono"
+    uncalibrated = str(write_log(tmp_path / "raw.mcap", Spec(infos=(None, None))))
+    assert hint("replay", uncalibrated) == "hint: use --calibration FILE"
+    assert hint("replay", str(log), "--left", "/nowhere") == "hint: use --left TOPIC"
+    assert hint("replay", str(log), "--set", "widow.frames=8") == "hint: `stream-sfm config` prints every setting"
+
+
+def test_hints_name_options_that_exist():
+    given = {action.option_strings[-1] for action in options() if action.option_strings}
+    assert {option.split()[0] for option in OPTIONS.values()} <= given
+    assert all(re.search(rf"stream-sfm ({'|'.join(COMMAND_NAMES)})", text) for text in HINTED_COMMANDS.values())
 
 
 def test_a_topic_that_is_not_there_is_3_and_named(log: Path, capsys):

@@ -197,5 +197,5 @@ def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(p
     log.close()
     rig = sfm.open_log(write_log(path.with_name("whole.mcap"))).rig
     assert len(list(sfm.open_log(path, calibration=rig).frames())) == 4
-    with pytest.raises(sfm.LogError, match="/camera/left/image_raw is no image topic"):
+    with pytest.raises(sfm.LogError, match="/camera/left/image_raw is not an image topic"):
         sfm.open_log(path, left="/camera/left/image_raw", right=Spec.topics[1], calibration=rig)

@@ -66,7 +66,7 @@ def test_a_sound_log(file, frames):
 def test_swapped_cameras(file, frames, tmp_path):
     (problem,) = inspect_log(write(file, frames, swapped=True))["problems"]
     assert "the images are swapped" in problem and "negative disparity" in problem
-    assert f"--left {RIGHT} --right {LEFT}" in problem and "--calibration" in problem
+    assert f"name {RIGHT} as left and {LEFT} as right" in problem and "calibration of that pair" in problem
     (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
     assert inspect_log(file, left=RIGHT, right=LEFT, calibration=tmp_path / "c.toml")["problems"] == []
 
@@ -83,7 +83,7 @@ def test_swapped_cameras_that_converge(file):
 
 def test_swapped_cameras_with_their_calibration(file, frames):
     (problem,) = inspect_log(write(file, frames, infos()[::-1], swapped=True))["problems"]
-    assert "left and right are swapped" in problem and f"--left {RIGHT} --right {LEFT}" in problem
+    assert "left and right are swapped" in problem and f"name {RIGHT} as left and {LEFT} as right" in problem
     assert inspect_log(file, left=RIGHT, right=LEFT)["problems"] == []
 
 

@@ -212,7 +212,7 @@ def test_one_damaged_image_is_skipped(path):
 def test_topics_can_be_named(path):
     write_log(path, Spec(topics=("/a/image", "/b/image"), info_topics=("/a/info", "/b/info")))
     check_frames(path, left="/a/image", right="/b/image")
-    with pytest.raises(LogError, match=r"--left /c is no image topic.*/a/image, /b/image"):
+    with pytest.raises(LogError, match=r": /c is not an image topic.*/a/image, /b/image"):
         open_log(path, left="/c")
     with pytest.raises(LogError, match="both /a/image"):
         open_log(path, left="/a/image", right="/a/image")
@@ -223,7 +223,7 @@ def test_several_pairs_are_the_users_choice(path):
     for topic in ("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"):
         write_image(log, "foxglove", topic, START_NS, scene(0, "right" in topic), "png")
     log.close()
-    with pytest.raises(LogError, match="--left /front/left/image --right /front/right/image; --left /rear"):
+    with pytest.raises(LogError, match="/front/left/image and /front/right/image; /rear"):
         open_log(path)
 
 

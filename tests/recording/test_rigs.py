@@ -101,7 +101,7 @@ def test_transforms_that_move_are_no_calibration(path):
     edges = [("room", "left", BODY_FROM_LEFT), ("room", "right", BODY_FROM_LEFT @ LEFT_FROM_RIGHT)]
     assert open_log(transforms(path, *edges)).rig.baseline_m == pytest.approx(0.3, abs=1e-3)
     with pytest.raises(
-        LogError, match=r"no fixed transform leads from frame 'left' to frame 'right'.*--calibration"
+        LogError, match=r"no fixed transform leads from frame 'left' to frame 'right'.*give the calibration"
     ):
         open_log(transforms(path, *edges, per_frame=0.001))
 

@@ -84,7 +84,7 @@ def test_a_window_needs_a_display(monkeypatch):
         pytest.skip("the display is told by the environment on Linux only")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(sfm.ConfigError, match="--rrd FILE"):
+    with pytest.raises(sfm.ConfigError, match="no display"):
         sfm.viewer.open_viewer(_rig(), view=True)
 
 

@@ -1,0 +1,28 @@
+"""What the command line adds to an error of the library: the options and commands that help."""
+
+import argparse
+
+from ..errors import StreamSfmError
+
+# By the names that errors use (`StreamSfmError.hint`): arguments of the library's functions as options, functions as
+# commands.
+OPTIONS = {
+    "calibration": "--calibration FILE",
+    "left": "--left TOPIC",
+    "right": "--right TOPIC",
+    "mono": "--mono",
+    "rrd": "--rrd FILE",
+}
+COMMANDS = {
+    "config_to_toml": "`stream-sfm config` prints every setting",
+    "import_images": "`stream-sfm import --help` lists what can be imported",
+    "inspect": "`stream-sfm inspect LOG` checks the calibration against the images",
+}
+
+
+def hint(error: StreamSfmError, args: argparse.Namespace) -> str:
+    """One line that says which options of this command, or which other commands, help; empty where none does."""
+    options = [OPTIONS[name] for name in error.hint if name in OPTIONS and hasattr(args, name)]
+    parts = [f"use {' '.join(options)}"] if options else []
+    parts += [COMMANDS[name] for name in error.hint if name in COMMANDS and name != args.command]
+    return f"hint: {'; '.join(parts)}" if parts else ""
