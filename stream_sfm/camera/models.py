@@ -77,7 +77,7 @@ class StereoRig:
         r = pose[:3, :3]
         if not np.allclose(r @ r.T, np.eye(3), atol=1e-3) or np.linalg.det(r) < 0:
             raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")
-        object.__setattr__(self, "right_from_left", se3.orthonormalised(pose))
+        object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             raise ConfigError(
                 f"left images are {self.left.width}×{self.left.height}, right ones "

@@ -60,7 +60,7 @@ class MotionPrior:
             ],
             3,
         )
-        return se3.orthonormalised(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
+        return se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
 
     def _seconds_since(self, stamp_ns: int) -> float:
         return 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) / 1e9

@@ -125,7 +125,7 @@ class FrontEnd:
             return None, np.empty((0, 4)), np.empty((0, 4, 4))
         self.noise.learn(final.chi2, final.dof)
         cam_from_previous = final.cam_from_ref
-        self.cam_from_start = se3.orthonormalised(cam_from_previous @ self.cam_from_start)
+        self.cam_from_start = se3.orthonormalise(cam_from_previous @ self.cam_from_start)
         self.velocity = se3.log(cam_from_previous) / dt if dt > 0 else np.zeros(6)
         good = final.accepted
         # a frame in which most views fit badly is worse than the run's, and not full of outliers: blurred, for instance

@@ -1,8 +1,8 @@
 """Robust resection: the motion of a stereo camera from points with covariances and their stereo views.
 
-The robust start of every estimator and the outlier test of the front-end. Annealed Cauchy weights first (they
-did not fail at 15 % outliers), then a χ² gate and a plain least-squares finish, so that the covariance is honest.
-Where the weighted start finds no majority, minimal three-point hypotheses are tried.
+Every estimator starts a frame from it, and the front-end takes its outlier test from it. Cauchy weights come first,
+wide and then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
+Gaussian noise. Where few views are accepted, the best of many three-point alignments is tried as another start.
 """
 
 from dataclasses import dataclass
@@ -12,20 +12,47 @@ from numpy.typing import NDArray
 
 from . import se3
 from .gates import chi2_gates
+from .linear import matvec, scaled_inverse
 from .se3 import Array
-from .stereo import StereoProjection, whitening_of_views
+from .stereo import MIN_DEPTH, StereoProjection, clamp_depth, whitening_of_views
 
-_HYPOTHESES = 96  # at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6
-_MEDIAN_CHI2_4 = 3.36
-_CAUCHY_WIDTH = 2.4**2  # 95 % efficiency on Gaussian noise
-_MIN_DEPTH = 1e-3  # of a homogeneous point: in front of the camera
+MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
+_MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
+# Cauchy weights, in squared standard deviations of a view.
+_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
+_CAUCHY_WIDTH_FIRST = (
+    6.0  # a little wider while the motion is still moving fast: fewer good views are let go of early
+)
+_WIDE_STEPS = 3
+_MAX_ROBUST_STEPS = 9
+_MAX_FINAL_STEPS = 4
+_RELINEARISE_EVERY = 3  # steps: between them the pose moves too little to change the Jacobian much
+# Squared length of a step in standard deviations of the motion, below which iterating stops.
+_ROBUST_CONVERGED = 0.3  # half a standard deviation; the final least squares does the rest
+_FINAL_CONVERGED = 1e-2  # a tenth of a standard deviation
+_SPREAD_SETTLED = 2.0  # residuals this close to their expected size: the first step may already be the last
+_MAX_ROTATION_STEP_RAD = (
+    0.3  # a linearised rotation is off by a few per cent there; longer steps keep their direction
+)
+_MIN_SINGULAR_VALUE = 1e-10  # of the scaled information, relative to the largest: below it no step is taken
+# Three-point hypotheses.
+_RETRY_BELOW = 0.6  # accepted share: a good start accepts more even at 30 % outliers, and a retry costs a few ms
+_HYPOTHESES = 96  # closed form: at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6
+_TRIPLE_VARIANCE_PX2 = (
+    4.0  # 2 px added to each view's σ when triples are ranked: three points fix a pose only roughly
+)
+_TRUNCATED_AT = 9.0  # squared residual, 3 σ: what an outlier counts in the ranking
+_AT_INFINITY = 1e-6  # fourth coordinate, 1/m: a kilometre and more has no metric position to align
 
 
 @dataclass(frozen=True, slots=True)
 class Resection:
-    """`cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2`
-    and `dof` of the accepted views; `spread`: median squared residual of all views over what it should be, at least 1;
-    `ok`: at least six accepted views that determine the motion."""
+    """The motion that brings points onto their views.
+
+    `cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2` and
+    `dof` of the accepted views; `spread`: median squared residual of all views over its expected value, at least 1;
+    `ok`: enough accepted views, and they determine the motion.
+    """
 
     cam_from_ref: Array
     cov_pose: Array
@@ -37,7 +64,7 @@ class Resection:
 
 
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
-    """Points (n, 3) and covariances (n, 3, 3) as homogeneous ones (n, 4), (n, 4, 4)."""
+    """Return points (n, 3) and covariances (n, 3, 3) as homogeneous ones (n, 4), (n, 4, 4)."""
     n = len(points)
     cov = None
     if cov_points is not None:
@@ -55,16 +82,19 @@ def resect(
     cam_from_ref_start: Array,
     gate_probability: float = 0.999,
 ) -> Resection:
-    """Motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
+    """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
     `points_in_ref` (n, 3) metres or (n, 4) homogeneous, `cov_points` of the same dimension (None: exact),
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4).
     """
+    if len(z_px) < MIN_VIEWS:
+        unknown = np.full((6, 6), np.inf)
+        return Resection(cam_from_ref_start, unknown, np.zeros(len(z_px), bool), 0.0, 0, 1.0, False)
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     problem = _Problem(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
     result = problem.solve(cam_from_ref_start)
-    if len(z_px) >= 6 and result.accepted.mean() < 0.6:
+    if result.accepted.mean() < _RETRY_BELOW:
         other = problem.solve(problem.best_hypothesis(cam_from_ref_start))
         if other.accepted.sum() > result.accepted.sum():
             result = other
@@ -72,7 +102,15 @@ def resect(
 
 
 class _Problem:
-    def __init__(self, projection, points, cov_points, z_px, cov_px, gate_probability) -> None:
+    def __init__(
+        self,
+        projection: StereoProjection,
+        points: Array,
+        cov_points: Array | None,
+        z_px: Array,
+        cov_px: Array,
+        gate_probability: float,
+    ) -> None:
         self.projection = projection
         self.points = points
         self.cov_points = cov_points
@@ -82,11 +120,57 @@ class _Problem:
         self.sides = np.isfinite(z_px).sum(axis=1)  # measured coordinates: 4, or 2 without the right view
         self.gate = chi2_gates(self.sides, gate_probability)
 
-    def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
-        """Roots (n, 4, 4) that whiten the residuals (view noise, and the points' own uncertainty seen from here), and
-        the whitened Jacobian (n, 4, 6) of the left perturbation."""
-        in_cam = self.points @ cam_from_ref.T
-        in_cam = np.maximum(in_cam, _front(in_cam))
+    def solve(self, cam_from_ref: Array) -> Resection:
+        """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
+        return self._least_squares(*self._robust_fit(cam_from_ref))
+
+    def _robust_fit(self, cam_from_ref: Array) -> tuple[Array, Array, Array]:
+        """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
+
+        Returns the motion, and roots and Jacobian as `_linearise` has them.
+        """
+        root, j = self._linearise(cam_from_ref)
+        r, s2 = self._residuals(cam_from_ref, root)
+        for k in range(_MAX_ROBUST_STEPS):
+            spread = _spread(s2)
+            width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
+            cam_from_ref, moved, _ = _step(cam_from_ref, j, r, 1 / (1 + s2 / width))
+            if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
+                break
+            if (k + 1) % _RELINEARISE_EVERY == 0:
+                root, j = self._linearise(cam_from_ref)
+            r, s2 = self._residuals(cam_from_ref, root)
+        if k > 0:  # a start that needed no second step was good enough to be linearised at
+            root, j = self._linearise(cam_from_ref)
+        return cam_from_ref, root, j
+
+    def _least_squares(self, cam_from_ref: Array, root: Array, j: Array) -> Resection:
+        """Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step."""
+        r, s2 = self._residuals(cam_from_ref, root)
+        accepted = s2 < self.gate
+        for _ in range(_MAX_FINAL_STEPS):
+            cam_from_ref, moved, information = _step(cam_from_ref, j, r, accepted.astype(float))
+            r, s2 = self._residuals(cam_from_ref, root)
+            before, accepted = accepted, s2 < self.gate
+            if moved < _FINAL_CONVERGED and (before == accepted).all():
+                break
+        cov = scaled_inverse(information)
+        return Resection(
+            cam_from_ref=se3.orthonormalise(cam_from_ref),
+            cov_pose=np.full((6, 6), np.inf) if cov is None else cov,
+            accepted=accepted,
+            chi2=float(s2[accepted].sum()),
+            dof=int(self.sides[accepted].sum()) - 6,
+            spread=_spread(s2),
+            ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
+        )
+
+    def _linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
+        """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6) of a left perturbation.
+
+        The noise is that of the view and of the point itself, as seen from here.
+        """
+        in_cam = clamp_depth(self.points @ cam_from_ref.T)
         j = self.projection.jacobian_homogeneous(in_cam)
         cov = self.cov_px
         if self.cov_points is not None:
@@ -96,101 +180,51 @@ class _Problem:
         a = root @ j[..., :3]
         return root, np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
 
-    def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
-        """Whitened residuals (n, 4) and their squared norms (n,), inf behind the camera."""
+    def _residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
+        """Return whitened residuals (n, 4) and their squared norms (n,), which are inf behind the camera."""
         in_cam = self.points @ cam_from_ref.T
-        behind = in_cam[:, 2] < _MIN_DEPTH
-        in_cam = np.maximum(in_cam, _front(in_cam))
-        r = (root @ (self.z - self.projection.project_homogeneous(in_cam))[..., None])[..., 0]
+        behind = in_cam[:, 2] < MIN_DEPTH
+        r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
         return r, np.where(behind, np.inf, (r * r).sum(1))
 
-    def step(self, cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array, float, Array]:
-        """One weighted Gauss-Newton step, its squared length in standard deviations, and its information (6, 6)."""
-        weighted = (j * weight[:, None, None]).reshape(-1, 6).T
-        h, g = weighted @ j.reshape(-1, 6), weighted @ r.ravel()
-        scale = 1 / np.sqrt(np.maximum(np.diag(h), 1e-12))
-        delta = scale * np.linalg.lstsq(h * np.outer(scale, scale), g * scale, rcond=1e-10)[0]
-        size = np.linalg.norm(delta[3:])
-        if size > 0.3:  # a wild step from a bad start: keep its direction only
-            delta *= 0.3 / size
-        return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta), h
-
-    def solve(self, cam_from_ref: Array) -> Resection:
-        """Annealed weights, then the gate and plain least squares. The Jacobian is renewed after every third step:
-        between them the pose moves too little to matter."""
-        n = len(self.z_px)
-        if n < 6:
-            return Resection(cam_from_ref, np.full((6, 6), np.inf), np.zeros(n, bool), 0.0, 0, 1.0, False)
-        root, j = self.linearise(cam_from_ref)
-        r, s2 = self.residuals(cam_from_ref, root)
-        for k in range(9):
-            spread = _spread(s2)
-            width = spread * (_CAUCHY_WIDTH if k > 2 else 6.0)
-            cam_from_ref, moved, _ = self.step(cam_from_ref, j, r, 1 / (1 + s2 / width))
-            if moved < 0.3 and (k > 1 or spread < 2):
-                break
-            if k % 3 == 2:
-                root, j = self.linearise(cam_from_ref)
-            r, s2 = self.residuals(cam_from_ref, root)
-        if k > 0:  # a start that needed no second step was good enough to be linearised at
-            root, j = self.linearise(cam_from_ref)
-        r, s2 = self.residuals(cam_from_ref, root)
-        accepted = s2 < self.gate
-        for _ in range(4):
-            cam_from_ref, moved, h = self.step(cam_from_ref, j, r, accepted.astype(float))
-            r, s2 = self.residuals(cam_from_ref, root)
-            before, accepted = accepted, s2 < self.gate
-            if moved < 1e-2 and (before == accepted).all():
-                break
-        cov, ok = _inverse(h)
-        dof = int(self.sides[accepted].sum()) - 6
-        chi2 = float(s2[accepted].sum())
-        cam_from_ref = se3.orthonormalised(cam_from_ref)
-        return Resection(cam_from_ref, cov, accepted, chi2, dof, _spread(s2), ok and accepted.sum() >= 6)
-
     def best_hypothesis(self, start: Array) -> Array:
-        """The best of many three-point alignments of triangulated views (Umeyama 1991), by truncated cost."""
+        """Return the best by truncated cost of `start` and of many alignments of three triangulated views each."""
         depth = self.projection.depth_m(self.z_px)
-        usable = np.flatnonzero((self.sides == 4) & (depth > 0) & np.isfinite(depth) & (self.points[:, 3] > 1e-6))
+        metric = (self.sides == 4) & (depth > 0) & np.isfinite(depth) & (self.points[:, 3] > _AT_INFINITY)
+        usable = np.flatnonzero(metric)
         if len(usable) < 3:
             return start
         rng = np.random.default_rng(len(usable))  # fixed by the data: the same frame gives the same answer
         triples = usable[rng.random((_HYPOTHESES, len(usable))).argpartition(2, axis=1)[:, :3]]
         source = self.points[triples, :3] / self.points[triples, 3:]
-        target = self.projection.triangulate(self.z_px[triples])
-        ms, mt = source.mean(1, keepdims=True), target.mean(1, keepdims=True)
-        u, _, vt = np.linalg.svd(np.swapaxes(target - mt, 1, 2) @ (source - ms))
-        sign = np.linalg.det(u) * np.linalg.det(vt)
-        u[:, :, 2] *= sign[:, None]
-        rotation = u @ vt
-        translation = (mt - ms @ np.swapaxes(rotation, 1, 2))[:, 0]
-        candidates = np.concatenate([start[None], se3.from_rotation_translation(rotation, translation)])
-        cov = self.cov_px + 4 * np.eye(4)  # triples are noisy: a tolerant score ranks them better
-        root = whitening_of_views(self.z_px, cov)
-        costs = [np.minimum(self.residuals(c, root)[1], 9.0).sum() for c in candidates]
-        return candidates[int(np.argmin(costs))]
+        candidates = np.concatenate([start[None], _align(source, self.projection.triangulate(self.z_px[triples]))])
+        root = whitening_of_views(self.z_px, self.cov_px + _TRIPLE_VARIANCE_PX2 * np.eye(4))
+        costs = [np.minimum(self._residuals(c, root)[1], _TRUNCATED_AT).sum() for c in candidates]
+        return np.asarray(candidates[int(np.argmin(costs))])
+
+
+def _step(cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array, float, Array]:
+    """Take one weighted Gauss-Newton step: the new pose, the squared length in deviations, the information (6, 6)."""
+    weighted = (j * weight[:, None, None]).reshape(-1, 6).T
+    h, g = weighted @ j.reshape(-1, 6), weighted @ r.ravel()
+    scale = 1 / np.sqrt(np.maximum(np.diag(h), 1e-12))  # an unseen direction has a zero there
+    delta = scale * np.linalg.lstsq(h * np.outer(scale, scale), g * scale, rcond=_MIN_SINGULAR_VALUE)[0]
+    angle = np.linalg.norm(delta[3:])
+    if angle > _MAX_ROTATION_STEP_RAD:
+        delta *= _MAX_ROTATION_STEP_RAD / angle
+    return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta), h
+
+
+def _align(source: Array, target: Array) -> Array:
+    """Return rigid motions (k, 4, 4) that bring triples (k, 3, 3) of points onto others (Umeyama 1991)."""
+    ms, mt = source.mean(1, keepdims=True), target.mean(1, keepdims=True)
+    u, _, vt = np.linalg.svd(np.swapaxes(target - mt, 1, 2) @ (source - ms))
+    u[:, :, 2] *= (np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    rotation = u @ vt
+    return se3.from_rotation_translation(rotation, (mt - ms @ np.swapaxes(rotation, 1, 2))[:, 0])
 
 
 def _spread(s2: Array) -> float:
+    """Return the median of squared residuals over its expected value, at least 1."""
     finite = np.isfinite(s2)
     return max(1.0, float(np.median(s2[finite])) / _MEDIAN_CHI2_4) if finite.any() else 1.0
-
-
-def _front(in_cam: Array) -> Array:
-    """Lower bound that keeps depth positive and touches nothing else."""
-    bound = np.full(in_cam.shape, -np.inf)
-    bound[..., 2] = _MIN_DEPTH
-    return bound
-
-
-def _inverse(h: Array) -> tuple[Array, bool]:
-    """Inverse of an information matrix, scaled by its diagonal first; ok is False when it is singular."""
-    d = np.diag(h)
-    if (d <= 0).any():
-        return np.full((6, 6), np.inf), False
-    scale = 1 / np.sqrt(d)
-    scaled = h * np.outer(scale, scale)
-    if np.linalg.cond(scaled) > 1e10:
-        return np.full((6, 6), np.inf), False
-    cov = np.linalg.inv(scaled) * np.outer(scale, scale)
-    return (cov + cov.T) / 2, True

@@ -112,7 +112,16 @@ def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Arr
     return np.asarray(points_in_source) @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
 
 
-def orthonormalised(pose: ArrayLike) -> Array:
+def point_in_source_jacobian(points_in_source: Array) -> Array:
+    """Return ∂X_source/∂ξ (…, 3, 6) = [−I, [X_source]×] of points fixed in the target frame, eq. (45).
+
+    ξ is the right perturbation of target_from_source.
+    """
+    minus_eye = np.broadcast_to(-_EYE, (*points_in_source.shape, 3))
+    return np.concatenate([minus_eye, skew(points_in_source)], axis=-1)
+
+
+def orthonormalise(pose: ArrayLike) -> Array:
     """The same pose with its rotation, nearly one already, projected back onto SO(3).
 
     Needed after compositions: a constant-velocity prediction multiplies the loss of orthonormality by 2.4

@@ -10,6 +10,11 @@ import numpy as np
 
 from .se3 import Array
 
+# Points are kept at least this far in front of the camera plane before they are projected: metres for a Euclidean
+# point, the depth relative to the anchor's for a homogeneous one. Smaller than any depth a lens can image; only wild
+# steps and points behind the camera meet it.
+MIN_DEPTH = 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class StereoProjection:
@@ -84,6 +89,13 @@ class StereoProjection:
         x = (z_px[..., 0] - self.cx_left_px) * depth / self.f_px
         y = (0.5 * (z_px[..., 1] + z_px[..., 3]) - self.cy_px) * depth / self.f_px
         return np.stack([x, y, depth], axis=-1)
+
+
+def clamp_depth(points_in_cam: Array) -> Array:
+    """Return a copy of points (…, 3 or 4) whose third coordinate is at least MIN_DEPTH."""
+    points = points_in_cam.copy()
+    np.maximum(points[..., 2], MIN_DEPTH, out=points[..., 2])
+    return points
 
 
 def information_of_views(z_px: Array, cov_px: Array) -> Array:

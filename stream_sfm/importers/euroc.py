@@ -76,7 +76,7 @@ def _sensor(path: Path) -> tuple[Camera, Array]:
         camera = Camera(width, height, k, tuple(coefficients), _MODELS[name])
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
-    return camera, se3.orthonormalised(body_from_cam)
+    return camera, se3.orthonormalise(body_from_cam)
 
 
 def _rows(path: Path) -> list[list[str]]:

@@ -115,4 +115,4 @@ def _read_poses(path: Path) -> Array:
     poses[:, :3] = rows
     if not np.allclose(poses[:, :3, :3] @ poses[:, :3, :3].swapaxes(1, 2), np.eye(3), atol=1e-2):
         raise InputError(f"{path}: the first 3×3 numbers of a row are no rotation: is it KITTI's format?")
-    return se3.orthonormalised(poses)
+    return se3.orthonormalise(poses)

@@ -100,7 +100,7 @@ def _rotation(path: Path, message: CalibrationMessage) -> Array:
             f"{path}: topic {message.topic}: R is not a rotation matrix: {message.R.tolist()}; {CURE}",
             hint=("calibration",),
         )
-    pose: Array = se3.orthonormalised(se3.from_rotation_translation(message.R, np.zeros(3)))
+    pose: Array = se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]
 
 

@@ -43,7 +43,7 @@ class IteratedEkf(Ekf):
             s = h @ prior @ h.T + noise
             gain = np.linalg.solve(s, h @ prior).T
             state = gain @ residual
-            self._world_from_cam = se3.orthonormalised(start @ se3.exp(state[:6]))
+            self._world_from_cam = se3.orthonormalise(start @ se3.exp(state[:6]))
             self._points = prior_points + state[6:].reshape(-1, 3)
         keep = np.eye(d) - gain @ h
         cov = keep @ prior @ keep.T + gain @ noise @ gain.T

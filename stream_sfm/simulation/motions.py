@@ -24,7 +24,7 @@ class Motion:
         path = np.empty((frames, 4, 4))
         path[0] = np.eye(4)
         for k in range(1, frames):
-            path[k] = se3.orthonormalised(path[k - 1] @ step)
+            path[k] = se3.orthonormalise(path[k - 1] @ step)
         shake = rng.normal(size=(frames, 6)) * np.repeat([self.shake_m, self.shake_rad], 3)
         shake[0] = 0
         return path @ se3.exp(shake)

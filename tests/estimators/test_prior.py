@@ -60,7 +60,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     v[2], g[2] = 0, 0  # not seen
     after = prior.absorbed(y, x, q, v, g)
 
-    charts = se3.orthonormalised(x @ prior.charts)
+    charts = se3.orthonormalise(x @ prior.charts)
     by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(charts) @ pose_jacobian(in_reference(charts, q))
     # [q, ω, ξ] -> [q', ω'], ξ as good as unknown beside millimetres
     carry = np.zeros((3 * N + 6, 3 * N + 12))

@@ -67,5 +67,5 @@ def path(n: int) -> np.ndarray:
     step = se3.exp([0.02, 0.004, 0.015, 0.002, -0.004, 0.003])
     poses = [np.eye(4)]
     for _ in range(n - 1):
-        poses.append(se3.orthonormalised(poses[-1] @ step))
+        poses.append(se3.orthonormalise(poses[-1] @ step))
     return np.stack(poses)

@@ -55,10 +55,10 @@ def test_quaternions_round_trip_in_every_quadrant() -> None:
     assert np.allclose(se3.matrix_from_quat_xyzw([0, 0, np.sqrt(0.5), np.sqrt(0.5)]) @ [1, 0, 0], [0, 1, 0])
 
 
-def test_orthonormalised_repairs_a_rotation() -> None:
+def test_orthonormalise_repairs_a_rotation() -> None:
     pose = se3.exp(tangents(0.7))
     damaged = pose.copy()
     damaged[:, :3, :3] += RNG.normal(size=(200, 3, 3)) * 1e-6
-    repaired = se3.orthonormalised(damaged)
+    repaired = se3.orthonormalise(damaged)
     assert np.abs(repaired[:, :3, :3] @ np.swapaxes(repaired[:, :3, :3], 1, 2) - np.eye(3)).max() < 1e-14
     assert np.abs(repaired - pose).max() < 1e-5

@@ -243,7 +243,7 @@ def adjust(
                 damping = max(damping * 100, 1e-6)
                 continue
             poses = ref_from_cam.copy()
-            poses[free] = se3.orthonormalised(ref_from_cam[free] @ se3.exp(xi))
+            poses[free] = se3.orthonormalise(ref_from_cam[free] @ se3.exp(xi))
             value, new_share = cost(projection, poses, points + delta, views, priors)
             if value <= best * (1 + 1e-14):
                 converged = best - value <= tolerance * best + 1e-12

@@ -58,7 +58,7 @@ class Ekf:
             reason = outcome.few_views(0, len(rows), robust)
             ended = outcome.joined([ended, self._drop(np.zeros(len(self._ids), bool))])
             return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, ended)
-        world_from_resected = se3.orthonormalised(self._world_from_cam @ se3.inverse(found.cam_from_ref))
+        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
         nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, free)
@@ -142,7 +142,7 @@ class Ekf:
         kf.Q[:6, :6] = cov_free
         kf.predict()
         kf.update(innovation, HJacobian=lambda x: h[seen], Hx=lambda x: h[seen] @ x, R=noise)
-        self._world_from_cam = se3.orthonormalised(self._world_from_cam @ se3.exp(kf.x[:6]))
+        self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(kf.x[:6]))
         self._points = self._points + kf.x[6:].reshape(-1, 3)
         self._cov = (kf.P + kf.P.T) / 2
         return float(kf.y @ kf.SI @ kf.y), len(innovation) - 6

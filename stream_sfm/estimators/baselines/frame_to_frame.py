@@ -64,7 +64,7 @@ class FrameToFrame:
             reason = outcome.few_views(int(kept.sum()), len(shared), robust)
             return self._lost(obs, reason, predicted, cov_predicted)
         kept, poses, points, covariances, nis, iterations = pair
-        world_from_cam = se3.orthonormalised(self._world_from_previous @ poses[1])
+        world_from_cam = se3.orthonormalise(self._world_from_previous @ poses[1])
         cov_pose = compose_cov(self._cov_previous, poses[1], covariances.cov_pose(1))
         in_cam = se3.transform(se3.inverse(poses[1]), points)
         cov_in_cam = covariances.cov_points_in_cam(1, poses[1], in_cam)

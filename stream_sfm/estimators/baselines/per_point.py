@@ -96,7 +96,7 @@ class CrossFrameWC:
             reason = outcome.few_views(0, len(shared), self._config.robust)
             self._forget()
             return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, in_world)
-        ref_from_cam = se3.orthonormalised(self._window[-1].ref_from_cam @ se3.inverse(found.cam_from_ref))
+        ref_from_cam = se3.orthonormalise(self._window[-1].ref_from_cam @ se3.inverse(found.cam_from_ref))
         if len(self._window) >= self._config.window.frames:
             ref_from_cam = self._leave() @ ref_from_cam
         self._append(obs, ref_from_cam, shared, rows[found.accepted], held=False)
@@ -231,7 +231,7 @@ class CrossFrameWC:
         all_mean[rows], all_information[rows] = mean, information
         self._priors = PointPriors(all_mean, all_information)
         self._window = [
-            replace(f, ref_from_cam=se3.orthonormalised(new_from_ref @ f.ref_from_cam)) for f in self._window
+            replace(f, ref_from_cam=se3.orthonormalise(new_from_ref @ f.ref_from_cam)) for f in self._window
         ]
         return new_from_ref
 
@@ -282,7 +282,7 @@ class CrossFrameWC:
         assert self._covariances is not None
         newest = len(self._window) - 1
         ref_from_cam = self._window[-1].ref_from_cam
-        world_from_cam = se3.orthonormalised(self._world_from_ref @ ref_from_cam)
+        world_from_cam = se3.orthonormalise(self._world_from_ref @ ref_from_cam)
         cov_pose = compose_cov(self._cov_ref, ref_from_cam, self._covariances.cov_pose(newest))
         self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
         status, reason = outcome.status_of(accepted, obs.note, self._config.robust)
@@ -324,7 +324,7 @@ class CrossFrameCC(CrossFrameWC):
         assert covariances is not None
         new_from_ref = super()._leave()
         self._cov_ref = compose_cov(self._cov_ref, frame.ref_from_cam, covariances.cov_pose(0))
-        self._world_from_ref = se3.orthonormalised(self._world_from_ref @ frame.ref_from_cam)
+        self._world_from_ref = se3.orthonormalise(self._world_from_ref @ frame.ref_from_cam)
         return new_from_ref
 
     def _leaving_part(

@@ -85,7 +85,7 @@ def read_structure(
     cov_pose = ad @ cov_w @ ad.T + cov_x - ad @ cov_xw.T - cov_xw @ ad.T
     return Reading(
         ids=ids,
-        world_from_cam=se3.orthonormalised(world_from_ref @ se3.inverse(cam_from_ref)),
+        world_from_cam=se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
         cov_pose=symmetric(cov_pose),
         q_in_cam=q_in_cam,
         cov_q_in_cam=cov_q,

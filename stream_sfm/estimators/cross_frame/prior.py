@@ -60,7 +60,7 @@ class Prior:
 
     def world(self, y: Array) -> Array:
         """world_from_ref (4, 4) as the modes (k,) have it."""
-        return se3.orthonormalised(self.world_from_ref @ se3.exp(self.world_modes @ y))
+        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ y))
 
     def keep(self, rows: NDArray) -> "Prior":
         """The given points (mask); the others are marginalised."""
@@ -89,7 +89,7 @@ class Prior:
         S = P + Σ Fᵀ(D⁻¹ − D⁻¹Λ⁻¹D⁻¹)F.
         """
         n, k = len(self.ids), len(y)
-        charts = se3.orthonormalised(cam_from_ref @ self.charts)
+        charts = se3.orthonormalise(cam_from_ref @ self.charts)
         by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(charts) @ pose_jacobian(in_reference(charts, q))
         modes = np.concatenate([self.modes, by_pose], axis=2)
         world_modes = np.concatenate([se3.adjoint(cam_from_ref) @ self.world_modes, -np.eye(6)], axis=1)
@@ -115,7 +115,7 @@ class Prior:
             mean=q + seen + modes @ step,
             cov=cov,
             modes=modes @ chol.root,
-            world_from_ref=se3.orthonormalised(world @ se3.exp(world_modes @ step)),
+            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes @ step)),
             world_modes=world_modes @ chol.root,
         )
 

@@ -99,7 +99,7 @@ class CrossFrame:
         if motion is None:
             return self._lose(observations, reason)
         previous = self.frames[-1].cam_from_ref if self.frames else np.eye(4)
-        views.cam_from_ref = se3.orthonormalised(motion.cam_from_ref @ previous)
+        views.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ previous)
         self._enter(views, observations)
         iterations = self._minimise()
         return self._report(observations, motion, iterations)
@@ -189,7 +189,7 @@ class CrossFrame:
         seen = frame.ids[frame.used]
         later = np.unique(np.concatenate([f.ids[f.used] for f in self.frames] or [seen]))
         prior = prior.keep(among(prior.ids, np.union1d(later, seen)))
-        self.charts = se3.orthonormalised(x @ self.charts)  # from here on in the new reference camera
+        self.charts = se3.orthonormalise(x @ self.charts)  # from here on in the new reference camera
         lin = linearise(self.projection, np.eye(4)[None], self.charts, self.q, frame.views(self.ids, 0))
         at = np.searchsorted(self.ids, prior.ids)
         prior = prior.drifted(self._drift_in_charts(frame, prior.ids, at))
@@ -202,7 +202,7 @@ class CrossFrame:
         self.y = np.zeros(self.prior.modes.shape[2])
         back = se3.inverse(x)
         if self.frames:
-            cams = se3.orthonormalised(np.stack([f.cam_from_ref for f in self.frames]) @ back)
+            cams = se3.orthonormalise(np.stack([f.cam_from_ref for f in self.frames]) @ back)
             for f, cam in zip(self.frames, cams, strict=True):
                 f.cam_from_ref = cam
         self._keep(among(self.ids, np.union1d(later, self.prior.ids)))
@@ -316,7 +316,7 @@ class CrossFrame:
         lin = linearise(self.projection, cams, self.charts, self.q, views)
         self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), lin)
         dx, dq, dy, decrease = self.system.step(lin.g_pose, lin.g_point, self.q, self.y)
-        for f, cam in zip(self.frames, se3.orthonormalised(se3.exp(dx) @ cams), strict=True):
+        for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ cams), strict=True):
             f.cam_from_ref = cam
         self.q, self.y = self.q + dq, self.y + dy
         return decrease
