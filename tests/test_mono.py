@@ -43,7 +43,7 @@ def truth(room) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def estimates(room, frames) -> list[sfm.FrameEstimate]:
-    engine = sfm.Engine(room.cameras, MONO)
+    engine = sfm.Engine(room.rig, MONO)
     return [engine.step(f) for f in frames]
 
 
@@ -75,7 +75,7 @@ def test_structure_is_the_depth_of_the_scene_and_covariances_are_complete(room, 
         found = next((e for e in estimates[3:] if e.stamp_ns == stamp_ns), None)
         if found is not None:
             metric = structure_errors(
-                room.cameras.left, scale * found.points_in_cam, scale**2 * found.cov_points, depth_m
+                room.rig.left, scale * found.points_in_cam, scale**2 * found.cov_points, depth_m
             )
             assert len(metric.errors_m) > 40
             assert np.median(np.abs(metric.errors_m)) < 0.04  # of 2 to 6 m
@@ -107,7 +107,7 @@ def test_while_it_stands_still_or_turns_scale_is_not_observable() -> None:
 
 
 def test_standing_still_in_a_map_keeps_pose_and_scale(room, frames) -> None:
-    engine, rng = sfm.Engine(room.cameras, MONO), np.random.default_rng(0)
+    engine, rng = sfm.Engine(room.rig, MONO), np.random.default_rng(0)
     now = [engine.step(f) for f in frames[:12]]
     for n in range(1, 13):
         noisy = np.clip(frames[11].left + rng.normal(scale=2.0, size=frames[11].left.shape), 0, 255)
@@ -118,7 +118,7 @@ def test_standing_still_in_a_map_keeps_pose_and_scale(room, frames) -> None:
 
 
 def test_lost_is_told_and_the_unit_after_it_is_about_the_same(room, frames, truth) -> None:
-    engine = sfm.Engine(room.cameras, MONO)
+    engine = sfm.Engine(room.rig, MONO)
     dark = [dataclasses.replace(f, left=np.zeros_like(f.left)) if 14 <= n < 17 else f for n, f in enumerate(frames)]
     now = [engine.step(f) for f in dark[:30]]
     assert [e.status for e in now[14:17]] == [sfm.Status.LOST] * 3
@@ -184,15 +184,15 @@ def test_the_camera_and_its_calibration_are_found(one_camera_log, tmp_path) -> N
     assert sfm.open_log(one_camera_log, mono=True).left_topic == LEFT
     pair = sfm.open_log(ROOM)
     one = sfm.open_log(ROOM, mono=True)
-    assert one.left_topic == one.right_topic == pair.left_topic and isinstance(one.cameras, sfm.MonoRig)
-    assert np.array_equal(one.cameras.left.K, pair.rig.left.K) and one.cameras.left.D == pair.rig.left.D
+    assert one.left_topic == one.right_topic == pair.left_topic and isinstance(one.rig, sfm.MonoRig)
+    assert np.array_equal(one.rig.left.K, pair.rig.left.K) and one.rig.left.D == pair.rig.left.D
     named = sfm.open_log(ROOM, left=pair.right_topic, mono=True)
-    assert np.array_equal(named.cameras.left.K, pair.rig.right.K)
+    assert np.array_equal(named.rig.left.K, pair.rig.right.K)
     file = tmp_path / "one.toml"
     file.write_text(calibration_to_toml(sfm.MonoRig(pair.rig.right)))
     assert "right" not in file.read_text()
     given = sfm.open_log(one_camera_log, mono=True, calibration=file)
-    assert np.array_equal(given.cameras.left.K, pair.rig.right.K)
+    assert np.array_equal(given.rig.left.K, pair.rig.right.K)
     with pytest.raises(sfm.ConfigError, match=r"section \[right\] is missing"):
         sfm.StereoRig.from_calibration(file)
 

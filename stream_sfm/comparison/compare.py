@@ -12,14 +12,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ..camera.rectification import Rectifier
 from ..config import Config
-from ..engine import in_camera_axes
 from ..errors import ConfigError, InputError
 from ..estimators import METHODS, make_estimator
 from ..evaluation.structure import StructureComparison
-from ..frontend.front_end import FrontEnd
 from ..interrupts import signals_noted
+from ..observer import Observed, Observer
 from ..pipeline.replay import Sink
 from ..pipeline.there_and_back import TOO_LONG, WayBack
 from ..recording import StereoLog, StereoPair
@@ -140,9 +138,7 @@ class _Pass:
     def __init__(
         self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], list[Sink]]
     ) -> None:
-        self.rectifier = Rectifier(log.stereo_rig)
-        projection = self.projection = self.rectifier.projection
-        self.frontend = FrontEnd(projection, config, self.rectifier.valid)
+        self.observer = Observer(log.stereo_rig, config)
         self.front = FrontRecord()
         self.local_difference: list[tuple[int, float]] = []
         self._depths = log.depth_images()
@@ -150,7 +146,7 @@ class _Pass:
         for name in methods:
             structure = StructureComparison(log.rig.left)
             method_config = msgspec.structs.replace(config, method=name)
-            estimator = make_estimator(name, projection, method_config)
+            estimator = make_estimator(name, self.observer.projection, method_config)
             self.runners.append(_Runner(name, estimator, MethodRun(name, structure), make_sink(name)))
         self.next_index = 0
         self.stamps: list[int] = []
@@ -158,18 +154,15 @@ class _Pass:
 
     def forward(self, frame: StereoFrame, decode_s: float) -> dict[str, FrameEstimate]:
         """One frame of the way there: the estimate of each method that goes on."""
-        t0 = time.perf_counter()
-        left, right = self.rectifier.rectify(frame.left, frame.right)
-        t1 = time.perf_counter()
-        obs = self.frontend.step(self.next_index, frame.stamp_ns, self.frontend.prepare(left, right))
-        t2 = time.perf_counter()
+        observed = self.observer.observe(frame)
+        obs = observed.observations
         front = self.front
         front.decode_ms.append(1e3 * decode_s)
-        front.rectify_ms.append(1e3 * (t1 - t0))
-        front.frontend_ms.append(1e3 * (t2 - t1))
+        front.rectify_ms.append(observed.timings_ms["rectify"])
+        front.frontend_ms.append(observed.timings_ms["frontend"])
         front.add(obs)
         self._note_gap(frame.stamp_ns)
-        shared = {"decode": decode_s, "rectify": t1 - t0, "frontend": t2 - t1}
+        observed = Observed(obs, {"decode": 1e3 * decode_s} | observed.timings_ms)
         depth = self._depths.at(frame.stamp_ns)
         local: dict[str, FrameEstimate] = {}
         for runner in self.runners:
@@ -177,8 +170,7 @@ class _Pass:
             if solved is None:
                 continue
             solution, seconds = solved
-            timings = shared | {"estimator": seconds}
-            estimate = in_camera_axes(solution, obs, self.rectifier, self.frontend.shared_errors.of, timings)
+            estimate = self.observer.estimate(observed, solution, 1e3 * seconds)
             local[runner.name] = estimate
             runner.run.add(estimate)
             runner.run.reprojection_px.append(self._reprojection(solution, obs))
@@ -191,7 +183,7 @@ class _Pass:
                     runner.run.depth_rows.append((self.next_index, rms[0], rms[1]))
         self._compare_local(local)
         if front.wants_snapshot(self.next_index):
-            front.keep(self._snapshot(obs, left, right))
+            front.keep(self._snapshot(obs, *self.observer.rectify(frame)))
         self._previous = obs
         self.next_index += 1
         return local
@@ -204,13 +196,12 @@ class _Pass:
         for runner in self.runners:
             runner.where = " (on the way back)"
         for _, frame in way_back.frames():
-            left, right = self.rectifier.rectify(frame.left, frame.right)
-            obs = self.frontend.step(self.next_index, frame.stamp_ns, self.frontend.prepare(left, right))
+            observed = self.observer.observe(frame)
             self.next_index += 1
             for runner in self.runners:
-                solved = runner.solve(obs)
+                solved = runner.solve(observed.observations)
                 if solved is not None:
-                    estimate = in_camera_axes(solved[0], obs, self.rectifier, self.frontend.shared_errors.of, {})
+                    estimate = self.observer.estimate(observed, *solved)
                     runner.run.back.append(estimate.world_from_cam)
         return f"{there} frames there, {there - 1} back"
 
@@ -233,7 +224,7 @@ class _Pass:
         front = points[:, 2] > 1e-3
         if not front.any():
             return float("nan")
-        r = obs.z_px[rows[front]] - self.projection.project(points[front])
+        r = obs.z_px[rows[front]] - self.observer.projection.project(points[front])
         return float(np.sqrt(np.nanmean(r**2)))
 
     def _compare_local(self, local: dict[str, FrameEstimate]) -> None:

@@ -100,10 +100,10 @@ def surface_of_log(
     """
     config.needs_scale("a surface")
     engine = Engine(log.stereo_rig, config)
-    assert isinstance(engine.rectifier, Rectifier)
-    view = DenseView(engine.rectifier, config)
+    assert isinstance(engine.observer.rectifier, Rectifier)
+    view = DenseView(engine.observer.rectifier, config)
     fusion = Fusion(view.projection, config.dense)
-    rect_from_cam = engine.rectifier.rect_from_cam
+    rect_from_cam = engine.observer.rectifier.rect_from_cam
     path: list[Array] = []
     problems: list[str] = []
     lost = 0

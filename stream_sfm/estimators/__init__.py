@@ -27,6 +27,10 @@ METHODS: dict[str, tuple[str, str]] = {
 
 def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
     """A fresh estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
+    if config.mono:
+        from .cross_frame.mono import CrossFrameMono
+
+        return CrossFrameMono(projection, config)
     if name not in METHODS:
         raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
     module, attribute = METHODS[name]

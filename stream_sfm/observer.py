@@ -1,0 +1,190 @@
+"""What all methods share: a frame in, observations out; a solution in, the estimate in the camera's own axes out.
+
+`Engine` is an Observer with one estimator, `compare` an Observer with several.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera.models import MonoRig, StereoRig
+from .camera.rectification import MonoRectifier, Rectifier
+from .config import Config
+from .errors import ConfigError, FrameError
+from .frontend.front_end import FrontEnd
+from .frontend.mono.front_end import MonoFrontEnd
+from .frontend.prepared import Image, PreparedImages
+from .geometry import se3
+from .geometry.se3 import Array
+from .geometry.stereo import StereoProjection
+from .types import FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """The observations of one frame, and the milliseconds of each stage that led to them."""
+
+    observations: Observations
+    timings_ms: dict[str, float]
+
+
+class Observer:
+    """Rectification and front-end of one rig. Frames come in order of time, from one thread.
+
+    `rig`: the cameras that are used, with `Config.mono` the left one alone; `projection`: of the rectified images, in
+    whose axes observations and solutions are. Raises ConfigError for a rig that cannot work.
+    """
+
+    def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
+        self.rig: StereoRig | MonoRig
+        self.rectifier: Rectifier | MonoRectifier
+        self._frontend: FrontEnd
+        if config.mono:
+            self.rig, self.rectifier = MonoRig(rig.left), MonoRectifier(rig.left)
+            self._frontend = MonoFrontEnd(self.rectifier.projection, config, self.rectifier.valid)
+        elif isinstance(rig, StereoRig):
+            self.rig, self.rectifier = rig, Rectifier(rig)
+            self._frontend = FrontEnd(self.rectifier.projection, config, self.rectifier.valid)
+        else:
+            raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
+        self.projection: StereoProjection = self.rectifier.projection
+        self._axes = _Axes(self.rectifier.rect_from_cam)
+        self._next_index = 0
+        self._last_stamp_ns: int | None = None
+
+    def rectify(self, frame: StereoFrame | MonoFrame) -> list[Image]:
+        """The images of the cameras that are used, rectified."""
+        return self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
+
+    def prepare(self, frame: StereoFrame | MonoFrame, frame_index: int | None = None) -> PreparedImages:
+        """Compute from the images alone what `observe` needs. Pure, so that any thread may do it ahead.
+
+        With the `frame_index` that the frame is going to have (frames count from 0), more of the work is done here;
+        the observations are the same.
+        """
+        images = self.rectify(frame)
+        return self._frontend.prepare(images[0], images[-1], frame_index)
+
+    def observe(self, frame: StereoFrame | MonoFrame, prepared: PreparedImages | None = None) -> Observed:
+        """The observations of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
+
+        Raises FrameError for images of the wrong kind or a stamp that does not advance; nothing has changed then.
+        """
+        self._check(frame)
+        began = time.perf_counter()
+        images = self.prepare(frame, self._next_index) if prepared is None else prepared
+        rectified = time.perf_counter()
+        observations = self._frontend.step(self._next_index, frame.stamp_ns, images)
+        observed = time.perf_counter()
+        self._next_index += 1
+        self._last_stamp_ns = frame.stamp_ns
+        timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (observed - rectified)}
+        return Observed(observations, timings_ms)
+
+    def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
+        """The solution of the latest frame, in rectified axes, as the estimate in axes of the physical left camera.
+
+        The covariance of each point gets the error of disparity that all its views share. Points seen for the first
+        time are not reported yet: one match of left and right may be wrong, and only a second view can tell.
+        """
+        observations, axes = observed.observations, self._axes
+        n_old = len(observations.track_ids) - observations.n_new
+        shown = ~np.isin(solution.track_ids, observations.track_ids[n_old:])
+        in_cam = solution.points_in_cam[shown]
+        cov_shared = self._cov_shared(in_cam, solution.track_ids[shown])
+        world_from_cam = solution.world_from_cam[:3, :3]
+        cov_shared_world = world_from_cam @ cov_shared @ world_from_cam.T
+        return FrameEstimate(
+            frame_index=observations.frame_index,
+            stamp_ns=int(observations.stamp_ns),
+            status=solution.status,
+            reason=solution.reason,
+            world_from_cam=axes.poses(solution.world_from_cam),
+            cov_pose=axes.cov_pose(solution.cov_pose),
+            track_ids=solution.track_ids[shown],
+            points_in_cam=axes.points(in_cam),
+            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared),
+            points_in_world=axes.points(solution.points_in_world[shown]),
+            cov_points_in_world=axes.cov_points(solution.cov_points_in_world[shown] + cov_shared_world),
+            window_frame_indices=solution.window_frame_indices,
+            window_world_from_cam=axes.poses(solution.window_world_from_cam),
+            ended_ids=solution.ended_ids,
+            ended_points_in_world=axes.points(solution.ended_points_in_world),
+            ended_cov_points_in_world=axes.cov_points(self._cov_ended(solution)),
+            counts={
+                "tracked": n_old,
+                "new": observations.n_new,
+                "used": len(solution.track_ids),
+                "rejected": len(solution.rejected_ids),
+            },
+            nis=solution.nis,
+            nis_dof=solution.nis_dof,
+            timings_ms=observed.timings_ms | {"estimator": estimator_ms},
+            unscaled=self.rectifier.unscaled,
+        )
+
+    def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
+        """(n, 3, 3) m²: what the error of disparity that all views of a point share does to points (n, 3), eq. (18)."""
+        p = self.projection
+        std_px = self._frontend.shared_errors.of(track_ids)
+        relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
+        std_m = points_in_cam * relative[:, None]
+        cov: Array = std_m[:, :, None] * std_m[:, None, :]
+        return cov
+
+    def _cov_ended(self, solution: Solution) -> Array:
+        """Covariances (k, 3, 3) in the rectified world of the points that have left the estimator."""
+        last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
+        in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
+        cov_shared = self._cov_shared(in_last, solution.ended_ids)
+        cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
+        return cov
+
+    def _check(self, frame: StereoFrame | MonoFrame) -> None:
+        where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
+        if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
+            raise FrameError(f"{where}: stamp_ns must be an integer number of nanoseconds")
+        if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
+            raise FrameError(
+                f"{where}: stamps must grow, the last frame had {self._last_stamp_ns} ns; drop this frame"
+            )
+        cameras, images = self.rig.cameras, frame.images
+        if len(images) < len(cameras):
+            raise FrameError(f"{where}: one image only; give a StereoFrame, or estimate with Config(mono=True)")
+        for (side, camera), image in zip(cameras.items(), images, strict=False):
+            if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+                kind = getattr(image, "dtype", type(image).__name__)
+                raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (mono, h × w)")
+            if image.shape != (camera.height, camera.width):
+                raise FrameError(
+                    f"{where}: the {side} image has shape {image.shape}, the calibration says "
+                    f"({camera.height}, {camera.width}); give mono images of the calibrated size"
+                )
+
+
+class _Axes:
+    """From rectified axes, of camera and world, to those of the physical left camera.
+
+    The world is the first left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
+    """
+
+    def __init__(self, rect_from_cam: Array) -> None:
+        self._rotation = rect_from_cam.T
+        self._rect_from_cam = np.eye(4)
+        self._rect_from_cam[:3, :3] = rect_from_cam
+        self._rotation_6 = np.zeros((6, 6))
+        self._rotation_6[:3, :3] = self._rotation_6[3:, 3:] = self._rotation
+
+    def poses(self, world_from_cam: Array) -> Array:
+        return self._rect_from_cam.T @ world_from_cam @ self._rect_from_cam
+
+    def cov_pose(self, cov: Array) -> Array:
+        return self._rotation_6 @ cov @ self._rotation_6.T
+
+    def points(self, points: Array) -> Array:
+        return points @ self._rotation.T
+
+    def cov_points(self, cov: Array) -> Array:
+        return self._rotation @ cov @ self._rotation.T
