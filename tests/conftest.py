@@ -1,5 +1,23 @@
-"""One BLAS thread, set before NumPy is imported: small matrices gain nothing from two, and processes share cores."""
+"""What tests of several rooms share. One BLAS thread, set before NumPy is imported: test processes share the cores."""
 
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.wall_log import write_wall_log
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Where a test may write its log."""
+    return tmp_path / "log.mcap"
+
+
+@pytest.fixture(scope="session")
+def wall_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of twelve frames with ground truth of pose and depth. Not to be changed."""
+    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap")

@@ -23,7 +23,7 @@ from stream_sfm.config import Config, read_config
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording import StereoLog, open_log
 from stream_sfm.types import Trajectory
-from tests.recording.make_logs import Calib, K, Spec, right_calib, write_log
+from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
 
 SIZE = (256, 192)
 FIGURES = {

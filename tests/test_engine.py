@@ -8,7 +8,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.frontend.disparity_bias import BIAS_PX
 from stream_sfm.geometry import se3
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 N = 24
 
@@ -16,7 +16,7 @@ N = 24
 @pytest.fixture(scope="module")
 def frames() -> list[sfm.StereoFrame]:
     wall, stereo = Wall(5), rig(0.03)
-    return [wall.frame(stereo, pose, n) for n, pose in enumerate(path(N))]
+    return wall.frames(stereo, camera_path(N))
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
     estimates = [engine.step(f) for f in frames]
     assert estimates[0].status == sfm.Status.INITIALISING
     assert all(e.status == sfm.Status.OK for e in estimates[1:])
-    truth = path(N)
+    truth = camera_path(N)
     error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ truth[-1])
     assert np.linalg.norm(error[:3]) < 0.015 and np.linalg.norm(error[3:]) < 0.004
     last = estimates[-1]
@@ -78,7 +78,7 @@ def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
 
 def test_something_else_moving_in_a_third_of_the_image_does_little_harm() -> None:
     """Three tenths of both images show another wall that moves on its own; RMS position error over three runs."""
-    stereo, poses = rig(), path(16)
+    stereo, poses = rig(), camera_path(16)
     other = np.stack([se3.exp([-0.03 * n, 0.02 * n, 0, 0, 0, 0]) for n in range(16)])
     patch = np.zeros((240, 320), bool)
     patch[55:185, 70:247] = True  # 0.30 of the image
@@ -147,7 +147,7 @@ def test_lost_is_a_result_and_tracking_resumes_with_honest_doubt(frames, engine)
     assert statuses[14] == sfm.Status.INITIALISING and all(s == sfm.Status.OK for s in statuses[15:])
     before, after = estimates[9].cov_pose, estimates[15].cov_pose
     assert after[0, 0] > 100 * before[0, 0] and np.isfinite(after).all()
-    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ path(N)[-1])
+    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ camera_path(N)[-1])
     assert error @ np.linalg.solve(estimates[-1].cov_pose, error) < 22.5  # χ²(6), 0.999
 
 

@@ -18,10 +18,10 @@ from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.recording import StereoLog
 from stream_sfm.results.estimates_reader import read_estimates
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
-from tests.wall_log import LEFT, write_wall_log
+from tests.helpers.places import ROOM
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tests.helpers.wall_log import LEFT, write_wall_log
 
-ROOM = Path(__file__).parents[1] / "logs" / "room.mcap"
 MONO = sfm.Config(mono=True)
 N = 36
 
@@ -95,7 +95,7 @@ def test_while_it_stands_still_or_turns_scale_is_not_observable() -> None:
     wall, camera = Wall(5), rig().left
     engine = sfm.Engine(sfm.MonoRig(camera), MONO)
     poses = [np.eye(4)] * 6 + [se3.exp([0, 0, 0, 0, 0.004 * n, 0.002 * n]) for n in range(6)]
-    moving = poses[-1] @ path(8)[1:]
+    moving = poses[-1] @ camera_path(8)[1:]
     estimates = [
         engine.step(sfm.MonoFrame(n * PERIOD_NS, wall.image(camera, pose)))
         for n, pose in enumerate([*poses, *moving])
@@ -164,7 +164,7 @@ def test_a_log_of_one_camera_is_replayed_and_every_output_says_unscaled(one_came
     assert set(truth) == {
         "ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit", "true_path_length_m", "frames_compared"
     }  # fmt: skip
-    assert truth["true_path_length_m"] == pytest.approx(path_length_m(path(16)), rel=1e-6)
+    assert truth["true_path_length_m"] == pytest.approx(path_length_m(camera_path(16)), rel=1e-6)
     assert 0 < truth["ate_rmse_sim3_m"] < truth["true_path_length_m"] and truth["metres_per_unit"] > 0
     assert all(record.unscaled for record in read_estimates(out / "estimates.mcap"))
     first, *lines = (out / "trajectory.tum").read_text().splitlines()

@@ -19,11 +19,9 @@ from stream_sfm.recording.log_writer import StereoLogWriter
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
-
-from .same_results import assert_same_results, estimate_messages
-from .wall_log import write_wall_log
-
-ROOM = Path(__file__).parents[1] / "logs" / "room.mcap"
+from tests.helpers.places import ROOM
+from tests.helpers.same_results import assert_same_results, estimate_messages
+from tests.helpers.wall_log import write_wall_log
 
 FILES = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml"}
 FAST = sfm.Config(method="frame-to-frame")
@@ -38,13 +36,8 @@ TRUTH_KEYS = {
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory) -> Path:
-    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap")
-
-
-@pytest.fixture(scope="module")
-def replayed(log: Path, tmp_path_factory):
-    return replay(log, tmp_path_factory.mktemp("out") / "first")
+def replayed(wall_log: Path, tmp_path_factory):
+    return replay(wall_log, tmp_path_factory.mktemp("out") / "first")
 
 
 def test_a_replay_writes_the_five_files_and_nothing_else(replayed):
@@ -82,11 +75,11 @@ def test_all_files_hold_the_same_poses(replayed):
     assert np.allclose(kitti, exact.world_from_cam[:, :3], atol=1e-9)
 
 
-def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, log: Path, tmp_path: Path):
-    again = replay(log, tmp_path / "again")
+def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: Path, tmp_path: Path):
+    again = replay(wall_log, tmp_path / "again")
     assert_same_results(again.out_dir, replayed.out_dir)
 
-    opened = open_log(log)
+    opened = open_log(wall_log)
     engine = sfm.Engine(opened.rig, sfm.Config())
     writer = EstimatesWriter(tmp_path / "live.mcap", opened.rig, sfm.Config())
     for frame in opened.frames():
@@ -97,16 +90,16 @@ def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, log: Path,
     assert live_messages == estimate_messages(replayed.out_dir / "estimates.mcap")
 
 
-def test_the_cloud_is_the_estimate(log: Path, tmp_path: Path):
+def test_the_cloud_is_the_estimate(wall_log: Path, tmp_path: Path):
     seen = []
-    replay(log, tmp_path / "out", FAST, max_frames=3, on_frame=seen.append)
+    replay(wall_log, tmp_path / "out", FAST, max_frames=3, on_frame=seen.append)
     for estimate, cloud in zip(seen, read_clouds(tmp_path / "out" / "estimates.mcap"), strict=True):
         assert (cloud.track_ids == estimate.track_ids).all()
         assert np.allclose(cloud.points, estimate.points_in_cam, rtol=1e-6)
 
 
-def test_a_selection_is_counted_as_such(log: Path):
-    result = replay(log, None, FAST, start_s=0.1, end_s=0.4, stride=2)
+def test_a_selection_is_counted_as_such(wall_log: Path):
+    result = replay(wall_log, None, FAST, start_s=0.1, end_s=0.4, stride=2)
     assert result.out_dir is None
     assert len(result.trajectory) == 4
     assert result.summary["frames"]["paired"] == result.summary["frames"]["estimated"] == 4
@@ -126,8 +119,8 @@ def test_a_log_without_truth_has_no_figures_of_it(tmp_path: Path):
     assert "ground_truth" not in result.summary
 
 
-def test_a_cut_log_is_estimated_as_far_as_it_goes(log: Path, tmp_path: Path):
-    data = log.read_bytes()
+def test_a_cut_log_is_estimated_as_far_as_it_goes(wall_log: Path, tmp_path: Path):
+    data = wall_log.read_bytes()
     (tmp_path / "half.mcap").write_bytes(data[: len(data) // 2])
     result = replay(tmp_path / "half.mcap", tmp_path / "out", FAST)
     assert 3 <= result.summary["frames"]["estimated"] <= 7
@@ -143,13 +136,13 @@ def test_a_log_that_cannot_be_used_leaves_no_folder(tmp_path: Path):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_exception_in_the_caller_s_hands_loses_nothing(log: Path, tmp_path: Path):
+def test_an_exception_in_the_caller_s_hands_loses_nothing(wall_log: Path, tmp_path: Path):
     def explode(estimate):
         if estimate.frame_index == 2:
             raise RuntimeError("the caller's own")
 
     with pytest.raises(RuntimeError, match="the caller's own"):
-        replay(log, tmp_path / "out", FAST, on_frame=explode)
+        replay(wall_log, tmp_path / "out", FAST, on_frame=explode)
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["complete"] is False and summary["frames"]["estimated"] == 3
@@ -157,14 +150,14 @@ def test_an_exception_in_the_caller_s_hands_loses_nothing(log: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_run_after_the_frame_in_hand(number, log: Path, tmp_path: Path):
+def test_a_signal_ends_the_run_after_the_frame_in_hand(number, wall_log: Path, tmp_path: Path):
     def interrupt(estimate):
         if estimate.frame_index == 4:
             os.kill(os.getpid(), number)
 
     before = signal.getsignal(number)
     with pytest.raises(ReplayInterrupted) as caught:
-        replay(log, tmp_path / "out", FAST, on_frame=interrupt)
+        replay(wall_log, tmp_path / "out", FAST, on_frame=interrupt)
     assert signal.getsignal(number) == before
     assert len(caught.value.result.trajectory) == 5
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
@@ -172,13 +165,13 @@ def test_a_signal_ends_the_run_after_the_frame_in_hand(number, log: Path, tmp_pa
     assert any("interrupted after 5 frames" in w for w in caught.value.result.summary["warnings"])
 
 
-def test_a_folder_that_cannot_be_made_is_an_output_error(log: Path, tmp_path: Path):
+def test_a_folder_that_cannot_be_made_is_an_output_error(wall_log: Path, tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(sfm.OutputError, match="file"):
-        replay(log, tmp_path / "file" / "out", FAST)
+        replay(wall_log, tmp_path / "file" / "out", FAST)
 
 
-def test_a_failing_sink_does_not_take_the_others_with_it(log: Path, tmp_path: Path):
+def test_a_failing_sink_does_not_take_the_others_with_it(wall_log: Path, tmp_path: Path):
     class Full:
         def write(self, estimate):
             if estimate.frame_index == 3:
@@ -188,23 +181,23 @@ def test_a_failing_sink_does_not_take_the_others_with_it(log: Path, tmp_path: Pa
             raise sfm.OutputError("cannot write: no space left on device")
 
     with pytest.raises(sfm.OutputError, match="no space left"):
-        replay(log, tmp_path / "out", FAST, sinks=[Full()])
+        replay(wall_log, tmp_path / "out", FAST, sinks=[Full()])
     assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) >= 3
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["complete"] is False
 
 
-def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(log: Path, tmp_path: Path):
+def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(wall_log: Path, tmp_path: Path):
     script = (
         "import os, signal, sys; from stream_sfm.pipeline.replay import replay; from stream_sfm.config import Config\n"
         "kill = lambda e: e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
         "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), on_frame=kill)"
     )
     out = tmp_path / "out"
-    done = subprocess.run([sys.executable, "-c", script, str(log), str(out)], env=os.environ, timeout=120)
+    done = subprocess.run([sys.executable, "-c", script, str(wall_log), str(out)], env=os.environ, timeout=120)
     assert done.returncode == -signal.SIGKILL
     assert len(list(read_estimates(out / "estimates.mcap.part"))) >= 10  # half a second holds ten frames
     assert (out / "trajectory.tum.part").read_text().count("\n") == 12
-    replay(log, out, FAST)
+    replay(wall_log, out, FAST)
     assert {p.name for p in out.iterdir()} == FILES
 
 

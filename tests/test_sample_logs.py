@@ -7,7 +7,6 @@ pose, and what is left between the two pictures must be noise, not a shift.
 import sys
 from collections import defaultdict
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,8 +16,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from stream_sfm.camera.models import Camera, StereoRig
 from stream_sfm.geometry import se3
+from tests.helpers.places import ROOT
 
-ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "logs" / "room.mcap"
 FRAMES, DEPTHS, SECONDS = 84, 9, 9
 GAIN_RIGHT = 0.98

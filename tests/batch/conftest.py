@@ -9,7 +9,7 @@ import pytest
 
 from stream_sfm.executors import ONE_THREAD
 from tests.batch.running import GOOD, batch, in_the_midst, meanwhile, outcomes
-from tests.wall_log import write_wall_log
+from tests.helpers.wall_log import write_wall_log
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from stream_sfm.batch.job import RESULTS, Job, run_job
 from stream_sfm.cli.main import main
 from stream_sfm.config import Config, config_to_toml
 from tests.batch.running import GOOD, NEEDS_PROC, batch, in_the_midst, meanwhile, outcomes, process_of
-from tests.same_results import assert_same_results
+from tests.helpers.same_results import assert_same_results
 
 pytestmark = NEEDS_PROC
 

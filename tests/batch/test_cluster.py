@@ -16,7 +16,7 @@ from stream_sfm.simulation.measure import Method, measure, stacked
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.simulation.trials import run_trials
 from tests.batch.running import GOOD, NEEDS_PROC, batch, outcomes
-from tests.same_results import assert_same_results
+from tests.helpers.same_results import assert_same_results
 
 
 @pytest.fixture(scope="module")

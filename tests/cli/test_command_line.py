@@ -18,16 +18,11 @@ from stream_sfm.cli.hints import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.hints import OPTIONS
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from stream_sfm.config import Config, read_config
-from tests.recording.make_logs import Spec, video, write_log
-from tests.wall_log import write_wall_log
+from tests.helpers.stereo_logs import Spec, video, write_log
+from tests.helpers.wall_log import write_wall_log
 
 FAST = ["--method", "frame-to-frame"]
 COMMAND_NAMES = [c.__name__.rsplit(".", 1)[1].rstrip("_") for c in COMMANDS]
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory) -> Path:
-    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=6)
 
 
 def half(log: Path, to: Path) -> Path:
@@ -90,8 +85,8 @@ def test_wrong_use_is_2_with_a_message_and_no_traceback(arguments: list[str], ca
     assert said.out == "" and said.err and "Traceback" not in said.err
 
 
-def test_an_unknown_method_is_2_and_names_the_known(log: Path, capsys, tmp_path: Path):
-    assert main(["replay", str(log), "--method", "magic", "--out", str(tmp_path / "o")]) == 2
+def test_an_unknown_method_is_2_and_names_the_known(wall_log: Path, capsys, tmp_path: Path):
+    assert main(["replay", str(wall_log), "--method", "magic", "--out", str(tmp_path / "o")]) == 2
     said = capsys.readouterr().err
     assert "magic" in said and "cross-frame" in said
     assert not (tmp_path / "o").exists()
@@ -115,8 +110,10 @@ def bad_logs(folder: Path, good: Path) -> dict[str, Path]:
     }
 
 
-def test_logs_that_cannot_be_used_are_3_with_the_file_named_and_no_traceback(log: Path, tmp_path: Path, capsys):
-    for what, path in bad_logs(tmp_path, log).items():
+def test_logs_that_cannot_be_used_are_3_with_the_file_named_and_no_traceback(
+    wall_log: Path, tmp_path: Path, capsys
+):
+    for what, path in bad_logs(tmp_path, wall_log).items():
         assert main(["replay", str(path), "--out", str(tmp_path / "out"), "--json"]) == 3, what
         said = capsys.readouterr()
         assert said.out == "" and path.name in said.err and "Traceback" not in said.err, what
@@ -125,7 +122,7 @@ def test_logs_that_cannot_be_used_are_3_with_the_file_named_and_no_traceback(log
         assert "Traceback" not in capsys.readouterr().err, what
 
 
-def test_an_error_is_followed_by_the_options_and_commands_that_help(log: Path, tmp_path: Path, capsys):
+def test_an_error_is_followed_by_the_options_and_commands_that_help(wall_log: Path, tmp_path: Path, capsys):
     def hint(*arguments: str) -> str:
         assert main(list(arguments)) in (2, 3)
         return capsys.readouterr().err.splitlines()[-1]
@@ -135,8 +132,10 @@ def test_an_error_is_followed_by_the_options_and_commands_that_help(log: Path, t
     assert hint("surface", one_camera, "--out", "x.ply").startswith("stream-sfm: "), "surface has no --mono"
     uncalibrated = str(write_log(tmp_path / "raw.mcap", Spec(infos=(None, None))))
     assert hint("replay", uncalibrated) == "hint: use --calibration FILE"
-    assert hint("replay", str(log), "--left", "/nowhere") == "hint: use --left TOPIC"
-    assert hint("replay", str(log), "--set", "widow.frames=8") == "hint: `stream-sfm config` prints every setting"
+    assert hint("replay", str(wall_log), "--left", "/nowhere") == "hint: use --left TOPIC"
+    assert (
+        hint("replay", str(wall_log), "--set", "widow.frames=8") == "hint: `stream-sfm config` prints every setting"
+    )
 
 
 def test_hints_name_options_that_exist():
@@ -145,41 +144,41 @@ def test_hints_name_options_that_exist():
     assert all(re.search(rf"stream-sfm ({'|'.join(COMMAND_NAMES)})", text) for text in HINTED_COMMANDS.values())
 
 
-def test_a_topic_that_is_not_there_is_3_and_named(log: Path, capsys):
-    assert main(["replay", str(log), "--left", "/nowhere", "--right", "/camera/right/image"]) == 3
+def test_a_topic_that_is_not_there_is_3_and_named(wall_log: Path, capsys):
+    assert main(["replay", str(wall_log), "--left", "/nowhere", "--right", "/camera/right/image"]) == 3
     assert "/nowhere" in capsys.readouterr().err
 
 
-def test_json_is_one_object_and_nothing_else(log: Path, tmp_path: Path, capsys):
-    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "--json", *FAST]) == 0
+def test_json_is_one_object_and_nothing_else(wall_log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(wall_log), "--out", str(tmp_path / "o"), "--json", *FAST]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert summary["complete"] is True and summary["frames"]["estimated"] == 6
+    assert summary["complete"] is True and summary["frames"]["estimated"] == 12
     assert summary["out"] == str(tmp_path / "o")
     assert summary["method"] == "frame-to-frame"
-    assert main(["inspect", str(log), "--json"]) == 0
+    assert main(["inspect", str(wall_log), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["pair"]["left"] == "/camera/left/image"
 
 
-def test_the_table_and_the_description_say_what_matters(log: Path, tmp_path: Path, capsys):
-    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-v", *FAST]) == 0
+def test_the_table_and_the_description_say_what_matters(wall_log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(wall_log), "--out", str(tmp_path / "o"), "-v", *FAST]) == 0
     said = capsys.readouterr()
-    assert "6 estimated of 6 paired" in said.out and "final drift" in said.out
+    assert "12 estimated of 12 paired" in said.out and "final drift" in said.out
     assert "frame 0: initialising" in said.err and "frame 1: ok" in said.err
-    assert main(["inspect", str(log)]) == 0
+    assert main(["inspect", str(wall_log)]) == 0
     assert "/camera/left/image" in capsys.readouterr().out
 
 
-def test_quiet_is_quiet(log: Path, tmp_path: Path, capsys):
-    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-q", *FAST]) == 0
+def test_quiet_is_quiet(wall_log: Path, tmp_path: Path, capsys):
+    assert main(["replay", str(wall_log), "--out", str(tmp_path / "o"), "-q", *FAST]) == 0
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_cut_log_is_3_with_everything_written(log: Path, tmp_path: Path, capsys):
-    cut = half(log, tmp_path / "cut.mcap")
+def test_a_cut_log_is_3_with_everything_written(wall_log: Path, tmp_path: Path, capsys):
+    cut = half(wall_log, tmp_path / "cut.mcap")
     assert main(["replay", str(cut), "--out", str(tmp_path / "o"), "--json", *FAST]) == 3
     said = capsys.readouterr()
     summary = json.loads(said.out)
-    assert summary["complete"] is False and 2 <= summary["frames"]["estimated"] <= 5
+    assert summary["complete"] is False and 7 <= summary["frames"]["estimated"] <= 9
     assert "warning: " in said.err and "MB" in said.err
     assert len(np.loadtxt(tmp_path / "o" / "trajectory.kitti")) == summary["frames"]["estimated"]
 
@@ -191,19 +190,19 @@ def test_strict_makes_a_warning_count(tmp_path: Path):
     assert main([*arguments, "--strict"]) == 3
 
 
-def test_without_out_a_folder_of_its_own_and_latest_points_to_it(log: Path, tmp_path: Path, monkeypatch):
+def test_without_out_a_folder_of_its_own_and_latest_points_to_it(wall_log: Path, tmp_path: Path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["replay", str(log), "--max-frames", "2", "-q", *FAST]) == 0
+    assert main(["replay", str(wall_log), "--max-frames", "2", "-q", *FAST]) == 0
     (folder,) = [p for p in Path("runs").iterdir() if not p.is_symlink()]
     assert folder.name.startswith("wall-")
     assert Path("runs/latest").resolve() == folder.resolve()
     assert (folder / "summary.json").exists()
 
 
-def test_settings_are_used_and_written(log: Path, tmp_path: Path):
+def test_settings_are_used_and_written(wall_log: Path, tmp_path: Path):
     (tmp_path / "c.toml").write_text("[window]\nframes = 5\n")
     arguments = ["--config", str(tmp_path / "c.toml"), "--set", "robust.min_views=9", "--max-frames", "2"]
-    assert main(["replay", str(log), "--out", str(tmp_path / "o"), "-q", *arguments, *FAST]) == 0
+    assert main(["replay", str(wall_log), "--out", str(tmp_path / "o"), "-q", *arguments, *FAST]) == 0
     used = read_config(tmp_path / "o" / "config.toml")
     assert (used.window.frames, used.robust.min_views, used.method) == (5, 9, "frame-to-frame")
 
@@ -214,17 +213,17 @@ def test_config_prints_what_config_takes(tmp_path: Path, capsys):
     assert read_config(tmp_path / "c.toml") == Config()
 
 
-def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(log: Path, monkeypatch, capsys):
+def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(wall_log: Path, monkeypatch, capsys):
     def broken(*_arguments, **_options):
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr("stream_sfm.inspection.inspect_log", broken, raising=False)
-    assert main(["inspect", str(log)]) == 1
+    assert main(["inspect", str(wall_log)]) == 1
     said = capsys.readouterr().err
     assert "ZeroDivisionError: a defect" in said and "please report" in said and "Traceback" not in said
-    assert main(["inspect", str(log), "--debug"]) == 1
+    assert main(["inspect", str(wall_log), "--debug"]) == 1
     assert "Traceback" in capsys.readouterr().err
-    assert main(["--debug", "inspect", str(log)]) == 1
+    assert main(["--debug", "inspect", str(wall_log)]) == 1
     assert "Traceback" in capsys.readouterr().err
 
 
@@ -252,7 +251,7 @@ def test_interrupted_is_130_with_everything_written(number, tmp_path: Path):
     assert len(np.loadtxt(out / "trajectory.tum", ndmin=2)) == summary["frames"]["estimated"] > 0
 
 
-def test_the_reader_of_our_output_may_go(log: Path):
+def test_the_reader_of_our_output_may_go(wall_log: Path):
     command = f"'{sys.executable}' -m stream_sfm config | head -n 1"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
     assert done.stdout.startswith("#") and "Traceback" not in done.stderr

@@ -25,11 +25,11 @@ from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from tests.frontend.plane_world import Wall, rig
-from tests.recording.make_logs import Calib, LogWriter, write_info
-from tests.wall_log import LEFT, RIGHT, START_NS, write_wall_log
+from tests.helpers.places import ROOM
+from tests.helpers.stereo_logs import Calib, LogWriter, write_info
+from tests.helpers.wall import Wall, rig
+from tests.helpers.wall_log import LEFT, RIGHT, START_NS
 
-ROOM = Path(__file__).parents[2] / "logs" / "room.mcap"
 PAIR = StereoProjection(200.0, 79.5, 70.5, 59.5, 0.2, 160, 120)  # its infinity lies at a disparity of 9 px
 GREY = np.full((120, 160, 3), 128, np.uint8)
 
@@ -239,11 +239,6 @@ def test_room_against_its_depth():
     assert np.percentile(ratio, 95) < 2.4
 
 
-@pytest.fixture(scope="module")
-def wall_log(tmp_path_factory) -> Path:
-    return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=5)
-
-
 def colour_log(path: Path, bgr: np.ndarray) -> Path:
     """One raw bgr8 frame of this image in both cameras, the right one shifted by 12 px."""
     height, width = bgr.shape[:2]
@@ -271,7 +266,7 @@ def test_colours_are_those_of_the_camera(tmp_path: Path):
 def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, capsys):
     files = {name: tmp_path / f"a.{name}" for name in ("ply", "png", "rrd")}
     arguments = ["--preview", str(files["png"]), "--rrd", str(files["rrd"]), "--viewpoint", "-20", "10", "--json"]
-    assert main(["surface", str(wall_log), "--out", str(files["ply"]), "--all", *arguments]) == 0
+    assert main(["surface", str(wall_log), "--out", str(files["ply"]), "--all", "--max-frames=5", *arguments]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["complete"] and said["frames"] == {"read": 5, "used": 5} and said["voxel_m"] > 0
     mesh = trimesh.load(files["ply"], process=False)
@@ -290,14 +285,14 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
     said = capsys.readouterr()
     assert "read in part only" in said.err and "frames" in said.out
     assert len(trimesh.load(tmp_path / "a.ply", process=False).faces) > 1000
-    assert main(["surface", str(cut), "--out", str(tmp_path / "b.ply"), "--frame", "4"]) == 3
-    assert "frame 4 could not be read" in capsys.readouterr().err
+    assert main(["surface", str(cut), "--out", str(tmp_path / "b.ply"), "--frame", "11"]) == 3
+    assert "frame 11 could not be read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     "arguments, code, says",
     [
-        (["--frame", "5"], 2, "no frame 5, the last one is 4"),
+        (["--frame", "12"], 2, "no frame 12, the last one is 11"),
         (["--frame", "-1"], 2, "not a frame number"),
         (["--frame", "1", "--all"], 2, "not allowed with"),
         (["--out", "surface.obj"], 2, "ends in .ply"),

@@ -22,7 +22,7 @@ from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import CompressionType
 
-from tests.recording.make_logs import CONTAINERS, START_NS, Spec, write_log
+from tests.helpers.stereo_logs import CONTAINERS, START_NS, Spec, write_log
 
 FRAMES = 5
 _HEAD = struct.Struct("<BQ")

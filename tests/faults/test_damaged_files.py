@@ -13,7 +13,7 @@ import stream_sfm as sfm
 from stream_sfm.mcap_file.log_file import Damage, LogFile
 from stream_sfm.pipeline.replay import replay
 from tests.faults.mutations import BASES, FRAMES, Base, make_base
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     CONTAINERS,
     PERIOD_NS,
     START_NS,
@@ -28,11 +28,6 @@ from tests.recording.make_logs import (
 )
 
 FAST = sfm.Config(method="frame-to-frame")
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "damaged.mcap"
 
 
 def estimated(path: Path) -> list[int]:

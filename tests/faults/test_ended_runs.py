@@ -20,7 +20,7 @@ from stream_sfm.cli.main import main
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.results.estimates_reader import read_estimates, read_trajectory
 from stream_sfm.results.trajectory_files import read_tum
-from tests.wall_log import write_wall_log
+from tests.helpers.wall_log import write_wall_log
 
 FAST = sfm.Config(method="frame-to-frame")
 FRAMES = 60

@@ -15,11 +15,11 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 STEREO = rig()
 WALL = Wall(5)
-POSES = path(110)
+POSES = camera_path(110)
 Edit = Callable[[np.ndarray], np.ndarray]
 
 

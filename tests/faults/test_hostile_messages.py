@@ -14,7 +14,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 import stream_sfm as sfm
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording.ros import ros_decoder
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     PERIOD_NS,
     START_NS,
     Calib,

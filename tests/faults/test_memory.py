@@ -29,7 +29,7 @@ from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.ground_truth import read_truth
 from stream_sfm.recording.topics import possible_pairs
 from stream_sfm.recording.transforms import _still
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     CONTAINERS,
     PERIOD_NS,
     ROS2,

@@ -11,7 +11,7 @@ from stream_sfm.frontend.corners import corner_strength, detect
 from stream_sfm.frontend.front_end import FrontEnd
 from stream_sfm.frontend.stereo_matching import search_rows
 from stream_sfm.geometry import se3
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 
 def test_rectifier_of_a_rectified_pair_touches_nothing() -> None:
@@ -90,7 +90,7 @@ def test_row_search_finds_shifts_and_refuses_repetition() -> None:
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])
 def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None:
     """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
-    stereo, wall, poses = rig(vergence_rad), Wall(3), path(20)
+    stereo, wall, poses = rig(vergence_rad), Wall(3), camera_path(20)
     rectifier = Rectifier(stereo)
     front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
     c = np.eye(4)

@@ -7,7 +7,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.frontend.prepared import PreparedImages
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 N = 9
 QUICK = sfm.read_config(None, ['method="frame-to-frame"'])
@@ -17,7 +17,7 @@ Prepare = Callable[[sfm.Engine, list[sfm.StereoFrame], int], PreparedImages | No
 @pytest.fixture(scope="module")
 def frames() -> list[sfm.StereoFrame]:
     wall, stereo = Wall(6), rig()
-    return [wall.frame(stereo, pose, n) for n, pose in enumerate(path(N))]
+    return wall.frames(stereo, camera_path(N))
 
 
 def estimates(frames: list[sfm.StereoFrame], prepare: Prepare) -> list[bytes]:

@@ -7,7 +7,7 @@ from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
 from stream_sfm.frontend.disparity_bias import _KEPT, BIAS_PX, SharedErrors
 from stream_sfm.frontend.front_end import FrontEnd
-from tests.frontend.plane_world import Wall, rig
+from tests.helpers.wall import Wall, rig
 
 
 def test_points_across_a_depth_edge_say_so() -> None:

@@ -11,8 +11,8 @@ from stream_sfm import open_log
 from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
 from stream_sfm.inspection import inspect_log
-from tests.frontend.plane_world import Wall, path, rig
-from tests.recording.make_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
+from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
+from tests.helpers.wall import Wall, camera_path, rig
 
 LEFT, RIGHT = "/camera/left/image", "/camera/right/image"
 STEREO = rig()
@@ -21,7 +21,7 @@ STEREO = rig()
 @pytest.fixture(scope="module")
 def frames():
     wall = Wall(5)
-    return [wall.frame(STEREO, pose, i) for i, pose in enumerate(path(8))]
+    return wall.frames(STEREO, camera_path(8))
 
 
 def infos(scale: float = 1.0) -> list[Calib]:
@@ -30,10 +30,10 @@ def infos(scale: float = 1.0) -> list[Calib]:
 
 
 def write(
-    file, frames, calibrations=None, swapped=False, period_ms=100, offset_ms=0, size=(320, 240), sides=(LEFT, RIGHT)
+    path, frames, calibrations=None, swapped=False, period_ms=100, offset_ms=0, size=(320, 240), sides=(LEFT, RIGHT)
 ):
     """A log of `frames` with what is said; `swapped`: the images, not the calibration."""
-    log = LogWriter(file)
+    log = LogWriter(path)
     for i, frame in enumerate(frames):
         time = START_NS + i * period_ms * 1_000_000
         images = (frame.right, frame.left) if swapped else (frame.left, frame.right)
@@ -43,16 +43,11 @@ def write(
             grey = cv2.resize(images[side], size, interpolation=cv2.INTER_AREA)
             write_image(log, "foxglove", topic, time + side * offset_ms * 1_000_000, grey, "png")
     log.close()
-    return file
+    return path
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "log.mcap"
-
-
-def test_a_sound_log(file, frames):
-    found = inspect_log(write(file, frames))
+def test_a_sound_log(path, frames):
+    found = inspect_log(write(path, frames))
     assert found["problems"] == found["warnings"] == []
     check = found["calibration_check"]
     assert abs(check["vertical_px"]) < 0.1 and check["vertical_spread_px"] < 0.2 and check["negative_share"] < 0.01
@@ -63,92 +58,92 @@ def test_a_sound_log(file, frames):
     assert found["pair"]["left"] == LEFT and "side alone" in found["pair"]["reason"]
 
 
-def test_swapped_cameras(file, frames, tmp_path):
-    (problem,) = inspect_log(write(file, frames, swapped=True))["problems"]
+def test_swapped_cameras(path, frames, tmp_path):
+    (problem,) = inspect_log(write(path, frames, swapped=True))["problems"]
     assert "the images are swapped" in problem and "negative disparity" in problem
     assert f"name {RIGHT} as left and {LEFT} as right" in problem and "calibration of that pair" in problem
     (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
-    assert inspect_log(file, left=RIGHT, right=LEFT, calibration=tmp_path / "c.toml")["problems"] == []
+    assert inspect_log(path, left=RIGHT, right=LEFT, calibration=tmp_path / "c.toml")["problems"] == []
 
 
-def test_swapped_cameras_that_converge(file):
+def test_swapped_cameras_that_converge(path):
     """What they see of nearby things may lie on either side: their rows tell."""
     wall, stereo = Wall(5), rig(0.08)
-    frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(path(4))]
+    frames = wall.frames(stereo, camera_path(4))
     infos = calibration_of(stereo, "plumb_bob")
-    assert inspect_log(write(file, frames, infos))["problems"] == []
-    (problem,) = inspect_log(write(file, frames, infos, swapped=True))["problems"]
+    assert inspect_log(write(path, frames, infos))["problems"] == []
+    (problem,) = inspect_log(write(path, frames, infos, swapped=True))["problems"]
     assert "the images are swapped: with the images exchanged matched corners lie on one row" in problem
 
 
-def test_swapped_cameras_with_their_calibration(file, frames):
-    (problem,) = inspect_log(write(file, frames, infos()[::-1], swapped=True))["problems"]
+def test_swapped_cameras_with_their_calibration(path, frames):
+    (problem,) = inspect_log(write(path, frames, infos()[::-1], swapped=True))["problems"]
     assert "left and right are swapped" in problem and f"name {RIGHT} as left and {LEFT} as right" in problem
-    assert inspect_log(file, left=RIGHT, right=LEFT)["problems"] == []
+    assert inspect_log(path, left=RIGHT, right=LEFT)["problems"] == []
 
 
-def test_a_baseline_of_the_wrong_sign(file, frames):
+def test_a_baseline_of_the_wrong_sign(path, frames):
     left, right = infos()
-    (problem,) = inspect_log(write(file, frames, [left, replace(right, P=right.P * [1, 1, 1, -1])]))["problems"]
+    (problem,) = inspect_log(write(path, frames, [left, replace(right, P=right.P * [1, 1, 1, -1])]))["problems"]
     assert "the sign of the baseline is wrong" in problem and "0.2 m to the left" in problem and "negate" in problem
     assert "swapped" not in problem
 
 
-def test_an_angle_between_the_cameras_that_the_calibration_has_not(file):
+def test_an_angle_between_the_cameras_that_the_calibration_has_not(path):
     """Cameras that converge, calibrated as parallel: what is far has negative disparity."""
     wall, stereo = Wall(5), rig(0.062)
-    frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(path(4))]
-    found = inspect_log(write(file, frames))
+    frames = wall.frames(stereo, camera_path(4))
+    found = inspect_log(write(path, frames))
     assert 0.05 < found["calibration_check"]["negative_share"] < 0.5 and found["problems"] == []
     assert any("negative disparity" in w and "angle between the cameras" in w for w in found["warnings"])
-    assert inspect_log(write(file, frames, calibration_of(stereo, "plumb_bob")))["warnings"] == []
+    assert inspect_log(write(path, frames, calibration_of(stereo, "plumb_bob")))["warnings"] == []
 
 
-def test_half_size_images_with_the_calibration_of_the_full_size(file, frames):
-    (problem,) = inspect_log(write(file, frames, size=(160, 120)))["problems"]
+def test_half_size_images_with_the_calibration_of_the_full_size(path, frames):
+    (problem,) = inspect_log(write(path, frames, size=(160, 120)))["problems"]
     assert "images are 160×120, the calibration is for 320×240" in problem and "resized by 0.5" in problem
 
 
-def test_half_size_images_with_only_the_size_of_the_calibration_changed(file, frames):
+def test_half_size_images_with_only_the_size_of_the_calibration_changed(path, frames):
     small = [replace(c, width=160, height=120) for c in infos()]
-    problems = inspect_log(write(file, frames, small, size=(160, 120)))["problems"]
+    problems = inspect_log(write(path, frames, small, size=(160, 120)))["problems"]
     assert len(problems) == 2  # one a side
     for side, problem in zip(("left", "right"), problems, strict=True):
         assert f"the {side} principal point" in problem and "about 319×239" in problem and "by 0.5" in problem
 
 
-def test_a_moderate_change_of_size_is_named_too(file, frames):
-    problems = inspect_log(write(file, frames, infos(scale=1.3)))["problems"]
+def test_a_moderate_change_of_size_is_named_too(path, frames):
+    problems = inspect_log(write(path, frames, infos(scale=1.3)))["problems"]
     assert "about 415×311" in problems[0]
 
 
 @pytest.mark.parametrize("empty", [False, True])
-def test_a_missing_right_camera(file, frames, empty):
-    write(file, frames, sides=(LEFT,))
+def test_a_missing_right_camera(path, frames, empty):
+    write(path, frames, sides=(LEFT,))
     if empty:  # the driver announced the topic and never sent anything
-        log = LogWriter(file)
+        log = LogWriter(path)
         write_image(log, "foxglove", RIGHT, START_NS, frames[0].right, "png")
         log.writer.register_channel(LEFT, "protobuf", 1)
         log.close()
-        (problem,) = inspect_log(file)["problems"]
+        (problem,) = inspect_log(path)["problems"]
         assert "one camera only" in problem and LEFT in problem
     else:
-        (problem,) = inspect_log(file)["problems"]
+        (problem,) = inspect_log(path)["problems"]
         assert f"images of one camera only, {LEFT}" in problem
 
 
-def test_right_stamps_30_ms_late_at_10_hz(file, frames):
+def test_right_stamps_30_ms_late_at_10_hz(path, frames):
     """The nearest partner is still the right one; it is a warning, for what does not move all is well."""
-    found = inspect_log(write(file, frames, offset_ms=30))
+    found = inspect_log(write(path, frames, offset_ms=30))
     assert found["problems"] == [] and found["frames"]["median_offset_ms"] == pytest.approx(30)
     (warning,) = found["warnings"]
     assert f"{RIGHT} differ from the left ones by +30.0 ms" in warning and "correct the stamps" in warning
 
 
 @pytest.mark.parametrize("offset_ms", [30, -30])
-def test_right_stamps_30_ms_off_at_20_hz(file, frames, offset_ms):
+def test_right_stamps_30_ms_off_at_20_hz(path, frames, offset_ms):
     """The nearest partner is of another frame: replay would pair wrongly, and the images show it."""
-    found = inspect_log(write(file, frames, period_ms=50, offset_ms=offset_ms))
+    found = inspect_log(write(path, frames, period_ms=50, offset_ms=offset_ms))
     (problem,) = found["problems"]
     assert (
         f"are off by {offset_ms:+.1f} ms" in problem
@@ -157,39 +152,39 @@ def test_right_stamps_30_ms_off_at_20_hz(file, frames, offset_ms):
     assert f"add {-offset_ms:+.1f} ms" in problem
 
 
-def test_the_wrong_calibration(file, frames):
+def test_the_wrong_calibration(path, frames):
     turned = [
         replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(infos(), (0.0, 0.02), strict=True)
     ]
-    (problem,) = inspect_log(write(file, frames, turned))["problems"]
+    (problem,) = inspect_log(write(path, frames, turned))["problems"]
     assert "does not belong to these images" in problem
 
 
-def test_a_log_without_texture_cannot_be_checked_and_says_so(file, frames):
+def test_a_log_without_texture_cannot_be_checked_and_says_so(path, frames):
     grey = [replace(f, left=np.full_like(f.left, 90), right=np.full_like(f.right, 90)) for f in frames]
-    found = inspect_log(write(file, grey))
+    found = inspect_log(write(path, grey))
     assert found["problems"] == [] and "could not be checked" in found["warnings"][0]
     left, right = infos()
-    found = inspect_log(write(file, grey, [right, left]))
+    found = inspect_log(write(path, grey, [right, left]))
     assert "stands 0.2 m to the left" in found["problems"][0]
 
 
-def test_exit_codes_and_json(file, frames, capsys):
-    assert main(["inspect", str(write(file, frames)), "--json"]) == 0
+def test_exit_codes_and_json(path, frames, capsys):
+    assert main(["inspect", str(write(path, frames)), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["problems"] == [] and found["images"]["left"]["size"] == [320, 240]
-    assert main(["inspect", str(file)]) == 0
+    assert main(["inspect", str(path)]) == 0
     text = capsys.readouterr().out
     for words in ("baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "a replay can use this log"):
         assert words in text
-    assert main(["inspect", str(write(file, frames, swapped=True))]) == 3
+    assert main(["inspect", str(write(path, frames, swapped=True))]) == 3
     assert "the images are swapped" in capsys.readouterr().out
 
 
-def test_the_calibration_from_outside_is_the_one_that_counts(file, frames, tmp_path):
-    write(file, frames, [replace(c, P=np.zeros((3, 4))) for c in infos()])
-    assert "baseline is not known" in inspect_log(file)["problems"][0]
+def test_the_calibration_from_outside_is_the_one_that_counts(path, frames, tmp_path):
+    write(path, frames, [replace(c, P=np.zeros((3, 4))) for c in infos()])
+    assert "baseline is not known" in inspect_log(path)["problems"][0]
     (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
-    found = inspect_log(file, calibration=tmp_path / "c.toml")
+    found = inspect_log(path, calibration=tmp_path / "c.toml")
     assert found["problems"] == [] and found["rig"]["source"].endswith("c.toml")
-    assert len(list(open_log(file, calibration=tmp_path / "c.toml").frames())) == 8
+    assert len(list(open_log(path, calibration=tmp_path / "c.toml").frames())) == 8

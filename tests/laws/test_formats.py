@@ -18,8 +18,8 @@ from stream_sfm.config import Config
 from stream_sfm.executors import processes
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording import open_log
+from tests.helpers.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 LOG = ROOT / "logs/room.mcap"
 PAGE = (ROOT / "logs/FORMATS.md").read_text(encoding="utf-8")
 

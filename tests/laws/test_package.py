@@ -5,8 +5,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import stream_sfm
-
-ROOT = Path(__file__).parents[2]
+from tests.helpers.places import ROOT
 
 
 def test_the_newest_entry_of_the_changelog_is_the_version() -> None:

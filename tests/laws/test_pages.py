@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.helpers.places import ROOT
+
 PAGES = sorted(p for folder in ("", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md"))
 CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
 MATHEMATICS = (ROOT / "stream_sfm/MATHEMATICS.md").read_text(encoding="utf-8")

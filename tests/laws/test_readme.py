@@ -12,8 +12,8 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import COMMANDS, build_parser, main
+from tests.helpers.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "logs/FORMATS.md")}
 FRAMES = 6
 

@@ -8,12 +8,7 @@ import zstandard
 
 from stream_sfm import LogError, open_log
 from stream_sfm.inspection import inspect_log
-from tests.recording.make_logs import CONTAINERS, Calib, Spec, right_calib, video, whole_messages, write_log
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "log.mcap"
+from tests.helpers.stereo_logs import CONTAINERS, Calib, Spec, right_calib, video, whole_messages, write_log
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.77, 0.95])

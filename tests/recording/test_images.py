@@ -9,7 +9,7 @@ import pytest
 from stream_sfm.recording.depth import decode_depth_m
 from stream_sfm.recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
 from stream_sfm.recording.messages import ImageMessage
-from tests.recording.make_logs import scene
+from tests.helpers.stereo_logs import scene
 
 RED, GREEN, BLUE = 200, 100, 50
 LUMA = 0.299 * RED + 0.587 * GREEN + 0.114 * BLUE

@@ -8,8 +8,7 @@ import pytest
 
 from stream_sfm import Camera, StereoRig, open_log, replay
 from stream_sfm.geometry import se3
-from tests.frontend.plane_world import Wall, path, rig
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     PERIOD_NS,
     START_NS,
     LogWriter,
@@ -18,6 +17,7 @@ from tests.recording.make_logs import (
     write_info,
     write_transform,
 )
+from tests.helpers.wall import Wall, camera_path, rig
 
 SIZE, FRAMES = (320, 240), 4
 PROFILES = ("foxglove", "json", "ros2", "ros2idl", "ros1")
@@ -73,7 +73,10 @@ def write(file, profile, images, infos, topic="/stereo/{}/image_raw", transform=
 
 def views(stereo: StereoRig) -> list[tuple[np.ndarray, np.ndarray]]:
     wall, left_from_right = Wall(5), se3.inverse(stereo.right_from_left)
-    return [(through(wall, stereo.left, p), through(wall, stereo.right, p @ left_from_right)) for p in path(FRAMES)]
+    return [
+        (through(wall, stereo.left, p), through(wall, stereo.right, p @ left_from_right))
+        for p in camera_path(FRAMES)
+    ]
 
 
 RIGS = {
@@ -92,7 +95,7 @@ def seen():
 
 
 def error_m(result) -> float:
-    return float(np.abs(result.trajectory.world_from_cam - path(FRAMES)).max())
+    return float(np.abs(result.trajectory.world_from_cam - camera_path(FRAMES)).max())
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -19,8 +19,7 @@ from stream_sfm.config import read_config
 from stream_sfm.geometry import se3
 from stream_sfm.mcap_file.log_file import Damage, LogFile
 from stream_sfm.results.estimates_writer import EstimatesWriter
-from tests.frontend.plane_world import Wall, path, rig
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     PERIOD_NS,
     START_NS,
     Calib,
@@ -30,6 +29,7 @@ from tests.recording.make_logs import (
     write_info,
     write_transform,
 )
+from tests.helpers.wall import Wall, camera_path, rig
 
 SIZE, FRAMES = (160, 120), 3
 QUICK = read_config(None, ['method="frame-to-frame"', "frontend.max_tracks=60"])
@@ -55,7 +55,7 @@ def combinations():
 def recorded():
     """The rig and the frames."""
     wall, stereo = Wall(5), rig(width=SIZE[0], height=SIZE[1])
-    return stereo, [wall.frame(stereo, pose, i) for i, pose in enumerate(path(FRAMES))]
+    return stereo, wall.frames(stereo, camera_path(FRAMES))
 
 
 @pytest.fixture(scope="module")
@@ -131,4 +131,4 @@ def test_every_combination_replays_to_one_trajectory(tmp_path, recorded, live, p
     assert result.summary["complete"] and not result.summary["warnings"]
     assert result.summary["frames"]["estimated"] == FRAMES and result.summary["frames"]["lost"] == 0
     np.testing.assert_allclose(result.trajectory.world_from_cam, live(encoding), atol=ROUNDING)
-    assert np.abs(result.trajectory.world_from_cam - path(FRAMES)).max() < 0.01  # and it is the true one
+    assert np.abs(result.trajectory.world_from_cam - camera_path(FRAMES)).max() < 0.01  # and it is the true one

@@ -6,8 +6,8 @@ from mcap.records import Channel, Schema
 from stream_sfm import LogError
 from stream_sfm.mcap_file.log_file import LogMessage
 from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
-from tests.recording import idl
-from tests.recording.make_logs import ROS1, ROS2
+from tests.helpers import idl
+from tests.helpers.stereo_logs import ROS1, ROS2
 
 
 def message(name: str, schema_encoding: str, definition: str, encoding: str, data: bytes = b"") -> LogMessage:

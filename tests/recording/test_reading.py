@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from stream_sfm import LogError, StereoRig, open_log
 from stream_sfm.inspection import inspect_log
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     BASELINE_M,
     CONTAINERS,
     PERIOD_NS,
@@ -30,11 +29,6 @@ ENCODINGS = (
     "png", "jpeg", "webp", "mono8", "mono8-padded", "8UC1", "mono16", "rgb8", "bgr8", "8UC3", "rgba8", "bgra8",
     "yuv422", "uyvy", "yuyv", "yuv422_yuy2", "bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8",
 )  # fmt: skip
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "log.mcap"
 
 
 def check_frames(path, tolerance=0.0, count=12, **kwargs):
@@ -293,20 +287,3 @@ def test_importing_the_room_is_cheap():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
-
-
-SHARED = Path(__file__).parents[3] / "shared" / "logs"
-
-
-@pytest.mark.parametrize(
-    ("name", "frames", "baseline_m"),
-    [("kitti00", 201, 0.537), ("euroc_mh01", 300, 0.110), ("lab_lateral", 151, 0.25), ("backyard", 191, 0.120)],
-)
-def test_shared_logs(name, frames, baseline_m):
-    path = SHARED / f"{name}.mcap"
-    if not path.exists():
-        pytest.skip(f"{path} is not on this machine")
-    log = open_log(path)
-    assert log.expected_frames == frames
-    assert len(list(log.frames(max_frames=5))) == 5
-    assert log.rig.baseline_m == pytest.approx(baseline_m, abs=1e-3)

@@ -8,7 +8,7 @@ import pytest
 from stream_sfm import LogError, open_log
 from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.geometry import se3
-from tests.recording.make_logs import (
+from tests.helpers.stereo_logs import (
     BASELINE_M,
     START_NS,
     Calib,
@@ -22,11 +22,6 @@ from tests.recording.make_logs import (
     write_log,
     write_transform,
 )
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "log.mcap"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
+from tests.helpers.places import ROOM
 
 rr = pytest.importorskip("rerun")
 
@@ -55,12 +55,9 @@ def test_a_recording_verifies(tmp_path, compressed):
 
 
 def test_the_recording_of_the_sample_log_verifies(tmp_path):
-    room = Path(__file__).parents[2] / "logs" / "room.mcap"
     rrd = tmp_path / "room.rrd"
-    assert (
-        main(["replay", str(room), "--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"])
-        == 0
-    )
+    arguments = ["--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
+    assert main(["replay", str(ROOM), *arguments]) == 0
     _verify(rrd)
 
 

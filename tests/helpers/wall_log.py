@@ -8,8 +8,8 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
 from stream_sfm.geometry import se3
-from tests.frontend.plane_world import PERIOD_NS, Wall, path, rig
-from tests.recording.make_logs import Calib, LogWriter, write_image, write_info
+from tests.helpers.stereo_logs import Calib, LogWriter, write_image, write_info
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 START_NS = 1_700_000_000_000_000_000
 LEFT, RIGHT = "/camera/left/image", "/camera/right/image"
@@ -28,8 +28,8 @@ def write_wall_log(
     Without `right` the log is of one camera, calibration and all.
     """
     wall, stereo = Wall(5), rig()
-    poses = path(n)
-    frames = [wall.frame(stereo, pose, i) for i, pose in enumerate(poses)]
+    poses = camera_path(n)
+    frames = wall.frames(stereo, poses)
     order = [k for turn in range(times) for k in (range(n) if turn % 2 == 0 else range(n - 2, 0, -1))]
     k = stereo.left.K
     size = {"width": stereo.left.width, "height": stereo.left.height, "K": k, "D": ()}

@@ -27,7 +27,7 @@ from mcap_ros2._dynamic import serialize_dynamic
 
 from stream_sfm.camera.models import StereoRig
 from stream_sfm.geometry import se3
-from tests.recording import idl
+from tests.helpers import idl
 
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000

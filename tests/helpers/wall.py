@@ -61,8 +61,12 @@ class Wall:
         left, right = self.image(stereo.left, world_from_cam), self.image(stereo.right, world_from_right)
         return StereoFrame(index * PERIOD_NS, left, right)
 
+    def frames(self, stereo: StereoRig, poses: np.ndarray) -> list[StereoFrame]:
+        """The stereo frames from those poses (n, 4, 4), one every `PERIOD_NS`."""
+        return [self.frame(stereo, pose, index) for index, pose in enumerate(poses)]
 
-def path(n: int) -> np.ndarray:
+
+def camera_path(n: int) -> np.ndarray:
     """A gentle path (n, 4, 4) sideways and forward with some turning; the first pose is the world."""
     step = se3.exp([0.02, 0.004, 0.015, 0.002, -0.004, 0.003])
     poses = [np.eye(4)]
