@@ -18,6 +18,7 @@ _PUBLIC = {
     "Status": "types",
     "Trajectory": "types",
     "ConfigError": "errors",
+    "EngineBusyError": "errors",
     "FrameError": "errors",
     "InputError": "errors",
     "LogError": "errors",
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from .camera.models import Camera, MonoRig, StereoRig
     from .config import Config, read_config
     from .engine import Engine
-    from .errors import ConfigError, FrameError, InputError, LogError, OutputError, StreamSfmError
+    from .errors import ConfigError, EngineBusyError, FrameError, InputError, LogError, OutputError, StreamSfmError
     from .pipeline.replay import replay
     from .recording import open_log
     from .types import FrameEstimate, MonoFrame, Status, StereoFrame, Trajectory

@@ -15,10 +15,25 @@ from .errors import ConfigError
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all sections."""
+    """The base of all sections: every value is checked when a section is made, by whatever way."""
+
+    def __post_init__(self) -> None:
+        for field in msgspec.structs.fields(self):
+            value = getattr(self, field.name)
+            given = f"{type(self).__name__}({field.name}={value!r})"
+            if isinstance(field.default, _Section):
+                kind = type(field.default)
+                if not isinstance(value, kind):
+                    example = f"{kind.__name__}({kind.__struct_fields__[0]}={kind.__struct_defaults__[0]!r})"
+                    raise ConfigError(f"{given}: give a {kind.__name__}, as in {field.name}={example}")
+                continue
+            try:
+                msgspec.convert(value, field.type)
+            except msgspec.ValidationError as error:
+                raise ConfigError(f"{given}: {error}", hint=("config_to_toml",)) from None
 
 
-class FrontendConfig(_Section, frozen=True):
+class FrontendConfig(_Section, frozen=True, kw_only=True):
     """Detection, left-right matching, tracking."""
 
     max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 200
@@ -46,14 +61,14 @@ class FrontendConfig(_Section, frozen=True):
     )
 
 
-class WindowConfig(_Section, frozen=True):
+class WindowConfig(_Section, frozen=True, kw_only=True):
     """The cross-frame estimator."""
 
     frames: Annotated[int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)] = 8
     max_iterations: Annotated[int, Meta(description="Gauss-Newton steps a frame", ge=1, le=50)] = 6
 
 
-class RobustConfig(_Section, frozen=True):
+class RobustConfig(_Section, frozen=True, kw_only=True):
     """What counts as an outlier, for every estimator."""
 
     gate_probability: Annotated[
@@ -65,7 +80,7 @@ class RobustConfig(_Section, frozen=True):
     ] = 25
 
 
-class MotionConfig(_Section, frozen=True):
+class MotionConfig(_Section, frozen=True, kw_only=True):
     """What is assumed of the camera's motion where the images do not tell: used while lost only."""
 
     std_acceleration_m_s2: Annotated[float, Meta(description="unmodelled acceleration while lost", gt=0)] = 3.0
@@ -74,7 +89,7 @@ class MotionConfig(_Section, frozen=True):
     ] = 3.0
 
 
-class DenseConfig(_Section, frozen=True):
+class DenseConfig(_Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
     max_disparity_share: Annotated[
@@ -106,7 +121,7 @@ class DenseConfig(_Section, frozen=True):
     min_frames: Annotated[int, Meta(description="frames that must have seen a fused surface", ge=1)] = 3
 
 
-class Config(_Section, frozen=True):
+class Config(_Section, frozen=True, kw_only=True):
     """All settings; every one has a default."""
 
     method: Annotated[
@@ -122,10 +137,7 @@ class Config(_Section, frozen=True):
     dense: DenseConfig = DenseConfig()
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            if isinstance(value, _Section):
-                _convert(msgspec.to_builtins(value), type(value), f" of section [{name}]")
+        super().__post_init__()
         if self.mono and self.method != "cross-frame":
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
 
@@ -139,7 +151,8 @@ def _convert(data: Any, kind: type, where: str) -> Any:
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"configuration{where}: {error}", hint=("config_to_toml",)) from None
+        text = str(error).replace("`$.", "`")
+        raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
 
 
 def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] = ()) -> Config:

@@ -4,10 +4,14 @@ frame -> observer (rectification and front-end: observations) -> estimator (solu
 of the physical left camera).
 """
 
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from .camera.models import MonoRig, StereoRig
 from .config import Config
+from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .observer import Observer
@@ -17,14 +21,16 @@ from .types import FrameEstimate, MonoFrame, StereoFrame
 class Engine:
     """Stereo odometry, live: `step` takes bounded time and memory however long the run.
 
-    With `Config.mono` only the left camera of a rig is looked at. Raises ConfigError for a rig or configuration that
-    cannot work.
+    One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
+    thread. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a rig or configuration
+    that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config | None = None) -> None:
-        self.config = config or Config()
+        self.config = Config() if config is None else config
         self.observer = Observer(rig, self.config)
         self.estimator = make_estimator(self.config.method, self.observer.projection, self.config)
+        self._stepping = threading.Lock()
 
     @property
     def rig(self) -> StereoRig | MonoRig:
@@ -45,9 +51,23 @@ class Engine:
         """The estimate of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then
-        unchanged and takes the next frame.
+        unchanged and takes the next frame. Raises EngineBusyError while another thread is in `step`.
         """
-        observed = self.observer.observe(frame, prepared)
-        began = time.perf_counter()
-        solution = self.estimator.step(observed.observations)
-        return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+        with self._exclusively():
+            observed = self.observer.observe(frame, prepared)
+            began = time.perf_counter()
+            solution = self.estimator.step(observed.observations)
+            return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+
+    @contextmanager
+    def _exclusively(self) -> Iterator[None]:
+        """Frames depend on each other: two at the same time would leave a wrong pose behind."""
+        if not self._stepping.acquire(blocking=False):
+            raise EngineBusyError(
+                "step was called while another thread is in it: give all frames of a stream to its engine from one "
+                "thread, and make one engine per stream"
+            )
+        try:
+            yield
+        finally:
+            self._stepping.release()

@@ -6,7 +6,8 @@
     ├── InputError         a log or a frame cannot be used                            (exit code 3)
     │   ├── LogError       the file is not a log, is damaged, or holds no stereo pair
     │   └── FrameError     one frame is unusable: type, shape, stamp
-    └── OutputError        a result cannot be written                                 (exit code 3)
+    ├── OutputError        a result cannot be written                                 (exit code 3)
+    └── EngineBusyError    two threads used one engine at the same time               (exit code 1)
 
 Each message names the file, topic or frame, and says what to do. Lost tracking is not an error: it is a
 `FrameEstimate` whose status is `lost`.
@@ -69,3 +70,7 @@ class OutputError(StreamSfmError):
     """A result cannot be written."""
 
     exit_code = ExitCode.INPUT
+
+
+class EngineBusyError(StreamSfmError):
+    """`Engine.step` was called while another thread was inside it; that other step is not affected."""

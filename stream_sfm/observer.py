@@ -5,6 +5,7 @@
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ class Observer:
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
+        _check_arguments(rig, config)
         self.rig: StereoRig | MonoRig
         self.rectifier: Rectifier | MonoRectifier
         self._frontend: FrontEnd
@@ -62,8 +64,9 @@ class Observer:
         """Compute from the images alone what `observe` needs. Pure, so that any thread may do it ahead.
 
         With the `frame_index` that the frame is going to have (frames count from 0), more of the work is done here;
-        the observations are the same.
+        the observations are the same. Raises FrameError for images of the wrong kind.
         """
+        self._check_images(frame, "the frame")
         images = self.rectify(frame)
         return self._frontend.prepare(images[0], images[-1], frame_index)
 
@@ -72,7 +75,13 @@ class Observer:
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; nothing has changed then.
         """
-        self._check(frame)
+        where = f"frame {self._next_index}"
+        self._check_images(frame, where)
+        self._check_stamp(frame, where)
+        if prepared is not None and not isinstance(prepared, PreparedImages):
+            raise FrameError(
+                f"{where}: prepared is {_described(prepared)}; give what `prepare` returned for this frame"
+            )
         began = time.perf_counter()
         images = self.prepare(frame, self._next_index) if prepared is None else prepared
         rectified = time.perf_counter()
@@ -142,14 +151,10 @@ class Observer:
         cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
         return cov
 
-    def _check(self, frame: StereoFrame | MonoFrame) -> None:
-        where = f"frame {self._next_index} (stamp {frame.stamp_ns} ns)"
-        if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
-            raise FrameError(f"{where}: stamp_ns must be an integer number of nanoseconds")
-        if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
-            raise FrameError(
-                f"{where}: stamps must grow, the last frame had {self._last_stamp_ns} ns; drop this frame"
-            )
+    def _check_images(self, frame: StereoFrame | MonoFrame, where: str) -> None:
+        if not isinstance(frame, StereoFrame | MonoFrame):
+            raise FrameError(f"{where} is {_described(frame)}; give a StereoFrame(stamp_ns, left, right)")
+        where = f"{where} (stamp {frame.stamp_ns} ns)"
         cameras, images = self.rig.cameras, frame.images
         if len(images) < len(cameras):
             raise FrameError(f"{where}: one image only; give a StereoFrame, or estimate with Config(mono=True)")
@@ -162,6 +167,42 @@ class Observer:
                     f"{where}: the {side} image has shape {image.shape}, the calibration says "
                     f"({camera.height}, {camera.width}); give mono images of the calibrated size"
                 )
+
+    def _check_stamp(self, frame: StereoFrame | MonoFrame, where: str) -> None:
+        if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
+            raise FrameError(
+                f"{where}: stamp_ns is {_described(frame.stamp_ns)}; give an integer number of nanoseconds"
+            )
+        if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
+            raise FrameError(
+                f"{where} (stamp {frame.stamp_ns} ns): stamps must grow, the last frame had {self._last_stamp_ns} ns; "
+                "drop this frame"
+            )
+
+
+def _check_arguments(rig: object, config: object) -> None:
+    """Raise a ConfigError that says what was given and what is wanted."""
+    if not isinstance(rig, StereoRig | MonoRig):
+        example = repr(str(rig)) if isinstance(rig, str | Path) else "'calibration.toml'"
+        raise ConfigError(
+            f"the rig is {_described(rig)}; give a StereoRig or a MonoRig, such as "
+            f"StereoRig.from_calibration({example})"
+        )
+    if not isinstance(config, Config):
+        example = repr(str(config)) if isinstance(config, str | Path) else "'settings.toml'"
+        raise ConfigError(
+            f"the configuration is {_described(config)}; give a Config, such as read_config({example})"
+        )
+
+
+def _described(value: object) -> str:
+    """What an argument of a wrong kind is, in few words."""
+    if value is None:
+        return "None"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    text = f" ({value!r})" if isinstance(value, str | int | float | Path) else ""
+    return f"of type {type(value).__name__}{text}"
 
 
 class _Axes:

@@ -1,4 +1,7 @@
-"""The frozen records that travel between rooms. Arrays are float64 unless said, and never written to."""
+"""The frozen records that travel between rooms. Arrays are float64 unless said, and never written to.
+
+A record is equal to itself only, for arrays have no truth value, and its `repr` is one short line.
+"""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -19,7 +22,7 @@ class Status(StrEnum):
     LOST = "lost"  # predicted only; the covariance says how much that is worth
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoFrame:
     """One pair of images of the same moment, (h, w) uint8, as the cameras deliver them; `stamp_ns` integer."""
 
@@ -32,8 +35,11 @@ class StereoFrame:
         """Both images."""
         return self.left, self.right
 
+    def __repr__(self) -> str:
+        return f"<StereoFrame at {self.stamp_ns} ns, {_size(self.left)} and {_size(self.right)}>"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoFrame:
     """One image (h, w) uint8 of a camera that has no partner; `stamp_ns` integer."""
 
@@ -45,8 +51,11 @@ class MonoFrame:
         """The one image."""
         return (self.left,)
 
+    def __repr__(self) -> str:
+        return f"<MonoFrame at {self.stamp_ns} ns, {_size(self.left)}>"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MapStart:
     """One camera: all that the front-end knows of a frame's depths, from which a map can begin there.
 
@@ -59,8 +68,11 @@ class MapStart:
     first_from_cam: Array
     cov_first_from_cam: Array
 
+    def __repr__(self) -> str:
+        return f"<MapStart {len(self.z_px)} views>"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observations:
     """What the front-end saw in one frame, in pixels of the rectified pair.
 
@@ -84,12 +96,16 @@ class Observations:
     std_drift_px: Array | None = None
     start: MapStart | None = None
 
+    def __repr__(self) -> str:
+        note = f", {self.note}" if self.note else ""
+        return f"<Observations {self.frame_index} {len(self.track_ids)} points, {self.n_new} new{note}>"
+
 
 def _no_ids() -> NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
     """What an estimator says after one frame, in rectified camera axes.
 
@@ -121,6 +137,10 @@ class Solution:
     nis: float = 0.0
     nis_dof: int = 0
 
+    def __repr__(self) -> str:
+        pose = _pose(self.world_from_cam, self.cov_pose)
+        return f"<Solution {self.status} {pose}, {len(self.track_ids)} points>"
+
 
 class Estimator(Protocol):
     """Observations in, one Solution a frame out; every method of the package keeps this contract.
@@ -136,7 +156,7 @@ class Estimator(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameEstimate:
     """The result of one frame, in axes of the physical left camera. Names and shapes as in `Solution`.
 
@@ -166,8 +186,12 @@ class FrameEstimate:
     timings_ms: dict[str, float]
     unscaled: bool = False
 
+    def __repr__(self) -> str:
+        pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")
+        return f"<FrameEstimate {self.frame_index} {self.status} {pose}, {len(self.track_ids)} points>"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
     """Poses in time: `stamps_ns` (n,) int64 ascending, `world_from_cam` (n, 4, 4), `cov_pose` (n, 6, 6) or None."""
 
@@ -177,3 +201,19 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    def __repr__(self) -> str:
+        duration_s = (self.stamps_ns[-1] - self.stamps_ns[0]) / 1e9 if len(self) else 0.0
+        return f"<Trajectory {len(self)} poses in {duration_s:.2f} s>"
+
+
+def _size(image: NDArray[np.uint8]) -> str:
+    """Width × height; the type of what is no image, for a frame can be made of anything until an engine meets it."""
+    shape = getattr(image, "shape", ())
+    return "×".join(map(str, [*shape[1::-1], *shape[2:]])) if len(shape) > 1 else type(image).__name__
+
+
+def _pose(world_from_cam: Array, cov_pose: Array, unit: str = "m") -> str:
+    """Position, and the σ of it: the square root of the trace of its covariance."""
+    x, y, z = world_from_cam[:3, 3]
+    return f"t=({x:.3f}, {y:.3f}, {z:.3f}) {unit} σ={np.sqrt(np.trace(cov_pose[:3, :3])):.2g} {unit}"

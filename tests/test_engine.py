@@ -1,6 +1,8 @@
 """The engine as a user meets it: one call a frame, wrong input refused, lost tracking reported and recovered."""
 
 import dataclasses
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,7 +158,10 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     good = frames[1]
     wrong = [
         (dataclasses.replace(good, stamp_ns=0), "stamps must grow"),
-        (dataclasses.replace(good, stamp_ns=1.5), "integer"),
+        (dataclasses.replace(good, stamp_ns=1.5), r"frame 1: stamp_ns is of type float \(1.5\); give an integer"),
+        ((good.stamp_ns, good.left, good.right), "frame 1 is of type tuple; give a StereoFrame"),
+        (None, "frame 1 is None; give a StereoFrame"),
+        (sfm.MonoFrame(good.stamp_ns, good.left), "one image only; give a StereoFrame"),
         (dataclasses.replace(good, left=good.left.astype(float)), "left image is float64"),
         (dataclasses.replace(good, right=None), "right image is NoneType"),
         (dataclasses.replace(good, right=good.right[:-1]), "calibration says"),
@@ -165,9 +170,66 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     for frame, message in wrong:
         with pytest.raises(sfm.FrameError, match=message):
             engine.step(frame)
+    with pytest.raises(
+        sfm.FrameError, match=r"prepared is of type list; give what `prepare` returned for this frame"
+    ):
+        engine.step(good, [good.left, good.right])
     fresh = sfm.Engine(rig(0.03), sfm.Config())
     fresh.step(frames[0])
     assert _bytes(fresh.step(good)) == _bytes(engine.step(good))
+
+
+def test_prepare_refuses_what_step_refuses(frames, engine) -> None:
+    with pytest.raises(sfm.FrameError, match="the frame is of type tuple; give a StereoFrame"):
+        engine.prepare((1, frames[0].left, frames[0].right))
+    with pytest.raises(sfm.FrameError, match="calibration says"):
+        engine.prepare(dataclasses.replace(frames[0], left=frames[0].left[1:]))
+
+
+@pytest.mark.parametrize(
+    "arguments,message",
+    [
+        (
+            ("cal.toml",),
+            r"the rig is of type str \('cal.toml'\); give a StereoRig .*from_calibration\('cal.toml'\)",
+        ),
+        ((Path("cal.toml"),), r"from_calibration\('cal.toml'\)"),
+        ((None,), "the rig is None; give a StereoRig"),
+        ((sfm.StereoRig,), "the rig is the class StereoRig; give a StereoRig"),
+        ((rig(), "settings.toml"), r"the configuration is of type str .*; give a Config, such as read_config"),
+        ((rig(), {}), "the configuration is of type dict; give a Config"),
+        ((rig(), sfm.Config), "the configuration is the class Config; give a Config"),
+        ((sfm.MonoRig(rig().left),), r"a rig of one camera needs Config\(mono=True\)"),
+    ],
+)
+def test_an_engine_of_something_else_says_what_was_given_and_what_is_wanted(arguments, message: str) -> None:
+    with pytest.raises(sfm.ConfigError, match=message):
+        sfm.Engine(*arguments)
+
+
+def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frames, engine) -> None:
+    entered, go_on = threading.Event(), threading.Event()
+    solve = engine.estimator.step
+
+    def slow(observations):
+        entered.set()
+        assert go_on.wait(60)
+        return solve(observations)
+
+    engine.step(frames[0])
+    engine.estimator.step = slow
+    results = []
+    first = threading.Thread(target=lambda: results.append(engine.step(frames[1])))
+    first.start()
+    assert entered.wait(60)
+    with pytest.raises(sfm.EngineBusyError, match="while another thread is in it"):
+        engine.step(frames[2])
+    prepared = engine.prepare(frames[2], 2)  # which any thread may do at any time
+    go_on.set()
+    first.join()
+    results.append(engine.step(frames[2], prepared))
+    alone = sfm.Engine(rig(0.03), sfm.Config())
+    assert [_bytes(alone.step(f)) for f in frames[:3]][1:] == [_bytes(e) for e in results]
 
 
 def test_views_of_any_memory_layout_are_taken(frames, engine) -> None:

@@ -18,7 +18,7 @@ DISTORTION_COEFFICIENTS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Camera:
     """One pinhole camera as delivered, before rectification.
 
@@ -58,8 +58,13 @@ class Camera:
                 f"distortion model {self.distortion_model} takes {allowed} finite coefficients, got {list(d)}"
             )
 
+    def __repr__(self) -> str:
+        (fx, _, cx), (_, fy, cy) = self.K[:2]
+        lens = self.distortion_model if any(self.D) else "no distortion"
+        return f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}>"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
@@ -94,6 +99,9 @@ class StereoRig:
         """Name -> camera, in the order of a frame's images."""
         return {"left": self.left, "right": self.right}
 
+    def __repr__(self) -> str:
+        return f"<StereoRig baseline {self.baseline_m:.4f} m, left {self.left!r}, right {self.right!r}>"
+
     @property
     def baseline_m(self) -> float:
         """Distance between the two camera centres, metres."""
@@ -107,7 +115,7 @@ class StereoRig:
         return read_calibration(path)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoRig:
     """One camera: the scale of what it sees is not observable (`Config.mono`)."""
 
@@ -117,6 +125,9 @@ class MonoRig:
     def cameras(self) -> dict[str, Camera]:
         """As in StereoRig."""
         return {"left": self.left}
+
+    def __repr__(self) -> str:
+        return f"<MonoRig {self.left!r}>"
 
     @classmethod
     def from_calibration(cls, path: str | Path) -> "MonoRig":

@@ -1,0 +1,61 @@
+"""Records that hold arrays: one short line each, and equal to themselves only."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.types import MapStart, Observations, Solution
+from tests.helpers.wall import Wall, camera_path, rig
+
+
+@pytest.fixture(scope="module")
+def estimate() -> sfm.FrameEstimate:
+    engine, wall = sfm.Engine(rig()), Wall(5)
+    return [engine.step(wall.frame(rig(), pose, n)) for n, pose in enumerate(camera_path(3))][-1]
+
+
+def test_an_estimate_says_pose_sigma_and_points_in_one_line(estimate: sfm.FrameEstimate) -> None:
+    x, y, z = estimate.world_from_cam[:3, 3]
+    std_m = np.sqrt(np.trace(estimate.cov_pose[:3, :3]))
+    n = len(estimate.track_ids)
+    assert repr(estimate) == f"<FrameEstimate 2 ok t=({x:.3f}, {y:.3f}, {z:.3f}) m σ={std_m:.2g} m, {n} points>"
+    assert " units σ=" in repr(replace(estimate, unscaled=True))
+
+
+def test_a_frame_says_its_stamp_and_size() -> None:
+    image = np.zeros((48, 64), np.uint8)
+    assert repr(sfm.StereoFrame(7, image, image)) == "<StereoFrame at 7 ns, 64×48 and 64×48>"
+    assert repr(sfm.MonoFrame(7, np.zeros((48, 64, 3), np.uint8))) == "<MonoFrame at 7 ns, 64×48×3>"
+    assert "str" in repr(sfm.StereoFrame(7, "left.png", image))  # type: ignore[arg-type]
+
+
+def records(estimate: sfm.FrameEstimate) -> list[object]:
+    image, views, cov = np.zeros((48, 64), np.uint8), np.zeros((5, 4)), np.zeros((5, 4, 4))
+    start = MapStart(views, cov, np.eye(4), np.zeros((6, 6)))
+    points, covs = np.zeros((5, 3)), np.zeros((5, 3, 3))
+    ids = np.arange(5)
+    pose = np.eye(4), np.eye(6)
+    solution = Solution(sfm.Status.OK, "", *pose, ids, points, covs, points, covs, ids, np.zeros((5, 4, 4)))
+    return [
+        estimate,
+        solution,
+        Observations(12, 7, ids, views, cov, start=start),
+        start,
+        sfm.StereoFrame(7, image, image),
+        sfm.MonoFrame(7, image),
+        sfm.Trajectory(ids, np.zeros((5, 4, 4))),
+        sfm.Trajectory(ids[:0], np.zeros((0, 4, 4))),
+        rig(),
+        rig().left,
+        sfm.MonoRig(rig().left),
+    ]
+
+
+def test_every_record_has_a_short_repr_and_equals_itself_only(estimate: sfm.FrameEstimate) -> None:
+    for one, other in zip(records(estimate), records(replace(estimate)), strict=True):
+        assert repr(one).startswith(f"<{type(one).__name__}") and len(repr(one)) < 250, repr(one)
+        assert "\n" not in repr(one) and "array" not in repr(one)
+        assert one == one and one != other
+        assert {one: 1}[one] == 1
