@@ -2,8 +2,11 @@
 
     python tools/accuracy.py logs/room.mcap ../logs --offsets 0 1 2 3 --set window.frames=8
 
+    python tools/accuracy.py --hard build/hard
+
 One offset is one replay that leaves out so many leading frames: the same log with other corners, which is how much a
-figure wobbles. Logs without ground truth are listed with the statuses of their frames only.
+figure wobbles. `--hard` takes the hard scenes of tools/render/hard.py, rendered into a folder unless they are there
+already (an hour on two cores). Logs without ground truth are listed with the statuses of their frames only.
 """
 
 import argparse
@@ -46,16 +49,34 @@ def median_and_spread(values: list[float | None]) -> str:
     return f"{np.median(known):.4g} [{min(known):.4g}, {max(known):.4g}]" if known else "–"
 
 
+def rendered(folder: Path) -> list[Path]:
+    """The hard scenes in a folder; those that are missing are rendered."""
+    from make_logs import Order, write_log
+    from render import RECORDINGS
+
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.mcap" for name in RECORDINGS]
+    for path in paths:
+        if not path.exists():
+            write_log(path, Order(path.stem), workers=2)
+    return paths
+
+
 def main() -> None:
     """Parse, replay, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+", type=Path, help="MCAP files, or folders of them")
+    parser.add_argument("logs", nargs="*", type=Path, help="MCAP files, or folders of them")
+    parser.add_argument("--hard", type=Path, metavar="DIR", help="the hard scenes too, rendered into this folder")
     parser.add_argument("--offsets", nargs="+", type=int, default=[0, 1, 2, 3], help="leading frames left out")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     arguments = parser.parse_args()
     config = read_config(None, arguments.overrides)
     peers = tomllib.loads(Path(__file__).with_name("peers.toml").read_text(encoding="utf-8"))
+    if arguments.hard is not None:
+        arguments.logs += rendered(arguments.hard)
+    if not arguments.logs:
+        parser.error("name logs, or --hard DIR")
     paths = [p for given in arguments.logs for p in (sorted(given.glob("*.mcap")) if given.is_dir() else [given])]
     results = {path.stem: [run(path, offset, config) for offset in arguments.offsets] for path in paths}
     if arguments.json:

@@ -1,9 +1,16 @@
-"""Render the sample logs: `python tools/make_logs.py` writes logs/room.mcap anew. Profile: logs/README.md."""
+"""Render logs with exact ground truth: `python tools/make_logs.py` writes logs/room.mcap anew.
+
+    python tools/make_logs.py --hard crowd corridor --out build/hard    # the scenes of tools/render/hard.py
+    python tools/make_logs.py --hard all --width 320 --frames 40 --out build/small
+
+The profile of the logs is in docs or logs/README.md.
+"""
 
 import argparse
 import multiprocessing
-import time
+import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -15,8 +22,7 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
-from render import Scene, Sensor, Shot, render_stereo, room_path, room_rig, room_scene
-from render.room import RATE_HZ
+from render import RECORDINGS, Recording, Sensor, Shot, room_recording
 
 from stream_sfm.camera.models import Camera, StereoRig
 from stream_sfm.geometry import se3
@@ -29,7 +35,24 @@ DEPTH_UNIT_M = 1e-4
 SENSOR = Sensor(gain_right=0.98)
 FRAME_IDS = {"left": "left_camera_optical_frame", "right": "right_camera_optical_frame"}
 
-_scene: Scene | None = None  # each worker builds its own: OpenCV's threads do not survive a fork
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to render: the sample log (`name` room) or a hard one, and how large."""
+
+    name: str = "room"
+    width: int = 640
+    frames: int | None = None
+
+    def recording(self) -> Recording:
+        """Build the scene; takes some seconds."""
+        if self.name == "room":
+            return room_recording(SEED, SENSOR)
+        asked = {} if self.frames is None else {"frames": self.frames}
+        return RECORDINGS[self.name](width=self.width, **asked)
+
+
+_recording: Recording | None = None  # each worker builds its own: OpenCV's threads do not survive a fork
 
 
 def _stamp(stamp_ns: int) -> Timestamp:
@@ -88,58 +111,62 @@ def _pose(stamp_ns: int, world_from_cam: np.ndarray) -> PoseInFrame:
     return message
 
 
-def frame_messages(i: int, shot: Shot, world_from_cam: np.ndarray, rig: StereoRig) -> Iterator[tuple[str, Message]]:
+def frame_messages(i: int, shot: Shot, recording: Recording) -> Iterator[tuple[str, Message]]:
     """Topics and messages of one frame, calibration first."""
-    per_second = round(RATE_HZ)
-    stamp_ns = START_NS + round(i * 1e9 / RATE_HZ)
-    if i % per_second == 0:
-        for side, calibration in calibration_messages(rig, stamp_ns).items():
+    stamp_ns = START_NS + round(i * 1e9 / recording.rate_hz)
+    if i % round(recording.rate_hz) == 0:
+        for side, calibration in calibration_messages(recording.rig, stamp_ns).items():
             yield f"/camera/{side}/calibration", calibration
     yield "/camera/left/image", _image("left", stamp_ns, shot.left)
     yield "/camera/right/image", _image("right", stamp_ns, shot.right)
-    yield "/ground_truth/pose", _pose(stamp_ns, world_from_cam)
+    yield "/ground_truth/pose", _pose(stamp_ns, recording.pose(i))
     if i % DEPTH_EVERY == 0:
         yield "/ground_truth/depth", _depth(stamp_ns, shot.depth_m)
 
 
-def _prepare() -> None:
-    global _scene
+def _prepare(order: Order) -> None:
+    global _recording
     cv2.setNumThreads(1)
-    _scene = room_scene(SEED)
+    _recording = order.recording()
 
 
-def _rendered(job: tuple[int, np.ndarray]) -> Shot:
-    i, world_from_cam = job
-    assert _scene is not None
-    return render_stereo(_scene, room_rig(), world_from_cam, SENSOR, (SEED, i))
+def _rendered(i: int) -> Shot:
+    assert _recording is not None
+    return _recording.shot(i, SEED)
 
 
-def write_room(path: Path, workers: int) -> None:
-    """Render the room and write it as one MCAP file, in zstd chunks."""
-    jobs = list(enumerate(room_path()))
+def write_log(path: Path, order: Order, workers: int) -> None:
+    """Render a recording and write it as one MCAP file, in zstd chunks; it has its name when it is whole."""
+    recording = order.recording()
+    part = path.with_name(path.name + ".part")
     with (
-        path.open("wb") as file,
+        part.open("wb") as file,
         Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
-        multiprocessing.get_context("spawn").Pool(workers, _prepare) as pool,
+        multiprocessing.get_context("spawn").Pool(workers, _prepare, (order,)) as pool,
     ):
-        for (i, world_from_cam), shot in zip(jobs, pool.imap(_rendered, jobs), strict=True):
-            stamp_ns = START_NS + round(i * 1e9 / RATE_HZ)
-            for topic, message in frame_messages(i, shot, world_from_cam, room_rig()):
+        for i, shot in enumerate(pool.imap(_rendered, range(recording.frames))):
+            stamp_ns = START_NS + round(i * 1e9 / recording.rate_hz)
+            for topic, message in frame_messages(i, shot, recording):
                 writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
-            print(f"\r{path.name}: frame {i + 1} of {len(jobs)}", end="", flush=True)
-    print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB")
+            print(f"\r{path.name}: frame {i + 1} of {recording.frames}", end="", file=sys.stderr, flush=True)
+    part.replace(path)
+    print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
 
 
 def main() -> None:
     """Parse the command line and render."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "logs", help="folder")
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
+    parser.add_argument("--hard", nargs="+", default=[], choices=[*RECORDINGS, "all"], metavar="NAME",
+                        help=f"hard scenes instead of the room: all, or some of {', '.join(RECORDINGS)}")  # fmt: skip
+    parser.add_argument("--width", type=int, default=640, help="pixels, of hard scenes")
+    parser.add_argument("--frames", type=int, help="frames of hard scenes; default: as many as each has")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    began = time.perf_counter()
-    write_room(arguments.out / "room.mcap", arguments.workers)
-    print(f"{time.perf_counter() - began:.0f} s")
+    hard = list(RECORDINGS) if "all" in arguments.hard else arguments.hard
+    for name in hard or ["room"]:
+        write_log(arguments.out / f"{name}.mcap", Order(name, arguments.width, arguments.frames), arguments.workers)
 
 
 if __name__ == "__main__":

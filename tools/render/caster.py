@@ -5,6 +5,7 @@ whose centroid is the pixel's centre, look up trilinearly filtered textures; the
 so edges and textures are free of aliasing and nothing is shifted. Depth belongs to the pixel's centre alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -20,7 +21,11 @@ from .scene import FACE_AXES, LEVELS, Scene
 Array = NDArray[np.floating[Any]]
 
 # Nine rooks: nine different columns and rows of a 9×9 grid, symmetric about the pixel's centre.
+# Each group of rays below has its centroid there too: the instants of an open shutter take them in turn.
+RAY_GROUPS = ((0, 4, 8), (1, 7), (2, 6), (3, 5))
 SUBPIXELS = np.stack([np.arange(9), [0, 3, 6, 1, 4, 7, 2, 5, 8]], axis=1) / 9 - 4 / 9
+
+MIRROR_SHARE = 0.85  # of the light that a mirror throws back: a clean one at home
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +113,18 @@ def _region(scene: Scene, box_index: int, cam_from_room: Array, camera: Camera) 
     return slice(low[0], high[0]), slice(low[1], high[1])
 
 
-def _cast(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array) -> _Hits:
-    """Nearest hits of rays (3, s, h, w) given in the camera; slab test against each box, in the type of `rays`."""
+def _cast(
+    scene: Scene,
+    camera: Camera,
+    room_from_cam: Array,
+    rays: Array,
+    beyond: Array | None = None,
+    without: int | None = None,
+) -> _Hits:
+    """Nearest hits of rays (3, s, h, w) given in the camera; slab test against each box, in the type of `rays`.
+
+    For reflections: hits must lie `beyond` (s, h, w) these depths, and the box `without` is not there.
+    """
     kind = rays.dtype.type
     shape = rays.shape[1:]
     hits = _Hits(
@@ -119,6 +134,8 @@ def _cast(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array) -> _H
     )
     cam_from_room = se3.inverse(room_from_cam)
     for b, box in enumerate(scene.boxes):
+        if b == without:
+            continue
         rows, columns = _region(scene, b, cam_from_room, camera)
         block = rays[:, :, rows, columns]
         if block.size == 0:
@@ -138,6 +155,8 @@ def _cast(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array) -> _H
         else:
             t, axis = enter.max(axis=0), enter.argmax(axis=0)
             met = (t > 0) & (t < leave.min(axis=0)) & (t < hits.depth[:, rows, columns])
+        if beyond is not None:
+            met &= t > beyond[:, rows, columns]
         where = np.nonzero(met)
         if len(where[0]) == 0:
             continue
@@ -183,17 +202,35 @@ def _bilinear(scene: Scene, face: Array, level: Array, u: Array, v: Array) -> Ar
     return upper * (1 - y) + lower * y
 
 
-def _light(scene: Scene, camera: Camera, room_from_cam: Array) -> NDArray[np.float32]:
-    """The image (h, w) before the sensor, in grey levels."""
-    key = (camera.width, camera.height, np.asarray(camera.K, float).tobytes(), camera.D, camera.distortion_model)
-    hits = _cast(scene, camera, room_from_cam, _sampling_rays(key))
+def _shaded(scene: Scene, camera: Camera, hits: _Hits) -> NDArray[np.float32]:
+    """Grey levels (s, h, w) of what the rays met."""
     spacing_m = hits.depth / np.float32(3 * camera.K[0, 0]) / np.maximum(hits.cosine, np.float32(0.12))
     lod = np.clip(np.log2(spacing_m / np.float32(scene.texel_m)), 0, LEVELS - 1.001)
     level = lod.astype(np.int32)
     fine = _bilinear(scene, hits.face, level, hits.u, hits.v)
     coarse = _bilinear(scene, hits.face, level + 1, hits.u, hits.v)
     lod -= level
-    return (fine + lod * (coarse - fine)).mean(axis=0)
+    return fine + lod * (coarse - fine)
+
+
+def _light(
+    scene: Scene, camera: Camera, room_from_cam: Array, group: tuple[int, ...] | None = None
+) -> NDArray[np.float32]:
+    """The image (h, w) before the sensor, in grey levels, from all rays or from a group of them."""
+    key = (camera.width, camera.height, np.asarray(camera.K, float).tobytes(), camera.D, camera.distortion_model)
+    rays = _sampling_rays(key)
+    if group is not None:
+        rays = rays[:, list(group)]
+    hits = _cast(scene, camera, room_from_cam, rays)
+    grey = _shaded(scene, camera, hits)
+    for box, face in scene.mirrors:
+        glass = hits.face == 6 * box + face
+        if glass.any():
+            # all reflected rays seem to come from one point behind the glass: the mirrored camera
+            mirrored = scene.reflection(box, face) @ room_from_cam
+            behind = _cast(scene, camera, mirrored, rays, beyond=hits.depth, without=box)
+            grey = np.where(glass, MIRROR_SHARE * _shaded(scene, camera, behind), grey)
+    return grey.mean(axis=0)
 
 
 def _expose(light: Array, gain: float, sensor: Sensor, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -220,11 +257,32 @@ def render_stereo(
 
     `seed` fixes the sensor noise: give each frame its own.
     """
-    room_from_left = scene.room_from_world @ world_from_cam
-    room_from_right = room_from_left @ se3.inverse(rig.right_from_left)
+    return render_exposure([(scene, world_from_cam)], (scene, world_from_cam), rig, sensor, seed)
+
+
+def render_exposure(
+    moments: Sequence[tuple[Scene, Array]],
+    middle: tuple[Scene, Array],
+    rig: StereoRig,
+    sensor: Sensor = CLEAN,
+    seed: int | tuple[int, ...] = 0,
+) -> Shot:
+    """Both raw images of a shutter that is open for some time, and the left depth in the middle of it.
+
+    `moments`: the scene and the pose `world_from_cam` (4, 4) at evenly spaced times while it is open, a multiple of
+    four or just one; the image is the mean of their light, clipped after the mean, as on a sensor.
+    """
     rng = np.random.default_rng(seed)
-    return Shot(
-        _expose(_light(scene, rig.left, room_from_left), sensor.gain_left, sensor, rng),
-        _expose(_light(scene, rig.right, room_from_right), sensor.gain_right, sensor, rng),
-        depth_of(scene, rig.left, room_from_left),
-    )
+    groups: list[tuple[int, ...] | None] = [None]
+    if len(moments) > 1:
+        groups = [RAY_GROUPS[k % len(RAY_GROUPS)] for k in range(len(moments))]
+    images = []
+    for camera, gain in ((rig.left, sensor.gain_left), (rig.right, sensor.gain_right)):
+        left_from_camera = np.eye(4) if camera is rig.left else se3.inverse(rig.right_from_left)
+        light = [
+            _light(scene, camera, scene.room_from_world @ pose @ left_from_camera, group)
+            for (scene, pose), group in zip(moments, groups, strict=True)
+        ]
+        images.append(_expose(light[0] if len(light) == 1 else np.mean(light, axis=0), gain, sensor, rng))
+    scene, world_from_cam = middle
+    return Shot(images[0], images[1], depth_of(scene, rig.left, scene.room_from_world @ world_from_cam))

@@ -7,6 +7,8 @@ from scipy.ndimage import gaussian_filter1d
 from stream_sfm.camera.models import Camera, StereoRig
 from stream_sfm.geometry import se3
 
+from .caster import CLEAN, Sensor
+from .recording import Recording
 from .scene import Box, Scene, build_scene
 from .textures import books, bricks, cabinet, carton, ceiling, crate, fabric, planks, wall
 
@@ -109,6 +111,12 @@ def _room_from_first_cam() -> NDArray[np.float64]:
     mount = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
     rotation = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([0, -pitch, 0])) @ mount
     return se3.from_rotation_translation(rotation, np.array(START_M))
+
+
+def room_recording(seed: int = 7, sensor: Sensor = CLEAN) -> Recording:
+    """The room as logs/room.mcap shows it."""
+    scene, path = room_scene(seed), room_path()
+    return Recording(scene, room_rig(), len(path), RATE_HZ, lambda t: path[round(t * RATE_HZ)], sensor=sensor)
 
 
 def room_scene(seed: int = 7, texel_m: float = 0.0025) -> Scene:

@@ -4,7 +4,8 @@ The scene's own frame, `room`, has z up. Every face carries a texture with its w
 lie in one flat array, so that the rays of an image look up their texels in one go.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -29,6 +30,7 @@ class Box:
     paint: Painter | tuple[Painter, ...]
     yaw_deg: float = 0.0
     inside: bool = False  # seen from within: the room itself
+    mirror: int | None = None  # the face, in the order of FACE_AXES, that is a mirror
 
     @property
     def box_from_room(self) -> NDArray[np.float64]:
@@ -53,6 +55,26 @@ class Scene:
     size_px: NDArray[np.int64]
     texel_m: float
     room_from_world: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def mirrors(self) -> list[tuple[int, int]]:
+        """(box, face) of all mirrors."""
+        return [(b, box.mirror) for b, box in enumerate(self.boxes) if box.mirror is not None]
+
+    def reflection(self, box: int, face: int) -> NDArray[np.float64]:
+        """(4, 4): mirrors points of the room at the plane of a face."""
+        b = self.boxes[box]
+        axis, sign = face // 2, 2 * (face % 2) - 1
+        in_box = np.eye(4)
+        in_box[axis, axis], in_box[axis, 3] = -1.0, sign * b.size_m[axis]
+        return np.linalg.inv(b.box_from_room) @ in_box @ b.box_from_room
+
+    def with_boxes_at(self, places: Mapping[int, tuple[tuple[float, float, float], float]]) -> "Scene":
+        """The scene with some boxes elsewhere: index -> (centre_m, yaw_deg). Contact shadows stay behind."""
+        boxes = list(self.boxes)
+        for index, (centre_m, yaw_deg) in places.items():
+            boxes[index] = replace(boxes[index], centre_m=centre_m, yaw_deg=yaw_deg)
+        return replace(self, boxes=tuple(boxes))
 
 
 def build_scene(

@@ -179,6 +179,33 @@ def wall(pictures: int, base: float = 152.0) -> Painter:
     return paint
 
 
+def bare_wall(posters: int, base: float = 188.0) -> Painter:
+    """White paint with next to no structure, and a few notices on it."""
+
+    def paint(rng: np.random.Generator, w: float, h: float, texel: float) -> Image:
+        c = Canvas(rng, w, h, texel, base)
+        c.clouds(1.5, coarsest_m=1.6, slope=0.9)
+        for x in np.sort(rng.uniform(0.2, max(0.3, w - 0.9), posters)):
+            _picture(c, float(x), rng.uniform(0.5, max(0.6, h - 1.4)), rng.uniform(0.4, 0.7), rng.uniform(0.4, 0.7))
+        return c.finish(grain=0.8)
+
+    return paint
+
+
+def ground(base: float = 105.0, contrast: float = 14.0) -> Painter:
+    """Open ground or a facade far away: noise of all sizes up to metres, patches, nothing drawn by hand."""
+
+    def paint(rng: np.random.Generator, w: float, h: float, texel: float) -> Image:
+        c = Canvas(rng, w, h, texel, base)
+        c.clouds(contrast, coarsest_m=4.0, slope=0.35)
+        for _ in range(int(0.25 * w * h)):
+            x, y = rng.uniform((0, 0), (w, h))
+            c.shade(x, y, rng.gamma(2, 0.5), rng.gamma(2, 0.4), rng.normal(0, 1.6 * contrast))
+        return c.finish()
+
+    return paint
+
+
 def bricks(rng: np.random.Generator, w: float, h: float, texel: float) -> Image:
     """Rough masonry: courses and stones of uneven size, each its own shade, worn."""
     c = Canvas(rng, w, h, texel, 168)
