@@ -3,7 +3,7 @@
     python tools/make_logs.py --hard crowd corridor --out build/hard    # the scenes of tools/render/hard.py
     python tools/make_logs.py --hard all --width 320 --frames 40 --out build/small
 
-The profile of the logs is in docs or logs/README.md.
+The logs follow docs/log-profile.md.
 """
 
 import argparse

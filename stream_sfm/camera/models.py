@@ -109,7 +109,7 @@ class StereoRig:
 
     @classmethod
     def from_calibration(cls, path: str | Path) -> "StereoRig":
-        """Read a calibration file (TOML; its format is in the README). Raises ConfigError."""
+        """Read a calibration file (TOML, described in docs/formats.md). Raises ConfigError."""
         from .calibration_file import read_calibration
 
         return read_calibration(path)

@@ -1,4 +1,4 @@
-"""Data sets and folders of images to logs in MCAP, image bytes unchanged; the profile is in logs/README.md.
+"""Data sets and folders of images to logs in MCAP, image bytes unchanged; the profile is in docs/log-profile.md.
 
 One module a kind; `common.py` writes for all. Not here: reading logs (`recording/`).
 """

@@ -1,4 +1,4 @@
-"""Writes stereo logs in the log profile (logs/README.md): recorded image bytes unchanged, Foxglove protobuf.
+"""Writes stereo logs in the log profile (docs/log-profile.md): recorded image bytes unchanged, Foxglove protobuf.
 
 Topics: `/camera/{left,right}/image` (foxglove.CompressedImage), `/camera/{left,right}/calibration`
 (foxglove.CameraCalibration, K D R P in the ROS sense, once a second), `/ground_truth/pose` (foxglove.PoseInFrame,

@@ -1,4 +1,4 @@
-"""logs/FORMATS.md against what the commands write: every key, topic and schema of one is in the other."""
+"""docs/formats.md against what the commands write: every key, topic and schema of one is in the other."""
 
 import json
 import re
@@ -21,7 +21,7 @@ from stream_sfm.recording import open_log
 from tests.helpers.places import ROOT
 
 LOG = ROOT / "logs/room.mcap"
-PAGE = (ROOT / "logs/FORMATS.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
 
 
 def tables(heading: str) -> list[list[list[str]]]:
@@ -50,8 +50,8 @@ def assert_same(documented: set[str], found: set[str]) -> None:
     patterns = {name: re.compile(re.escape(name).replace(r"\*", r"[^.]+") + r"(\..*)?") for name in documented}
     unknown = {path for path in found if not any(p.fullmatch(path) for p in patterns.values())}
     missing = {name for name, p in patterns.items() if not any(p.fullmatch(path) for path in found)}
-    assert not unknown, f"not in FORMATS.md: {sorted(unknown)}"
-    assert not missing, f"only in FORMATS.md: {sorted(missing)}"
+    assert not unknown, f"not in formats.md: {sorted(unknown)}"
+    assert not missing, f"only in formats.md: {sorted(missing)}"
 
 
 @pytest.fixture(scope="module")

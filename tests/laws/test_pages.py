@@ -7,7 +7,9 @@ import pytest
 
 from tests.helpers.places import ROOT
 
-PAGES = sorted(p for folder in ("", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md"))
+PAGES = sorted(
+    p for folder in ("", "docs", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
+)
 CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
 MATHEMATICS = (ROOT / "stream_sfm/MATHEMATICS.md").read_text(encoding="utf-8")
 NUMBERED = re.compile(

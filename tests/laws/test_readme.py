@@ -14,7 +14,7 @@ from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from tests.helpers.places import ROOT
 
-PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "logs/FORMATS.md")}
+PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/formats.md")}
 FRAMES = 6
 
 NOT_RUN = {
