@@ -14,7 +14,7 @@ from .camera.models import MonoRig, StereoRig
 from .camera.rectification import MonoRectifier, Rectifier
 from .config import Config
 from .errors import ConfigError, FrameError
-from .frontend.front_end import FrontEnd
+from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import Image, PreparedImages
 from .geometry import se3
@@ -42,13 +42,13 @@ class Observer:
         _check_arguments(rig, config)
         self.rig: StereoRig | MonoRig
         self.rectifier: Rectifier | MonoRectifier
-        self._frontend: FrontEnd
+        self._frontend: StereoFrontEnd | MonoFrontEnd
         if config.mono:
             self.rig, self.rectifier = MonoRig(rig.left), MonoRectifier(rig.left)
             self._frontend = MonoFrontEnd(self.rectifier.projection, config, self.rectifier.valid)
         elif isinstance(rig, StereoRig):
             self.rig, self.rectifier = rig, Rectifier(rig)
-            self._frontend = FrontEnd(self.rectifier.projection, config, self.rectifier.valid)
+            self._frontend = StereoFrontEnd(self.rectifier.projection, config, self.rectifier.valid)
         else:
             raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
         self.projection: StereoProjection = self.rectifier.projection
@@ -137,7 +137,7 @@ class Observer:
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
         """(n, 3, 3) m²: what the error of disparity that all views of a point share does to points (n, 3), eq. (18)."""
         p = self.projection
-        std_px = self._frontend.shared_errors.of(track_ids)
+        std_px = self._frontend.std_bias_px(track_ids)
         relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
         std_m = points_in_cam * relative[:, None]
         cov: Array = std_m[:, :, None] * std_m[:, None, :]

@@ -59,7 +59,7 @@ class MonoFrame:
 class MapStart:
     """One camera: all that the front-end knows of a frame's depths, from which a map can begin there.
 
-    `z_px` (n, 4), `cov_px` (n, 4, 4): the frame's views with right sides pretended from those depths.
+    `z_px` (n, 4), `cov_px` (n, 4, 4): the frame's views with virtual right sides made of those depths.
     `first_from_cam` (4, 4), `cov_first_from_cam` (6, 6): the motion since the frame whose distance is the unit.
     """
 

@@ -24,7 +24,10 @@ from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log, read_co
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame import window
-from stream_sfm.frontend import front_end as tracker
+from stream_sfm.frontend import tracker
+from stream_sfm.frontend.depth_source import StereoDepth
+from stream_sfm.frontend.flow import Flow
+from stream_sfm.frontend.new_points import NewPoints
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.simulation.scenes import Scene
 
@@ -32,10 +35,10 @@ WARM_UP = 10  # frames not counted in times
 # stage -> the functions whose time it is; what they call of other stages counts in both
 STAGES = {
     "rectify": [(Rectifier, "rectify")],
-    "track": [(tracker.FrontEnd, "_flow"), (tracker.FrontEnd, "_align")],
+    "track": [(Flow, "track"), (StereoDepth, "align")],
     "PnP": [(tracker, "resect"), (window.CrossFrame, "_robust_motion")],
     "detect": [(tracker, "detect")],
-    "stereo": [(tracker.FrontEnd, "_renew")],  # detect included
+    "stereo": [(NewPoints, "add")],  # detect included
     "window": [(window.CrossFrame, "_absorb_oldest"), (window.CrossFrame, "_minimise")],
     "covariance": [(window.CrossFrame, "_read")],
     "write": [(EstimatesWriter, "write")],

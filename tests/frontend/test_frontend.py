@@ -8,8 +8,8 @@ from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.frontend.corners import corner_strength, detect
-from stream_sfm.frontend.front_end import FrontEnd
-from stream_sfm.frontend.stereo_matching import search_rows
+from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.frontend.stereo_matching import match_along_rows
 from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
@@ -81,10 +81,10 @@ def test_detect_covers_evenly_and_keeps_its_distance() -> None:
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
     image = Wall(2).image(rig().left, np.eye(4))
     points = np.array([[150, 100], [200, 60], [120, 180]])
-    found, unique = search_rows(image, np.roll(image, -17, axis=1), points, (0, 60))
+    found, unique = match_along_rows(image, np.roll(image, -17, axis=1), points, (0, 60))
     assert unique.all() and (found == 17).all()
     stripes = np.tile(np.array([0] * 8 + [200] * 8, np.uint8), (240, 20))
-    assert not search_rows(stripes, stripes, points, (-5, 60))[1].any()
+    assert not match_along_rows(stripes, stripes, points, (-5, 60))[1].any()
 
 
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])
@@ -92,7 +92,7 @@ def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None
     """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
     stereo, wall, poses = rig(vergence_rad), Wall(3), camera_path(20)
     rectifier = Rectifier(stereo)
-    front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
+    front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
     c = np.eye(4)
     c[:3, :3] = rectifier.rect_from_cam
     normal, origin = wall.world_from_wall[:3, 2], wall.world_from_wall[:3, 3]

@@ -1,8 +1,7 @@
-"""One camera: what takes the place of the right image.
+"""The front-end of one camera: what takes the place of the right image.
 
-A map begins when the motion since an opening frame shows depths (`two_view`); from then on they are learnt from
-parallax (`parallax`). Estimators meet a point in its second view, as a stereo view whose right side says what the
-parallax has shown so far, and hardly counts; all its later views have no right side.
+A map begins when the motion since an opening frame shows depths (`map_start.py`); from then on they are learnt from
+parallax (`parallax.py`) and handed to the estimator as virtual right sides (`virtual_views.py`).
 """
 
 from dataclasses import replace
@@ -15,208 +14,117 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import MapStart, Observations
-from ..disparity_bias import SharedErrors
-from ..front_end import FrontEnd, _note
+from ..alignment import TemplateAligner
+from ..image_checks import image_note
 from ..prepared import Image, PreparedImages
-from ..tracks import Tracks
-from .parallax import MonoTracks
-from .two_view import two_view_motion
+from ..tracker import Followed, Tracker
+from .map_start import MIN_TRACKS, MapStartFinder
+from .parallax import ParallaxDepth
+from .virtual_views import DEPTH_STD_FACTOR, UNKNOWN_DEPTH_STD, with_virtual_right
 
-_LEAST_TRACKS = 30  # since the opening frame, and at least this share of its points
-_LEAST_SHARE = 0.5
-_KNOWN = 3.0  # inverse depth over its σ
-STD_SCENE = 3.0  # σ of an unknown inverse depth, in units of the scene's median
-# The estimator gets the views, too, from which depths were learnt here: those enter with so many times their σ.
-INFLATED = 2.0
-_NOTHING_PX2 = 1e8  # variance of a coordinate that says nothing
+_KNOWN = 3.0  # inverse depth over its σ from which a depth counts as known, as in the estimator
+_MIN_IN_FRONT = 0.5  # fraction of the tracks that a motion must leave in front of the camera; it is wrong otherwise
 _LOST = "the motion was lost; a new map needs parallax"
 
-_Found = tuple[Array | None, Array, Array]  # cam_from_previous, views (n, 4), covariances (n, 4, 4)
 
-
-def _nothing() -> _Found:
-    return None, np.empty((0, 4)), np.empty((0, 4, 4))
-
-
-def pretended(p: StereoProjection, z: Array, cov: Array, rho: Array, var_rho: Array) -> tuple[Array, Array]:
-    """Left sides of views z (n, 4), cov (n, 4, 4) with right sides of inverse depths (n,) and variances, eq. (66)."""
-    cov = cov.copy()
-    cov[:, 2:] = cov[:, :, 2:] = 0
-    cov[:, 2, 2], cov[:, 3, 3] = (p.f_px * p.baseline_m) ** 2 * var_rho, _NOTHING_PX2
-    return np.stack([z[:, 0], z[:, 1], z[:, 0] - p.f_px * p.baseline_m * rho, z[:, 1]], axis=1), cov
-
-
-class MonoFrontEnd(FrontEnd):
-    """Follows points through the rectified images of one camera; `projection` pretends a right one."""
-
-    tracks: MonoTracks
+class MonoFrontEnd:
+    """Follows points through the rectified images of one camera; `projection` has a virtual right one."""
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
-        super().__init__(projection, config, valid)
-        self.tracks = MonoTracks.none()
-        self.shared_errors = SharedErrors(least_px=0.0)  # there is no other patch
+        self.projection = projection
+        self.config = config.frontend
+        self.aligner = TemplateAligner(self.config, valid)
+        depth = ParallaxDepth(projection, self.aligner)
+        self.tracker = Tracker(projection, config, self.aligner, depth)
+        self.map_start = MapStartFinder(self.tracker, self.aligner)
         self.mapped = False
-        self.opened_with = 0  # points of the opening frame
-        self.waiting = ""  # for what, before a map
         self.first_unseen_id = 0  # ids from here on have not been handed out
-        self.rho_scene = 0.0  # median inverse depth of what was last in view; 0 before the first map
-        self.cov_start = np.zeros((6, 6))
 
     def prepare(self, left: Image, right: Image | None = None, frame_index: int | None = None) -> PreparedImages:
-        """As `FrontEnd.prepare`; corners are rarely wanted, and computed in `step`."""
+        """As `StereoFrontEnd.prepare`, of the left image; corners are rarely wanted, and computed in `step`."""
         return PreparedImages.of(left, left, self.config.smoothing_px)
 
-    def step(self, frame_index: int, stamp_ns: int, pair: PreparedImages) -> Observations:
-        """Observations of the next frame as `FrontEnd.step`; none while depths are not observable."""
-        if self.mapped:
-            motion, z, cov = self._in_front(*self._follow(pair, (stamp_ns - self.stamp_ns) / 1e9))
-            if motion is None:
-                self._reopen(_LOST)
-        else:
-            motion, z, cov = self._begin(pair)
-        self.mapped = motion is not None
-        start, n_new, drift = None, 0, np.zeros(0)
-        ids = self.tracks.ids if self.mapped else np.empty(0, np.int64)
-        if motion is not None:
-            drift = self.noise.drift(self.tracks.points, motion)
-            n_new, z, cov, start = self._with_right_sides(z, cov)
-        self._renew_left(pair)
-        note = _note(pair, self.previous, len(self.tracks), len(self.tracks))
-        self.previous, self.stamp_ns = pair, stamp_ns
-        return Observations(
+    def step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
+        """Observations of the next frame as `StereoFrontEnd.step`; none while depths are not observable."""
+        tracker = self.tracker
+        followed = self._follow(images, stamp_ns) if self.mapped else self._begin_map(images)
+        self.mapped = followed is not None
+        observed = Observations(
             frame_index=frame_index,
             stamp_ns=stamp_ns,
-            track_ids=ids,
-            z_px=z,
-            cov_px=cov,
-            cam_from_previous=motion,
-            note=note or ("" if self.mapped else self.waiting),
-            n_new=n_new,
-            std_drift_px=drift,
-            start=start,
+            track_ids=np.empty(0, np.int64),
+            z_px=np.empty((0, 4)),
+            cov_px=np.empty((0, 4, 4)),
+            std_drift_px=np.zeros(0),
+        )
+        if followed is not None:
+            observed = self._with_right_sides(observed, followed)
+        self._add_points(images)
+        n = len(tracker.tracks)
+        note = image_note(images, tracker.previous, n, n)
+        tracker.remember(images, stamp_ns)
+        return replace(observed, note=note or ("" if self.mapped else self.map_start.waiting))
+
+    def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
+        """As `StereoFrontEnd.std_bias_px`: zero, for there is no other patch."""
+        return np.zeros(len(ids))
+
+    def _begin_map(self, images: PreparedImages) -> Followed | None:
+        """Views of the frame in which a map begins; None before."""
+        self.first_unseen_id = self.tracker.next_id
+        return self.map_start.find(images)
+
+    def _follow(self, images: PreparedImages, stamp_ns: int) -> Followed | None:
+        """Follow the map's points, without those that the motion puts behind the camera."""
+        followed = self.tracker.follow(images, stamp_ns)
+        if followed is None:
+            self.map_start.open(_LOST)
+            return None
+        tracks = self.tracker.tracks
+        front = tracks.points[:, 3] > -_KNOWN * np.sqrt(tracks.var_rho)
+        if front.mean() < _MIN_IN_FRONT:
+            self.map_start.open(_LOST)
+            return None
+        self.tracker.tracks = tracks.keep(front)
+        return followed.keep(front)
+
+    def _with_right_sides(self, observed: Observations, followed: Followed) -> Observations:
+        """The views, with virtual right sides where a track is handed out for the first time; and, where a map could
+        begin, all of them with right sides."""
+        p, tracks, start = self.projection, self.tracker.tracks, self.map_start
+        rho = tracks.points[:, 3]
+        known = rho > _KNOWN * np.sqrt(tracks.var_rho)
+        if known.sum() >= MIN_TRACKS:
+            start.rho_scene = float(np.median(rho[known]))
+        var_known = DEPTH_STD_FACTOR**2 * tracks.var_rho
+        var_new = var_known + (UNKNOWN_DEPTH_STD * start.rho_scene) ** 2
+        z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
+        new = tracks.ids >= self.first_unseen_id
+        self.first_unseen_id = self.tracker.next_id
+        z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
+        return replace(
+            observed,
+            track_ids=tracks.ids,
+            z_px=np.where(new[:, None], z_new, followed.z_px),
+            cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
+            cam_from_previous=followed.cam_from_previous,
+            n_new=int(new.sum()),
+            std_drift_px=self.aligner.noise.drift(tracks.points, followed.cam_from_previous),
+            start=MapStart(z_all, cov_all, se3.inverse(self.tracker.cam_from_start), start.cov_start),
         )
 
-    # -- before a map -----------------------------------------------------------------------------------------
-
-    def _reopen(self, why: str) -> None:
-        """This frame becomes the opening one."""
-        self.tracks, self.cam_from_start = MonoTracks.none(), np.eye(4)
-        self.waiting = why
-
-    def _begin(self, pair: PreparedImages) -> _Found:
-        """Views, and the motion since the opening frame (not the previous one), as soon as they show depths."""
-        if not len(self.tracks):
-            self._reopen("depths need a second view")
-            return _nothing()
-        cov = self._follow_directions(pair)
-        if len(self.tracks) < max(_LEAST_TRACKS, _LEAST_SHARE * self.opened_with):
-            self._reopen(
-                f"{len(self.tracks)} of {self.opened_with} points could be followed since the opening frame"
-            )
-            return _nothing()
-        p, tracks = self.projection, self.tracks
-        std_px = np.sqrt(np.median(np.trace(cov[:, :2, :2], axis1=1, axis2=2)) / 2)
-        found = two_view_motion(tracks.anchor_rays, tracks.points[:, :2], float(std_px) / p.f_px)
-        self.waiting = found.problem if found else "no rigid motion explains the points"
-        if found is None or self.waiting:
-            if found is not None:  # its direction may mean nothing yet, its rotation turns the templates
-                self.cam_from_start = se3.from_rotation_translation(found.now_from_first[:3, :3], np.zeros(3))
-            return _nothing()
-        tracks, rho, var_rho = tracks.keep(found.agree), found.rho[found.agree], found.var_rho[found.agree]
-        # after a loss the best guess of the unit is that the scene is as far away as it was
-        self.rho_scene = self.rho_scene or float(np.median(rho))
-        unit = float(np.median(rho)) / self.rho_scene
-        self.cam_from_start = found.now_from_first.copy()
-        self.cam_from_start[:3, 3] *= unit
-        self.cov_start, self.velocity = found.cov_first_from_now, np.zeros(6)
-        points = np.concatenate([tracks.anchor_rays, np.ones((len(rho), 1)), rho[:, None] / unit], axis=1)
-        self.tracks = replace(tracks, points=points, var_rho=var_rho / unit**2).moved(self.cam_from_start)
-        self.first_unseen_id = self.next_id
-        z = np.concatenate([tracks.left_px, np.full((len(rho), 2), np.nan)], axis=1)
-        return self.cam_from_start, z, cov[found.agree]
-
-    def _follow_directions(self, pair: PreparedImages) -> Array:
-        """Follow the tracks, all taken for infinitely far; covariances (n, 4, 4) of what is left of them."""
-        assert self.previous is not None
-        at, found = self._flow(self.previous.half_exposed_as(pair)[0], pair, self.tracks)
-        warps = self.tracks.anchor_from_now(self.cam_from_start, self.projection.baseline_m)[0]
-        found &= self.atlas.fits(warps)
-        tracks, at, warps = self.tracks.keep(found), at[found], warps[found]
-        patches = self.atlas.warped(tracks.slots, warps)
-        left, error, good = self._align_left(pair, patches, at)
-        self.tracks = tracks.keep(good).placed(left[good], self.projection)
-        return self._cov_left(patches.gradients[good], error[good])
-
-    # -- in a map ---------------------------------------------------------------------------------------------
-
-    def _in_front(self, motion: Array | None, z: Array, cov: Array) -> _Found:
-        """Without the tracks that such a motion puts behind the camera; it is wrong where they are the majority."""
-        if motion is None:
-            return _nothing()
-        front = self.tracks.points[:, 3] > -_KNOWN * np.sqrt(self.tracks.var_rho)
-        if front.mean() < 0.5:
-            return _nothing()
-        self.tracks = self.tracks.keep(front)
-        return motion, z[front], cov[front]
-
-    def _align(
-        self, pair: PreparedImages, tracks: Tracks, start: Array, warps: tuple[Array, Array], start_right_u: Array
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        patches = self.atlas.warped(tracks.slots, warps[0])
-        left, error, good = self._align_left(pair, patches, start)
-        z = np.concatenate([left, np.full_like(left, np.nan)], axis=1)
-        return z, self._cov_left(patches.gradients, error), good
-
-    def _cov_left(self, gradients: Array, error: Array) -> Array:
-        return self.noise.covariance(gradients, error, np.full(len(error), np.nan))
-
-    def _measured(self, tracks: Tracks, z: Array, cov: Array) -> Tracks:
-        assert isinstance(tracks, MonoTracks)
-        return tracks.with_depths(z, cov, self.cam_from_start, self.projection)
-
-    def _with_right_sides(self, z: Array, cov: Array) -> tuple[int, Array, Array, MapStart]:
-        """The views with right sides where a track is handed out for the first time; their number; and the views with
-        all their right sides."""
-        rho, var_rho = self.tracks.points[:, 3], self.tracks.var_rho
-        known = rho > _KNOWN * np.sqrt(var_rho)
-        if known.sum() >= _LEAST_TRACKS:
-            self.rho_scene = float(np.median(rho[known]))
-        var_known = INFLATED**2 * var_rho
-        all_sides = pretended(self.projection, z, cov, rho, var_known)
-        start = MapStart(*all_sides, se3.inverse(self.cam_from_start), self.cov_start)
-        new = self.tracks.ids >= self.first_unseen_id
-        self.first_unseen_id = self.next_id
-        z_new, cov_new = pretended(self.projection, z, cov, rho, var_known + (STD_SCENE * self.rho_scene) ** 2)
-        z, cov = np.where(new[:, None], z_new, z), np.where(new[:, None, None], cov_new, cov)
-        return int(new.sum()), z, cov, start
-
-    # -- new points -------------------------------------------------------------------------------------------
-
-    def _renew_left(self, pair: PreparedImages) -> None:
-        """New tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
-        cfg = self.config
-        wanted = cfg.max_tracks - len(self.tracks)
-        if wanted < cfg.max_tracks * cfg.renew_share or (len(self.tracks) and not self.mapped):
+    def _add_points(self, images: PreparedImages) -> None:
+        """Begin tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
+        tracker, cfg = self.tracker, self.config
+        opened = len(tracker.tracks) > 0 and not self.mapped
+        if opened or tracker.missing < cfg.max_tracks * cfg.renew_share:
             return
-        corners = self._corners(pair, wanted) * round(1 / pair.scale)
-        n = len(corners)
+        corners_px = tracker.detect_corners(images) * round(1 / images.scale)
+        n = len(corners_px)
         if not n:
             return
-        slots = np.setdiff1d(np.arange(2 * cfg.max_tracks), self.tracks.slots)[:n]
-        self.atlas.store(pair.left_grey, corners, slots)
-        left = corners.astype(float)
-        rays = self.projection.rays(left)
-        rho = np.full(n, self.rho_scene if self.mapped else 0.0)
-        new = MonoTracks(
-            ids=self.next_id + np.arange(n, dtype=np.int64),
-            slots=slots,
-            left_px=left,
-            points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
-            var_rho=(STD_SCENE * rho) ** 2,
-            anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
-            slopes=np.zeros((n, 2)),
-            anchor_rays=rays,
-        )
-        self.next_id += n
-        self.tracks = self.tracks.joined(new)
-        self.opened_with = n if not self.mapped else 0
+        slots = self.aligner.cut(images, corners_px, tracker.tracks.slots)
+        rho = np.full(n, self.map_start.rho_scene if self.mapped else 0.0)
+        tracker.add(slots, corners_px.astype(float), rho, (UNKNOWN_DEPTH_STD * rho) ** 2, np.zeros((n, 2)))
+        if not self.mapped:
+            self.map_start.n_opened = n

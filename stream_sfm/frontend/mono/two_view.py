@@ -15,13 +15,19 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from .parallax import depths_from_motion, directions
 
-_LEAST_RAYS = 8
-_GATE = 3.5  # in standard deviations, of a distance to the epipolar line
-_AGREE = 0.7  # share of the rays that one rigid motion has to explain
-_SIGNIFICANT = 10.0  # median of inverse depth over its σ that begins a map
-_STD_DIRECTION_RAD = 0.035
-_LEAST_DEPTH = 0.05
-_ANY_DEPTH = 1e6  # OpenCV leaves out what is farther than 50 baselines otherwise
+_MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
+_GATE = 3.5  # standard deviations of a distance to the epipolar line: one good ray in 2 000 is lost
+_RANSAC_CONFIDENCE = 0.9999  # of one draw without outliers; OpenCV's default is 0.999
+_HUBER = 2.0  # standard deviations; the usual width is 1.3, but RANSAC has taken the outliers out already
+# A map begins when all of these hold; chosen by hand: with stricter limits it begins later, with looser ones its first
+# poses and depths are worse.
+_MIN_AGREEMENT = 0.7  # fraction of the rays that one rigid motion has to explain
+_MIN_SIGNIFICANCE = 10.0  # median of inverse depth over its σ: depths known to 10 %
+_MAX_STD_DIRECTION_RAD = 0.035  # of the motion, 2°
+_MIN_INVERSE_DEPTH = -2.0  # standard deviations: points at infinity pass
+# In the new camera, of what is at depth 1 in the first: nearer points were passed or matched wrong.
+_MIN_DEPTH = 0.05
+_ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +44,16 @@ class TwoView:
     @property
     def problem(self) -> str:
         """Why no map can begin with it; empty when it can."""
-        share = self.agree.mean()
-        if share < _AGREE:
-            return f"one motion explains {100 * share:.0f} % of the points, {100 * _AGREE:.0f} % needed"
+        agreement = self.agree.mean()
+        if agreement < _MIN_AGREEMENT:
+            return f"one motion explains {100 * agreement:.0f} % of the points, {100 * _MIN_AGREEMENT:.0f} % needed"
         significance = float(np.median(self.rho[self.agree] / np.sqrt(self.var_rho[self.agree])))
-        if significance < _SIGNIFICANT:
+        if significance < _MIN_SIGNIFICANCE:
             known = f"known to {100 / significance:.0f} %" if significance > 1 else "not known"
-            return f"too little parallax yet: depths are {known}, {100 / _SIGNIFICANT:.0f} % needed"
+            return f"too little parallax yet: depths are {known}, {100 / _MIN_SIGNIFICANCE:.0f} % needed"
         worst = float(np.sqrt(np.linalg.eigvalsh(self.cov_first_from_now[:3, :3])[-1]))
-        if worst > _STD_DIRECTION_RAD:
-            return f"the direction of motion is known to {worst:.2f} rad only, {_STD_DIRECTION_RAD} needed"
+        if worst > _MAX_STD_DIRECTION_RAD:
+            return f"the direction of motion is known to {worst:.2f} rad only, {_MAX_STD_DIRECTION_RAD} needed"
         return ""
 
 
@@ -56,11 +62,11 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoVi
     None where there is none."""
     from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
 
-    if len(rays_first) < _LEAST_RAYS:
+    if len(rays_first) < _MIN_RAYS:
         return None
     cv2.setRNGSeed(0)  # the same rays give the same answer
     essential, inliers = cv2.findEssentialMat(
-        rays_first, rays_now, np.eye(3), method=cv2.RANSAC, prob=0.9999, threshold=_GATE * std_ray
+        rays_first, rays_now, np.eye(3), method=cv2.RANSAC, prob=_RANSAC_CONFIDENCE, threshold=_GATE * std_ray
     )
     if essential is None or essential.shape != (3, 3):
         return None
@@ -80,13 +86,15 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoVi
         return _sampson(moved(x), first, now) / std_ray
 
     found = least_squares(
-        distances, np.zeros(5), loss="huber", f_scale=2.0, args=(rays_first[inlier], rays_now[inlier])
+        distances, np.zeros(5), loss="huber", f_scale=_HUBER, args=(rays_first[inlier], rays_now[inlier])
     )
     pose = moved(found.x)
     rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
     depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
-    agree = (np.abs(distances(found.x, rays_first, rays_now)) < _GATE) & (rho > -2 * np.sqrt(var_rho))
-    agree &= depth_now > _LEAST_DEPTH
+    agree = (np.abs(distances(found.x, rays_first, rays_now)) < _GATE) & (
+        rho > _MIN_INVERSE_DEPTH * np.sqrt(var_rho)
+    )
+    agree &= depth_now > _MIN_DEPTH
     # R' = Exp(w) R, t' = t + a·across is Exp(−ξ) applied on the left, ξ = (w × t − a·across, −w)
     by_x = np.zeros((6, 5))
     by_x[:3, :3], by_x[:3, 3:], by_x[3:, :3] = -se3.skew(pose[:3, 3]), -across.T, -np.eye(3)

@@ -5,8 +5,8 @@ import pytest
 
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
-from stream_sfm.frontend.disparity_bias import _KEPT, BIAS_PX, SharedErrors
-from stream_sfm.frontend.front_end import FrontEnd
+from stream_sfm.frontend.disparity_bias import _REMEMBERED, MIN_BIAS_PX, DisparityBias
+from stream_sfm.frontend.front_end import StereoFrontEnd
 from tests.helpers.wall import Wall, rig
 
 
@@ -21,20 +21,20 @@ def test_points_across_a_depth_edge_say_so() -> None:
     split[:, edge - 30 :] = nearer[:, edge - 30 :]  # the edge is about there in the right image
     std_px = {}
     for name, image in (("wall", right), ("edge", split)):
-        front = FrontEnd(rectifier.projection, Config(), rectifier.valid)
+        front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
         seen = front.step(0, 0, front.prepare(left, image))
         near_edge = np.abs(seen.z_px[:, 2] - (edge - 30)) < 9
-        std_px[name] = np.median(front.shared_errors.of(seen.track_ids)[near_edge])
+        std_px[name] = np.median(front.std_bias_px(seen.track_ids)[near_edge])
     assert std_px["edge"] > 1.5 * std_px["wall"]
 
 
 def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
-    errors = SharedErrors()
-    assert (errors.of(np.arange(3)) == BIAS_PX).all()
-    assert errors.of(np.empty(0, np.int64)).shape == (0,)
-    for start in range(0, 5 * _KEPT, 100):
+    bias = DisparityBias()
+    assert (bias.std_px(np.arange(3)) == MIN_BIAS_PX).all()
+    assert bias.std_px(np.empty(0, np.int64)).shape == (0,)
+    for start in range(0, 5 * _REMEMBERED, 100):
         ids = np.arange(start, start + 100)
-        errors.learn(ids, np.full(100, 0.3))
-        assert errors.of(ids) == pytest.approx(np.hypot(BIAS_PX, 0.3))
-    assert len(errors._recent) + len(errors._older) <= 2 * _KEPT + 200
-    assert errors.of(np.array([5 * _KEPT - _KEPT]))[0] > 0.3
+        bias.learn(ids, np.full(100, 0.3))
+        assert bias.std_px(ids) == pytest.approx(np.hypot(MIN_BIAS_PX, 0.3))
+    assert len(bias._recent) + len(bias._older) <= 2 * _REMEMBERED + 200
+    assert bias.std_px(np.array([5 * _REMEMBERED - _REMEMBERED]))[0] > 0.3

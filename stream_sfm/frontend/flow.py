@@ -1,0 +1,74 @@
+"""Optical flow: where the tracked points have gone since the previous image, roughly.
+
+Pyramidal Lucas-Kanade from image to image, at half the size and started where the predicted motion puts the points.
+It gives a start only: the position of a point comes from its anchored template (`alignment.py`).
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import FrontendConfig
+from ..geometry.se3 import Array
+from .prepared import Image, PreparedImages
+from .valid_area import ValidArea
+
+# Iterations end after so many or with a step of so many half-size pixels: OpenCV's defaults are 30 and 0.01, and a
+# start needs less.
+_MAX_STEPS = 20
+_CONVERGED_PX = 0.03
+# Of a window's gradient matrix per pixel, OpenCV's scale; a tenth of its default: dark images.
+_MIN_EIGENVALUE = 1e-5
+# Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: real auto-exposure
+# steps are larger, and each further hypothesis costs one run of flow.
+_SAME_GAIN = 0.05
+_SAME_LEVEL_GREY = 4.0
+
+
+class Flow:
+    """Lucas-Kanade flow between left images."""
+
+    def __init__(self, config: FrontendConfig, area: ValidArea) -> None:
+        radius_px = 3 * config.window_radius_px // 4  # of the half-size image: one and a half times the patch
+        self._window = (2 * radius_px + 1, 2 * radius_px + 1)
+        self._halvings = config.pyramid_levels - 1  # beside the one that the images come with
+        self._area = area
+
+    def track(
+        self, before_half: Image, images: PreparedImages, left_px: Array, predicted_px: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Positions (n, 2) in the new left image, and which were found within the valid area.
+
+        From positions `left_px` (n, 2) in the previous left image, given at half its size, started at `predicted_px`.
+        """
+        start = np.ascontiguousarray(predicted_px, np.float32)
+        at, status, _ = cv2.calcOpticalFlowPyrLK(
+            before_half,
+            images.left_half,
+            np.ascontiguousarray(left_px / 2, np.float32).reshape(-1, 1, 2),
+            start.reshape(-1, 1, 2) / 2,
+            winSize=self._window,
+            maxLevel=self._halvings,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=_MIN_EIGENVALUE,
+        )
+        found = status[:, 0] > 0  # the rest of what comes back is not initialised
+        positions: Array = np.where(found[:, None], 2 * np.asarray(at)[:, 0], start).astype(np.float64)
+        return positions, found & self._area.contains(positions)
+
+
+def exposure_hypotheses(before: PreparedImages, now: PreparedImages) -> list[Image]:
+    """The previous left image at half the size, as it may have looked with today's exposure, likelier first.
+
+    Flow takes a change of grey values for motion. Where mean and contrast have changed, either the exposure has, or
+    half of the view is covered: then the image as it was is tried too.
+    """
+    coarse_before, coarse_now = before.left_half[::4, ::4], now.left_half[::4, ::4]
+    gain = (coarse_now.std() + 1) / (coarse_before.std() + 1)
+    offset = coarse_now.mean() - gain * coarse_before.mean()
+    level_change = abs(coarse_now.mean() - coarse_before.mean())
+    if abs(gain - 1) < _SAME_GAIN and level_change < _SAME_LEVEL_GREY:
+        return [before.left_half]
+    exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
+    return [np.asarray(cv2.LUT(before.left_half, exposed)), before.left_half]

@@ -1,0 +1,206 @@
+"""The tracker: where the points of the previous frame are in this one, and the motion that they agree on.
+
+Track by flow, find the robust motion, align with the templates, resect all views jointly and gate them, learn the
+noise. Depths come from a `DepthSource`: the right image, or the parallax of one camera.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..geometry import se3
+from ..geometry.resection import Resection, resect
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from .alignment import AlignedViews, Candidates, TemplateAligner
+from .corners import detect
+from .depth_source import DepthSource
+from .flow import Flow, exposure_hypotheses
+from .prepared import PreparedImages
+from .tracks import Tracks
+from .warps import anchor_from_now
+
+_STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
+# Fraction of the flow that the rough motion explains; below, the next hypothesis is tried.
+_MIN_FLOW_AGREEMENT = 0.4
+# Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a sudden
+# blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
+_MIN_AGREEMENT = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class RoughMotion:
+    """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, and which of them
+    `agree` (n,) with it."""
+
+    cam_from_previous: Array
+    left_px: Array
+    agree: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What following gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px`
+    (n, 4, 4) of the tracks that live on, in the order of the tracker's table."""
+
+    cam_from_previous: Array
+    z_px: Array
+    cov_px: Array
+
+    def keep(self, rows: NDArray[np.bool_]) -> "Followed":
+        """The given rows."""
+        return Followed(self.cam_from_previous, self.z_px[rows], self.cov_px[rows])
+
+
+class Tracker:
+    """Follows points through the images of a run; `tracks` is the table of those alive.
+
+    Its own chain of motions, `cam_from_start`, predicts how patches look; it is not an estimate.
+    """
+
+    def __init__(
+        self, projection: StereoProjection, config: Config, aligner: TemplateAligner, depth: DepthSource
+    ) -> None:
+        self.projection = projection
+        self.config = config.frontend
+        self.aligner = aligner
+        self.depth = depth
+        self.flow = Flow(config.frontend, aligner.area)
+        self.tracks = Tracks.none()
+        self.next_id = 0
+        self.cam_from_start = np.eye(4)
+        self.velocity = np.zeros(6)  # ξ of cam_from_previous per second
+        self.previous: PreparedImages | None = None
+        self.stamp_ns = 0
+        self._gate_probability = config.robust.gate_probability
+
+    # -- following --------------------------------------------------------------------------------------------
+
+    def follow(self, images: PreparedImages, stamp_ns: int) -> Followed | None:
+        """Follow all tracks from the previous frame into this one; None, and no track, where no motion is found."""
+        dt_s = (stamp_ns - self.stamp_ns) / 1e9
+        rough = self._track_by_flow(images, se3.exp(self.velocity * dt_s))
+        if rough is None:
+            self._lose()
+            return None
+        candidates = self._predict_patches(rough)
+        views = self.depth.align(images, candidates)
+        motion = self._resect_jointly(candidates, views, rough.cam_from_previous)
+        if motion is None:
+            self._lose()
+            return None
+        self.aligner.noise.learn(motion.chi2, motion.dof)
+        return self._advance(candidates, views, motion, dt_s)
+
+    def remember(self, images: PreparedImages, stamp_ns: int) -> None:
+        """End the frame: the next one is followed from these images."""
+        self.previous, self.stamp_ns = images, stamp_ns
+
+    def _lose(self) -> None:
+        self.tracks, self.velocity = Tracks.none(), np.zeros(6)
+
+    def _track_by_flow(self, images: PreparedImages, predicted: Array) -> RoughMotion | None:
+        """The motion that flow shows, for the first exposure hypothesis under which most of it is rigid."""
+        if self.previous is None or not len(self.tracks):
+            return None
+        start_px = self.projection.project_homogeneous(self.tracks.moved(predicted).points)[:, :2]
+        for before_half in exposure_hypotheses(self.previous, images):
+            at_px, found = self.flow.track(before_half, images, self.tracks.left_px, start_px)
+            motion = self._find_robust_motion(at_px, found, predicted)
+            if motion is not None:
+                return motion
+        return None
+
+    def _find_robust_motion(self, at_px: Array, found: NDArray[np.bool_], predicted: Array) -> RoughMotion | None:
+        """The rigid motion that positions (n, 2) agree on, started at the predicted motion, then at none."""
+        n = int(found.sum())
+        z_px = np.full((n, 4), np.nan)
+        z_px[:, :2] = at_px[found]
+        cov_px = np.broadcast_to(_STD_FLOW_PX**2 * np.eye(4), (n, 4, 4))
+        points = self.tracks.points[found]
+        cov_points = self.tracks.cov_points(self._var_ray)[found]
+        for start in (predicted, np.eye(4)):
+            motion = resect(self.projection, points, cov_points, z_px, cov_px, start, self._gate_probability)
+            if motion.ok and motion.accepted.mean() > _MIN_FLOW_AGREEMENT:
+                agree = np.zeros(len(at_px), bool)
+                agree[found] = motion.accepted
+                return RoughMotion(motion.cam_from_ref, at_px, agree)
+        return None
+
+    def _predict_patches(self, rough: RoughMotion) -> Candidates:
+        """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""
+        now = self.tracks.moved(rough.cam_from_previous)
+        expected = self.projection.project_homogeneous(now.points)
+        left_px = np.where(
+            rough.agree[:, None], rough.left_px, expected[:, :2]
+        )  # what flow lost, the motion may find
+        right_u_px = left_px[:, 0] - expected[:, 0] + expected[:, 2]
+        warps = anchor_from_now(now, rough.cam_from_previous @ self.cam_from_start, self.projection)
+        return self.aligner.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
+
+    def _resect_jointly(self, candidates: Candidates, views: AlignedViews, start: Array) -> Resection | None:
+        """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
+        before = candidates.before.keep(views.found)
+        z_px, cov_px, cov_points = (
+            views.z_px[views.found],
+            views.cov_px[views.found],
+            before.cov_points(self._var_ray),
+        )
+        motion = resect(self.projection, before.points, cov_points, z_px, cov_px, start, self._gate_probability)
+        if not motion.ok or motion.accepted.sum() < _MIN_AGREEMENT * len(candidates.before):
+            return None
+        return motion
+
+    def _advance(self, candidates: Candidates, views: AlignedViews, motion: Resection, dt_s: float) -> Followed:
+        """Move on to this frame with the accepted tracks, each put where it was seen."""
+        self.cam_from_start = se3.orthonormalise(motion.cam_from_ref @ self.cam_from_start)
+        self.velocity = se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6)
+        accepted = np.flatnonzero(views.found)[motion.accepted]
+        # where most views fit badly, the frame is worse than the run's, not full of outliers: blurred, for instance
+        z_px, cov_px = views.z_px[accepted], motion.spread * views.cov_px[accepted]
+        now = candidates.before.keep(accepted).moved(motion.cam_from_ref)
+        self.tracks = self.depth.update(now, z_px, cov_px, self.cam_from_start)
+        return Followed(motion.cam_from_ref, z_px, cov_px)
+
+    @property
+    def _var_ray(self) -> float:
+        return self.aligner.noise.var_ray(self.projection)
+
+    # -- new tracks -------------------------------------------------------------------------------------------
+
+    @property
+    def missing(self) -> int:
+        """How many tracks more there should be."""
+        return self.config.max_tracks - len(self.tracks)
+
+    def detect_corners(self, images: PreparedImages) -> NDArray[np.intp]:
+        """As many corners (k, 2) as are missing at most, whole pixels of the coarse left image, away from tracks."""
+        cfg, scale = self.config, images.scale
+        return detect(
+            images.corner_strength,
+            self.tracks.left_px * scale,
+            self.aligner.area.coarse(round(1 / scale)),
+            self.missing,
+            cfg.min_corner_distance_px * scale,
+            cfg.min_corner_response,
+        )
+
+    def add(self, slots: NDArray[np.intp], left_px: Array, rho: Array, var_rho: Array, slopes: Array) -> Tracks:
+        """Begin tracks at left positions (n, 2) with templates in `slots` (n,), inverse depths and slopes (n, 2)."""
+        n = len(slots)
+        rays = self.projection.rays(left_px)
+        new = Tracks(
+            ids=self.next_id + np.arange(n, dtype=np.int64),
+            slots=slots,
+            left_px=left_px,
+            points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
+            var_rho=var_rho,
+            anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
+            anchor_rays=rays,
+            slopes=slopes,
+        )
+        self.next_id += n
+        self.tracks = self.tracks.append(new)
+        return new
