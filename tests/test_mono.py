@@ -145,7 +145,7 @@ def test_what_needs_two_cameras_refuses_one(frames, tmp_path) -> None:
     with pytest.raises(sfm.ConfigError, match="a surface needs two cameras"):
         surface_of_frame(pair, one.decoded(), 0, MONO)
     with pytest.raises(sfm.ConfigError, match="opened for one camera"):
-        _ = one.rig
+        _ = one.stereo_rig
     assert main(["batch", str(ROOM), "--out", str(tmp_path / "b"), "--set", "mono=true"]) == 2
 
 
