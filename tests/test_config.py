@@ -18,7 +18,7 @@ from stream_sfm.config import FrontendConfig, WindowConfig, config_to_toml, read
         (lambda: sfm.Config(mono="yes"), r"Config\(mono='yes'\): Expected `bool`, got `str`"),
         (lambda: WindowConfig(frames=0), r"WindowConfig\(frames=0\): Expected `int` >= 1"),
         (lambda: WindowConfig(frames=4.5), r"WindowConfig\(frames=4.5\): Expected `int`, got `float`"),
-        (lambda: FrontendConfig(renew_share=float("nan")), r"renew_share=nan\): Expected `float` >= 0"),
+        (lambda: FrontendConfig(renew_fraction=float("nan")), r"renew_fraction=nan\): Expected `float` >= 0"),
     ],
 )
 def test_a_setting_of_the_wrong_kind_is_refused_when_it_is_made(make: Any, message: str) -> None:
@@ -39,6 +39,6 @@ def test_a_file_is_refused_with_the_path_of_the_setting() -> None:
 
 
 def test_what_is_made_in_python_is_what_is_read(tmp_path) -> None:
-    made = sfm.Config(method="ekf", window=WindowConfig(frames=12), frontend=FrontendConfig(renew_share=1))
+    made = sfm.Config(method="ekf", window=WindowConfig(frames=12), frontend=FrontendConfig(renew_fraction=1))
     (tmp_path / "c.toml").write_text(config_to_toml(made))
     assert read_config(tmp_path / "c.toml") == made

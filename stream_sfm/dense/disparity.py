@@ -61,14 +61,14 @@ class DenseStereo:
         found = DisparityMap(disparity, std_noise, c.std_bias_px)
         std = found.std_px
         with np.errstate(invalid="ignore"):
-            known = self.valid & (std < c.max_std_px) & (std < c.max_std_share * disparity)
+            known = self.valid & (std < c.max_std_px) & (std < c.max_relative_std * disparity)
         disparity[~known] = std_noise[~known] = np.nan
         return found
 
     def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
         """First and last disparity, pixels of the images, that a small copy of them shows."""
         first = self._infinity_px - 1
-        last = self._infinity_px + self.config.max_disparity_share * self.projection.width
+        last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
         scale = 1
         while left.shape[1] > _SEARCH_WIDTH_PX * 1.5:
             left, right, scale = cv2.pyrDown(left), cv2.pyrDown(right), 2 * scale  # type: ignore[assignment]

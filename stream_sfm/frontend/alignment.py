@@ -87,7 +87,7 @@ class TemplateAligner:
         patches = self.atlas.warped(slots, warps)
         at_px, found, error_grey = patches.align(images.left_grey, start_px)
         near = np.linalg.norm(at_px - start_px, axis=1) < self.config.max_realignment_px
-        fits = error_grey < self.config.max_grey_error
+        fits = error_grey < self.config.max_photometric_error
         return LeftViews(at_px, error_grey, found & near & fits & self.area.contains(at_px), patches)
 
     def cut(

@@ -39,7 +39,7 @@ class StereoDepth:
         self.projection = projection
         self.config = config
         self.aligner = aligner
-        self.vertical_disparity = VerticalDisparity(projection, config.max_row_difference_px)
+        self.vertical_disparity = VerticalDisparity(projection, config.max_vertical_disparity_px)
 
     def align(self, images: PreparedImages, candidates: Candidates) -> AlignedViews:
         """Find the candidates (n) in the left image, and what is found there in the right one."""
@@ -59,7 +59,7 @@ class StereoDepth:
         sheared = self.aligner.atlas.warped(slots[slanted], candidates.right_warps[slanted])
         at_px, found, error_grey = left.patches.replaced(slanted, sheared).align(images.right_grey, start_px)
         at_px[:, 1] += vertical_px
-        found &= error_grey < self.config.max_grey_error
+        found &= error_grey < self.config.max_photometric_error
         found &= self.vertical_disparity.agrees(left.at_px, at_px)
         r, width = self.config.window_radius_px, images.right.shape[1]
         found &= (at_px[:, 0] > r) & (at_px[:, 0] < width - 1 - r)

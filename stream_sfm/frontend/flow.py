@@ -31,7 +31,7 @@ class Flow:
     def __init__(self, config: FrontendConfig, area: ValidArea) -> None:
         radius_px = 3 * config.window_radius_px // 4  # of the half-size image: one and a half times the patch
         self._window = (2 * radius_px + 1, 2 * radius_px + 1)
-        self._halvings = config.pyramid_levels - 1  # beside the one that the images come with
+        self._max_level = config.pyramid_levels - 1  # of a pyramid whose lowest level is halved once already
         self._area = area
 
     def track(
@@ -48,7 +48,7 @@ class Flow:
             np.ascontiguousarray(left_px / 2, np.float32).reshape(-1, 1, 2),
             start.reshape(-1, 1, 2) / 2,
             winSize=self._window,
-            maxLevel=self._halvings,
+            maxLevel=self._max_level,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=_MIN_EIGENVALUE,

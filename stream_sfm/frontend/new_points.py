@@ -68,7 +68,7 @@ class NewPoints:
     def add(self, images: PreparedImages, frame_index: int) -> tuple[Array, Array]:
         """Begin tracks where they are missing; their views (k, 4) and covariances (k, 4, 4)."""
         none = np.empty((0, 4)), np.empty((0, 4, 4))
-        enough = self.config.renew_share if renews(frame_index) else _URGENT_FRACTION
+        enough = self.config.renew_fraction if renews(frame_index) else _URGENT_FRACTION
         if self.tracker.missing < self.config.max_tracks * enough:
             return none
         corners_px, start_px = self._match_along_row(images, frame_index)
@@ -94,7 +94,7 @@ class NewPoints:
         """First and last disparity to search, px of the scaled image."""
         p, tracks = self.projection, self.tracker.tracks
         far = p.cx_left_px - p.cx_right_px
-        near = far + self.config.max_disparity_share * p.width
+        near = far + self.config.max_disparity_fraction * p.width
         if frame_index % _FULL_SEARCH_PERIOD and len(tracks) > self.config.max_tracks // _FEW_TRACKS:
             largest = p.f_px * p.baseline_m * float(tracks.points[:, 3].max())
             near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
@@ -105,7 +105,7 @@ class NewPoints:
         slots = self.aligner.cut(images, left_px, self.tracker.tracks.slots)
         patches = self.aligner.atlas.warped(slots, _facing(len(slots)))
         right_px, found, error_grey = patches.align(images.right_grey, start_px)
-        tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * self.config.max_row_difference_px)
+        tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * self.config.max_vertical_disparity_px)
         ok = found & (np.linalg.norm(right_px - start_px, axis=1) < tolerance_px)
         n = int(ok.sum())
         return _Matches(
@@ -130,7 +130,7 @@ class NewPoints:
         patches = self.aligner.atlas.warped(m.slots[slanted], warps)
         right_px, error_grey = m.right_px.copy(), m.error_grey.copy()
         right_px[slanted], found, error_grey[slanted] = patches.align(images.right_grey, right_px[slanted])
-        good = error_grey < self.config.max_grey_error
+        good = error_grey < self.config.max_photometric_error
         good[slanted] &= found
         return replace(m, right_px=right_px, error_grey=error_grey, slopes=slopes, good=good)
 

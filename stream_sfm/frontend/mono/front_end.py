@@ -117,7 +117,7 @@ class MonoFrontEnd:
         """Begin tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
         tracker, cfg = self.tracker, self.config
         opened = len(tracker.tracks) > 0 and not self.mapped
-        if opened or tracker.missing < cfg.max_tracks * cfg.renew_share:
+        if opened or tracker.missing < cfg.max_tracks * cfg.renew_fraction:
             return
         corners_px = tracker.detect_corners(images) * round(1 / images.scale)
         n = len(corners_px)

@@ -1,0 +1,50 @@
+"""Flow between two images: how far it reaches, and what it makes of a change of exposure."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.config import FrontendConfig, config_to_toml
+from stream_sfm.frontend.corners import corner_strength, detect
+from stream_sfm.frontend.flow import Flow, exposure_hypotheses
+from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.frontend.valid_area import ValidArea
+from tests.helpers.wall import Wall, rig
+
+
+def prepared(image: np.ndarray) -> PreparedImages:
+    return PreparedImages.of(image, image, 1.0)
+
+
+def reached(levels: int, shift_px: int) -> float:
+    """Fraction of the corners that flow follows over a shift, started where they were."""
+    image = Wall(4).image(rig().left, np.eye(4))
+    valid = np.ones(image.shape, bool)
+    area = ValidArea(valid, 10)
+    corners = detect(corner_strength(image), np.empty((0, 2)), valid, 60, 12.0, 1e-5).astype(float)
+    corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
+    flow = Flow(FrontendConfig(pyramid_levels=levels), area)
+    at, found = flow.track(prepared(image).left_half, prepared(np.roll(image, shift_px, axis=1)), corners, corners)
+    return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
+
+
+def test_every_halving_reaches_farther_and_the_first_one_cannot_be_left_out(tmp_path: Path) -> None:
+    """Measured: one halving follows 15 % over 36 px, two 85 %; two follow 54 % over 50 px, three 78 %."""
+    assert reached(1, 36) < 0.35 and reached(2, 36) > 0.7
+    assert reached(2, 50) < 0.66 < reached(3, 50)
+    with pytest.raises(sfm.ConfigError, match="pyramid_levels"):
+        FrontendConfig(pyramid_levels=0)
+    assert "halved" in config_to_toml(sfm.Config()).split("pyramid_levels")[0].splitlines()[-2]
+
+
+def test_another_exposure_is_tried_first_and_the_image_as_it_was_after_it() -> None:
+    image = Wall(4).image(rig().left, np.eye(4))
+    darker = cv2.convertScaleAbs(image, alpha=0.6, beta=10)
+    before, now = prepared(image), prepared(darker)
+    exposed, as_it_was = exposure_hypotheses(before, now)
+    assert as_it_was is before.left_half
+    assert np.abs(exposed.astype(int) - now.left_half.astype(int)).max() <= 2  # two roundings
+    assert exposure_hypotheses(before, prepared(image)) == [before.left_half]
