@@ -1,13 +1,11 @@
 """Flow between two images: how far it reaches, and what it makes of a change of exposure."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config import FrontendConfig, config_to_toml
+from stream_sfm.config import FrontendConfig
 from stream_sfm.frontend.corners import corner_strength, detect
 from stream_sfm.frontend.flow import Flow, exposure_hypotheses
 from stream_sfm.frontend.prepared import PreparedImages
@@ -31,13 +29,12 @@ def reached(levels: int, shift_px: int) -> float:
     return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
 
 
-def test_every_halving_reaches_farther_and_the_first_one_cannot_be_left_out(tmp_path: Path) -> None:
+def test_every_halving_reaches_farther_and_the_first_one_cannot_be_left_out() -> None:
     """Measured: one halving follows 15 % over 36 px, two 85 %; two follow 54 % over 50 px, three 78 %."""
     assert reached(1, 36) < 0.35 and reached(2, 36) > 0.7
     assert reached(2, 50) < 0.66 < reached(3, 50)
     with pytest.raises(sfm.ConfigError, match="pyramid_levels"):
         FrontendConfig(pyramid_levels=0)
-    assert "halved" in config_to_toml(sfm.Config()).split("pyramid_levels")[0].splitlines()[-2]
 
 
 def test_another_exposure_is_tried_first_and_the_image_as_it_was_after_it() -> None:
