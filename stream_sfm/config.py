@@ -93,8 +93,8 @@ class RobustConfig(_Section, frozen=True, kw_only=True):
     gate_probability: Annotated[
         float, Meta(description="share of good views that the χ² gate keeps", gt=0.5, lt=1)
     ] = 0.999
-    min_views: Annotated[int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)] = 8
-    degraded_views: Annotated[
+    min_inliers: Annotated[int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)] = 8
+    degraded_inliers: Annotated[
         int, Meta(description="with fewer accepted views than this a frame is degraded", ge=4)
     ] = 25
 

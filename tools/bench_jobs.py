@@ -24,6 +24,7 @@ from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log, read_co
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame import window
+from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.frontend import tracker
 from stream_sfm.frontend.depth_source import StereoDepth
 from stream_sfm.frontend.flow import Flow
@@ -36,11 +37,11 @@ WARM_UP = 10  # frames not counted in times
 STAGES = {
     "rectify": [(Rectifier, "rectify")],
     "track": [(Flow, "track"), (StereoDepth, "align")],
-    "PnP": [(tracker, "resect"), (window.CrossFrame, "_robust_motion")],
+    "PnP": [(tracker, "resect"), (window, "initial_motion")],
     "detect": [(tracker, "detect")],
     "stereo": [(NewPoints, "add")],  # detect included
-    "window": [(window.CrossFrame, "_absorb_oldest"), (window.CrossFrame, "_minimise")],
-    "covariance": [(window.CrossFrame, "_read")],
+    "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
+    "covariance": [(Map, "update_marginals")],
     "write": [(EstimatesWriter, "write")],
 }
 LK = {"winSize": (21, 21), "maxLevel": 3}

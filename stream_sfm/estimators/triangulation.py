@@ -4,50 +4,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
+from ..geometry.linear import matvec, symmetric
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection, information_of_views
-from .baselines.bundle_adjustment import point_in_cam_jacobian
+from ..geometry.stereo import StereoProjection, clamp_depth, information_of_views
 
-_MIN_DISPARITY_SIGMAS = 3.0  # below that the depth of one view is no Gaussian
+_MIN_DISPARITY_SIGMAS = 3.0  # below it the depth of one view is skewed too far to be called Gaussian
+_STEPS = 3  # Gauss-Newton; the start differs from the minimum only by the difference of the two rows
 
 
 def usable_births(projection: StereoProjection, z_px: Array, cov_px: Array) -> NDArray[np.bool_]:
-    """Views (n, 4) that can open a Euclidean point: both sides seen, disparity well above its deviation."""
+    """Return which views (n, 4) can start a Euclidean point: both sides seen, disparity well above its σ."""
     disparity = (z_px[:, 0] - projection.cx_left_px) - (z_px[:, 2] - projection.cx_right_px)
     variance = cov_px[:, 0, 0] + cov_px[:, 2, 2] - 2 * cov_px[:, 0, 2]
     with np.errstate(invalid="ignore"):
         return np.isfinite(z_px).all(axis=1) & (disparity > _MIN_DISPARITY_SIGMAS * np.sqrt(np.abs(variance)))
 
 
-def triangulated(projection: StereoProjection, z_px: Array, cov_px: Array) -> tuple[Array, Array]:
-    """Most likely points (n, 3) m of complete views (n, 4) and their covariances (n, 3, 3) m², eq. (12)."""
+def triangulate(projection: StereoProjection, z_px: Array, cov_px: Array) -> tuple[Array, Array]:
+    """Return the most likely points (n, 3) m of complete views (n, 4), and covariances (n, 3, 3) m², eq. (12)."""
     points = projection.triangulate(z_px)
     info = information_of_views(z_px, cov_px)
     cov: Array = np.zeros((len(points), 3, 3))
-    for _ in range(3):
+    for _ in range(_STEPS):
         a = projection.jacobian(points)
         at = np.swapaxes(a, 1, 2) @ info
         cov = np.asarray(np.linalg.inv(at @ a))
-        step = (cov @ at @ (z_px - projection.project(points))[..., None])[..., 0]
-        points = points + step
-        points[:, 2] = np.maximum(points[:, 2], 1e-3)
-    return points, (cov + np.swapaxes(cov, 1, 2)) / 2
+        points = clamp_depth(points + matvec(cov @ at, z_px - projection.project(points)))
+    return points, symmetric(cov)
 
 
 def compose_cov(cov_first: Array, second_from_first_pose: Array, cov_second: Array) -> Array:
-    """Covariance of A·B (right perturbations, independent), eq. (5): Ad(B⁻¹) Σ_A Ad(B⁻¹)ᵀ + Σ_B."""
+    """Return the covariance of A·B (right perturbations, independent), eq. (5): Ad(B⁻¹) Σ_A Ad(B⁻¹)ᵀ + Σ_B."""
     ad = se3.adjoint(se3.inverse(second_from_first_pose))
-    cov = ad @ cov_first @ ad.T + cov_second
-    return (cov + cov.T) / 2
+    return symmetric(ad @ cov_first @ ad.T + cov_second)
 
 
 def points_to_world(
     world_from_ref: Array, cov_ref: Array, points_in_ref: Array, cov_points: Array
 ) -> tuple[Array, Array]:
-    """Points (n, 3) carried out of a frame that is itself uncertain: Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I, −[X]×].
-
-    Eq. (6)."""
+    """Carry points (n, 3) out of a frame that is itself uncertain, eq. (6): Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I, −[X]×]."""
     r = world_from_ref[:3, :3]
-    j = -point_in_cam_jacobian(points_in_ref)
+    j = -se3.point_in_source_jacobian(points_in_ref)
     cov = r @ (cov_points + j @ cov_ref @ np.swapaxes(j, 1, 2)) @ r.T
-    return se3.transform(world_from_ref, points_in_ref), (cov + np.swapaxes(cov, 1, 2)) / 2
+    return se3.transform(world_from_ref, points_in_ref), symmetric(cov)

@@ -201,10 +201,10 @@ def test_without_out_a_folder_of_its_own_and_latest_points_to_it(wall_log: Path,
 
 def test_settings_are_used_and_written(wall_log: Path, tmp_path: Path):
     (tmp_path / "c.toml").write_text("[window]\nframes = 5\n")
-    arguments = ["--config", str(tmp_path / "c.toml"), "--set", "robust.min_views=9", "--max-frames", "2"]
+    arguments = ["--config", str(tmp_path / "c.toml"), "--set", "robust.min_inliers=9", "--max-frames", "2"]
     assert main(["replay", str(wall_log), "--out", str(tmp_path / "o"), "-q", *arguments, *FAST]) == 0
     used = read_config(tmp_path / "o" / "config.toml")
-    assert (used.window.frames, used.robust.min_views, used.method) == (5, 9, "frame-to-frame")
+    assert (used.window.frames, used.robust.min_inliers, used.method) == (5, 9, "frame-to-frame")
 
 
 def test_config_prints_what_config_takes(tmp_path: Path, capsys):

@@ -6,13 +6,12 @@ import pytest
 from stream_sfm.estimators.baselines.bundle_adjustment import (
     Covariances,
     NormalEquations,
-    Views,
+    WeightedViews,
     adjust,
-    point_in_cam_jacobian,
     residuals_and_jacobians,
 )
 from stream_sfm.estimators.baselines.full_batch import gather_views
-from stream_sfm.estimators.triangulation import compose_cov, points_to_world, triangulated
+from stream_sfm.estimators.triangulation import compose_cov, points_to_world, triangulate
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import rectified_projection
 
@@ -38,11 +37,11 @@ def test_jacobians_are_differences(arc):
     assert j_point == pytest.approx(numerical(lambda d: predicted(poses, points + d), 3), abs=1e-4)
 
 
-def test_point_in_cam_jacobian_is_differences():
+def test_point_in_source_jacobian_is_differences():
     pose, point = se3.exp(RNG.normal(size=6)), RNG.normal(size=(5, 3))
     in_cam = se3.transform(se3.inverse(pose), point)
     expected = numerical(lambda d: se3.transform(se3.inverse(pose @ se3.exp(d)), point), 6)
-    assert point_in_cam_jacobian(in_cam) == pytest.approx(expected, abs=1e-8)
+    assert se3.point_in_source_jacobian(in_cam) == pytest.approx(expected, abs=1e-8)
 
 
 def sample_cov(samples):
@@ -82,8 +81,8 @@ def test_triangulation_is_monte_carlo():
     exact = np.array([0.3, -0.2, 2.4])
     cov = np.diag([0.1, 0.2, 0.1, 0.15])
     z = P.project(exact) + RNG.normal(size=(40_000, 4)) @ np.sqrt(cov)
-    points, cov_points = triangulated(P, z, np.broadcast_to(cov, (len(z), 4, 4)))
-    assert_same_covariance(sample_cov(points), triangulated(P, P.project(exact)[None], cov[None])[1][0], 0.08)
+    points, cov_points = triangulate(P, z, np.broadcast_to(cov, (len(z), 4, 4)))
+    assert_same_covariance(sample_cov(points), triangulate(P, P.project(exact)[None], cov[None])[1][0], 0.08)
     assert cov_points.shape == (len(z), 3, 3)
 
 
@@ -99,13 +98,13 @@ def test_marginals_are_monte_carlo():
     free = np.array([False, True])
     xi, in_ref, in_cam = [], [], []
     for _ in range(trials):
-        views = Views.sorted_by_point(frame, index, exact + RNG.normal(scale=std, size=exact.shape), cov)
+        views = WeightedViews.sorted_by_point(frame, index, exact + RNG.normal(scale=std, size=exact.shape), cov)
         result = adjust(P, poses, points, views, free)
         assert result.converged
         xi.append(se3.log(se3.inverse(poses[1]) @ result.ref_from_cam[1]))
         in_ref.append(result.points)
         in_cam.append(se3.transform(se3.inverse(result.ref_from_cam[1]), result.points))
-    normal = NormalEquations.build(P, poses, points, Views.sorted_by_point(frame, index, exact, cov))
+    normal = NormalEquations.build(P, poses, points, WeightedViews.sorted_by_point(frame, index, exact, cov))
     marginals = Covariances.of(normal.eliminate_points(free), free)
     local = se3.transform(se3.inverse(poses[1]), points)
     assert_same_covariance(sample_cov(np.array(xi)), marginals.cov_pose(1), 0.25)

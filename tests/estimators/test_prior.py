@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
-    Views,
+    WhitenedViews,
     homogeneous_from_q,
     in_reference,
     linearise,
@@ -29,12 +29,12 @@ def spd(rng, count: int, size: int, scale: float) -> np.ndarray:
 @pytest.fixture
 def prior() -> Prior:
     rng = np.random.default_rng(5)
-    charts = se3.exp(0.1 * rng.normal(size=(N, 6)))
+    anchors = se3.exp(0.1 * rng.normal(size=(N, 6)))
     points = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), rng.uniform(2, 6, N), np.ones(N)], axis=1)
-    q = q_from_homogeneous((se3.inverse(charts) @ points[..., None])[..., 0])
+    q = q_from_homogeneous((se3.inverse(anchors) @ points[..., None])[..., 0])
     return Prior(
         ids=np.arange(N),
-        charts=charts,
+        ref_from_anchor=anchors,
         mean=q,
         cov=spd(rng, N, 3, 1e-6),
         modes=1e-3 * rng.normal(size=(N, 3, K)),
@@ -58,10 +58,10 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
     v, g = spd(rng, N, 3, 1e5), 300 * rng.normal(size=(N, 3))
     v[2], g[2] = 0, 0  # not seen
-    after = prior.absorbed(y, x, q, v, g)
+    after = prior.absorb_frame(y, x, q, v, g)
 
-    charts = se3.orthonormalise(x @ prior.charts)
-    by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(charts) @ pose_jacobian(in_reference(charts, q))
+    anchors = se3.orthonormalise(x @ prior.ref_from_anchor)
+    by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(anchors) @ pose_jacobian(in_reference(anchors, q))
     # [q, ω, ξ] -> [q', ω'], ξ as good as unknown beside millimetres
     carry = np.zeros((3 * N + 6, 3 * N + 12))
     carry[: 3 * N, : 3 * N] = np.eye(3 * N)
@@ -92,8 +92,8 @@ def test_condensing_keeps_every_marginal_and_the_world(prior) -> None:
     # two modes that hardly matter beside the points' own noise, and four that repeat others
     modes = np.concatenate([prior.modes, 1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4]], axis=2)
     world_modes = np.concatenate([prior.world_modes, np.zeros((6, 2)), prior.world_modes[:, :4]], axis=1)
-    full = Prior(prior.ids, prior.charts, prior.mean, prior.cov, modes, prior.world_from_ref, world_modes)
-    small = full.condensed()
+    full = Prior(prior.ids, prior.ref_from_anchor, prior.mean, prior.cov, modes, prior.world_from_ref, world_modes)
+    small = full.truncate_modes()
     assert small.modes.shape[2] < modes.shape[2]
     a, b = dense(full), dense(small)
     scale = np.sqrt(np.diag(a))
@@ -108,12 +108,14 @@ def test_system_is_the_dense_solution(prior) -> None:
     rng = np.random.default_rng(8)
     frames, total = 2, N + 3  # three points that the prior does not know
     cams = se3.exp(0.05 * rng.normal(size=(frames, 6)))
-    charts = np.concatenate([prior.charts, np.broadcast_to(np.eye(4), (3, 4, 4))])
+    anchors = np.concatenate([prior.ref_from_anchor, np.broadcast_to(np.eye(4), (3, 4, 4))])
     q = np.concatenate([prior.mean, [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.25], [0.0, -0.1, 0.4]]])
     frame, point = np.divmod(np.arange(frames * total), total)
-    z = P.project_homogeneous((cams[frame] @ in_reference(charts, q)[point][..., None])[..., 0])
-    views = Views(frame, point, z + rng.normal(size=z.shape), np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)))
-    lin = linearise(P, cams, charts, q, views)
+    z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
+    views = WhitenedViews(
+        frame, point, z + rng.normal(size=z.shape), np.broadcast_to(2 * np.eye(4), (len(z), 4, 4))
+    )
+    lin = linearise(P, cams, anchors, q, views)
     known = np.arange(N)
     system = System(prior, known, lin)
     dx, dq, dy, decrease = system.step(lin.g_pose, lin.g_point, q, np.zeros(K))
@@ -122,7 +124,7 @@ def test_system_is_the_dense_solution(prior) -> None:
     h = np.zeros((a + b + 6, a + b + 6))  # poses, points, world
     for s in range(frames):
         h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
-    h[a : a + b, :a] = lin.c.reshape(b, a)
+    h[a : a + b, :a] = lin.w.reshape(b, a)
     h[:a, a : a + b] = h[a : a + b, :a].T
     blocks = h[a : a + b, a : a + b].reshape(total, 3, total, 3)
     blocks[np.arange(total), :, np.arange(total), :] += lin.v

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
-    Views,
+    WhitenedViews,
     in_reference,
     linearise,
     metric_jacobian,
@@ -40,7 +40,7 @@ def differences(function, x: np.ndarray, step: float = 1e-6) -> np.ndarray:
         (q_from_homogeneous, q_jacobian, HOMOGENEOUS),
         (lambda h: h[:, :3] / h[:, 3:], metric_jacobian, HOMOGENEOUS + np.array([0, 0, 0, 0.5])),
     ],
-    ids=["projection", "homogeneous projection", "chart", "metric point"],
+    ids=["projection", "homogeneous projection", "anchor coordinates", "metric point"],
 )
 def test_jacobian_equals_differences(function, jacobian, x) -> None:
     numerical = differences(function, x)
@@ -62,28 +62,28 @@ def test_projection_and_triangulation_are_inverse() -> None:
 def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
     frames, n = 3, 12
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
-    charts = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
-    q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(charts), POINTS[:n, None])[:, 0], np.ones(n)])
-    z = P.project_homogeneous(in_reference(charts, q)[None] @ np.swapaxes(cams, 1, 2)) + RNG.normal(
+    anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
+    q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(anchors), POINTS[:n, None])[:, 0], np.ones(n)])
+    z = P.project_homogeneous(in_reference(anchors, q)[None] @ np.swapaxes(cams, 1, 2)) + RNG.normal(
         size=(frames, n, 4)
     )
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
-    views = Views(frame, point, z[frame, point], RNG.normal(size=(len(frame), 4, 4)))
+    views = WhitenedViews(frame, point, z[frame, point], RNG.normal(size=(len(frame), 4, 4)))
 
     def residual(x: np.ndarray) -> np.ndarray:
         poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
-        return whitened_residuals(P, poses, charts, q + x[6 * frames :].reshape(n, 3), views)[1].ravel()
+        return whitened_residuals(P, poses, anchors, q + x[6 * frames :].reshape(n, 3), views)[1].ravel()
 
     size = 6 * frames + 3 * n
     j = np.stack([(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(size)], axis=1)
     h, g = j.T @ j, -j.T @ residual(np.zeros(size))
-    lin = linearise(P, cams, charts, q, views)
+    lin = linearise(P, cams, anchors, q, views)
     scale = np.abs(h).max()
     for s in range(frames):
         a = slice(6 * s, 6 * s + 6)
         assert np.abs(h[a, a] - lin.u[s]).max() < 1e-6 * scale
     cross = h[6 * frames :, : 6 * frames].reshape(n, 3, 6 * frames)
-    assert np.abs(cross - lin.c).max() < 1e-6 * scale
+    assert np.abs(cross - lin.w).max() < 1e-6 * scale
     points = h[6 * frames :, 6 * frames :].reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :]
     assert np.abs(points - lin.v).max() < 1e-6 * scale
     assert np.abs(g - np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel()])).max() < 1e-6 * np.abs(g).max()

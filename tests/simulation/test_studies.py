@@ -8,12 +8,12 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.executors import processes
 from stream_sfm.simulation import measure as measuring
-from stream_sfm.simulation.iterated import IteratedEkf
 from stream_sfm.simulation.measure import Method, measure, stacked
 from stream_sfm.simulation.rates import SPANS, WINDOWS, drift_rates, structure_law, structure_over_window
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.simulation.statistics import exponent, mean, ratio
 from stream_sfm.simulation.trials import run_trials
+from tests.simulation.iterated_ekf import IteratedEkf
 
 SCENE = Scene(track_length=8)
 

@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import Cholesky
+from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection, information_of_views
-
-_MIN_DEPTH_M = 1e-3
+from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
 
 
 @dataclass(frozen=True, slots=True)
-class Views:
+class WeightedViews:
     """Stereo views as flat rows, sorted by point: `frame` (k,), `point` (k,) indices from 0, every point at least
     once; `z_px` (k, 4) without NaN; `information` (k, 4, 4), zero where a side is missing."""
 
@@ -32,7 +30,7 @@ class Views:
     @classmethod
     def sorted_by_point(
         cls, frame: NDArray[np.intp], point: NDArray[np.intp], z_px: Array, cov_px: Array
-    ) -> "Views":
+    ) -> "WeightedViews":
         """From rows in any order; `cov_px` (k, 4, 4) px², NaN in `z_px` where the right side is missing."""
         order = np.lexsort((frame, point))
         z, cov = z_px[order], cov_px[order]
@@ -48,23 +46,27 @@ class PointPriors:
 
 
 def residuals_and_jacobians(
-    projection: StereoProjection, ref_from_cam: Array, points: Array, views: Views
+    projection: StereoProjection, ref_from_cam: Array, points: Array, views: WeightedViews
 ) -> tuple[Array, Array, Array]:
     """Residuals z − h (k, 4), ∂h/∂ξ (k, 4, 6) of each view's camera, ∂h/∂X (k, 4, 3) of its point in ref."""
     cam_from_ref = se3.inverse(ref_from_cam)[views.frame]
-    in_cam = (cam_from_ref[:, :3, :3] @ points[views.point][..., None])[..., 0] + cam_from_ref[:, :3, 3]
+    in_cam = matvec(cam_from_ref[:, :3, :3], points[views.point]) + cam_from_ref[:, :3, 3]
     a = projection.jacobian(in_cam)
     j_pose = np.concatenate([-a, a @ se3.skew(in_cam)], axis=2)
     return views.z_px - projection.project(in_cam), j_pose, a @ cam_from_ref[:, :3, :3]
 
 
 def cost(
-    projection: StereoProjection, ref_from_cam: Array, points: Array, views: Views, priors: PointPriors | None
+    projection: StereoProjection,
+    ref_from_cam: Array,
+    points: Array,
+    views: WeightedViews,
+    priors: PointPriors | None,
 ) -> tuple[float, Array]:
     """Sum of squares, inf where a point is behind its camera, and each view's own share (k,)."""
     cam_from_ref = se3.inverse(ref_from_cam)[views.frame]
-    in_cam = (cam_from_ref[:, :3, :3] @ points[views.point][..., None])[..., 0] + cam_from_ref[:, :3, 3]
-    if not (in_cam[:, 2] > _MIN_DEPTH_M).all():
+    in_cam = matvec(cam_from_ref[:, :3, :3], points[views.point]) + cam_from_ref[:, :3, 3]
+    if not (in_cam[:, 2] > MIN_DEPTH).all():
         return np.inf, np.full(len(in_cam), np.inf)
     r = views.z_px - projection.project(in_cam)
     share = np.einsum("ki,kij,kj->k", r, views.information, r)
@@ -91,7 +93,7 @@ class NormalEquations:
         projection: StereoProjection,
         ref_from_cam: Array,
         points: Array,
-        views: Views,
+        views: WeightedViews,
         priors: PointPriors | None = None,
     ) -> "NormalEquations":
         """Linearise at the given poses (b, 4, 4) and points (p, 3)."""
@@ -102,15 +104,15 @@ class NormalEquations:
         w = np.zeros((p, b, 3, 6))
         w[views.point, views.frame] = jt_point @ j_pose
         v = _sum_by_point(views, jt_point @ j_point)
-        g_point = _sum_by_point(views, (jt_point @ r[..., None])[..., 0])
+        g_point = _sum_by_point(views, matvec(jt_point, r))
         if priors is not None:
             v = v + priors.information
-            g_point = g_point + (priors.information @ (priors.mean - points)[..., None])[..., 0]
+            g_point = g_point + matvec(priors.information, priors.mean - points)
         return cls(
             u=_sum_by_frame(views, jt_pose @ j_pose, b),
             w=np.ascontiguousarray(np.swapaxes(w, 1, 2)).reshape(p, 3, 6 * b),
             v=v,
-            g_pose=_sum_by_frame(views, (jt_pose @ r[..., None])[..., 0], b),
+            g_pose=_sum_by_frame(views, matvec(jt_pose, r), b),
             g_point=g_point,
         )
 
@@ -118,8 +120,7 @@ class NormalEquations:
         """Schur complement onto the poses marked `free` (b,); the others are held exactly."""
         columns = np.repeat(free, 6)
         v = self.v * (1 + damping * np.eye(3))
-        v_inv = np.linalg.inv(v)
-        v_inv = (v_inv + np.swapaxes(v_inv, 1, 2)) / 2
+        v_inv = symmetric(np.linalg.inv(v))
         w = self.w[:, :, columns]
         y = v_inv @ w
         n = w.shape[2]
@@ -128,7 +129,7 @@ class NormalEquations:
         s[np.arange(b), :, np.arange(b), :] = self.u[free] * (1 + damping * np.eye(6))
         s = s.reshape(n, n) - w.reshape(3 * len(w), n).T @ y.reshape(3 * len(w), n)
         g = self.g_pose[free].ravel() - y.reshape(3 * len(w), n).T @ self.g_point.ravel()
-        return Reduced((s + s.T) / 2, g, v_inv, y)
+        return Reduced(symmetric(s), g, v_inv, y)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ class Reduced:
     def solve(self, g_point: Array) -> tuple[Array, Array]:
         """Steps of the poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""
         xi = Cholesky(self.s, repair=False).solve(self.g) if len(self.s) else np.zeros(0)
-        points = (self.v_inv @ g_point[..., None])[..., 0] - self.y @ xi
+        points = matvec(self.v_inv, g_point) - self.y @ xi
         return xi.reshape(-1, 6), points
 
     def cov_poses(self) -> Array:
@@ -173,7 +174,7 @@ class Covariances:
         v_inv = reduced.v_inv if points is None else reduced.v_inv[points]
         cross = -y @ cov
         cov_points = v_inv - cross @ np.swapaxes(y, 1, 2)
-        return cls(free, cov, (cov_points + np.swapaxes(cov_points, 1, 2)) / 2, cross)
+        return cls(free, cov, symmetric(cov_points), cross)
 
     def columns(self, frame: int) -> slice | None:
         """Where the pose of a frame stands, None where it is held."""
@@ -193,17 +194,10 @@ class Covariances:
         cov = r @ self.cov_points @ r.T
         c = self.columns(frame)
         if c is not None:
-            j = point_in_cam_jacobian(points_in_cam)
+            j = se3.point_in_source_jacobian(points_in_cam)
             mixed = r @ self.cross[:, :, c] @ np.swapaxes(j, 1, 2)
             cov = cov + mixed + np.swapaxes(mixed, 1, 2) + j @ self.cov_poses[c, c] @ np.swapaxes(j, 1, 2)
-        return (cov + np.swapaxes(cov, 1, 2)) / 2
-
-
-def point_in_cam_jacobian(points_in_cam: Array) -> Array:
-    """∂X_cam/∂ξ (…, 3, 6) = [−I, [X_cam]×], ξ the right perturbation of ref_from_cam."""
-    return np.concatenate(
-        [np.broadcast_to(-np.eye(3), (*points_in_cam.shape, 3)), se3.skew(points_in_cam)], axis=-1
-    )
+        return symmetric(cov)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +216,7 @@ def adjust(
     projection: StereoProjection,
     ref_from_cam: Array,
     points: Array,
-    views: Views,
+    views: WeightedViews,
     free: NDArray[np.bool_],
     priors: PointPriors | None = None,
     max_iterations: int = 20,
@@ -257,13 +251,13 @@ def adjust(
     return Adjusted(ref_from_cam, points, best, share, done, bool(converged))
 
 
-def _sum_by_point(views: Views, values: Array) -> Array:
+def _sum_by_point(views: WeightedViews, values: Array) -> Array:
     """Sum the rows of `values` (k, …) of each point; views are sorted by point."""
     starts = np.flatnonzero(np.diff(views.point, prepend=-1))
     return np.add.reduceat(values, starts, axis=0)
 
 
-def _sum_by_frame(views: Views, values: Array, n: int) -> Array:
+def _sum_by_frame(views: WeightedViews, values: Array, n: int) -> Array:
     """Sum the rows of `values` (k, …) of each frame in [0, n)."""
     one_hot = np.zeros((n, len(values)))
     one_hot[views.frame, np.arange(len(values))] = 1.0

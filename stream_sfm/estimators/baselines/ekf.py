@@ -1,9 +1,9 @@
 """Baseline: the extended Kalman filter over the pose and all visible points, on filterpy, in error-state form.
 
-filterpy's filter is additive, so its state is the error (x = 0 before the update), which is injected into the
-pose and the points afterwards. State: ξ of world_from_cam (6), then δX in the world (3 a point). Nothing is
-assumed of the motion: `predict` frees the pose of all it knew. One update a frame, linearised at the robust
-resection of the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
+filterpy's filter is additive, so its state is the error, zero before each update, which is then injected into the pose
+and the points. State: ξ of world_from_cam (6), then δX in the world (3 per point). Nothing is assumed of the motion:
+`predict` frees the pose from everything it knew. There is one update per frame, linearised at the robust resection of
+the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
 Solà, Simultaneous localization and mapping with the extended Kalman filter, 2014.
 """
 
@@ -13,18 +13,19 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...geometry import se3
+from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection
+from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
 from ...types import Observations, Solution, Status
-from .. import lifecycle as outcome
-from ..motion_model import MotionPrior, robust_start
-from ..triangulation import triangulated, usable_births
-from .bundle_adjustment import point_in_cam_jacobian
+from ..initial_motion import initial_motion
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..motion_model import MotionModel
+from ..triangulation import triangulate, usable_births
 
-# The pose before its update is unknown: its prior has this many times the covariance that the views will give it, and
-# of the drift so far (or each frame would pretend to know a little of where it is in the world). More would only cost
-# digits: the update subtracts numbers that large.
+# The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
+# plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
+# the world). Trades what the prior still says, a ten-thousandth, against digits: the update subtracts such numbers.
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
@@ -36,15 +37,15 @@ class Ekf:
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self._projection = projection
         self._config = config
-        self._motion = MotionPrior(config.motion)
+        self._motion = MotionModel(config.motion)
         self._world_from_cam = np.eye(4)
         self._ids = np.empty(0, np.int64)
         self._points = np.empty((0, 3))  # in the world
         self._cov = np.zeros((6, 6))  # (6+3m, 6+3m)
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see types.Estimator."""
-        obs = observations
+        """Take the next frame; see `Estimator.step`."""
+        obs, robust = observations, self._config.robust
         if not len(self._ids):
             return self._start(obs)
         ended = self._drop(np.isin(self._ids, obs.track_ids))
@@ -52,12 +53,10 @@ class Ekf:
         rows = np.searchsorted(obs.track_ids, self._ids)
         if obs.std_drift_px is not None:  # part of the prediction, ahead of the gate
             self._cov[6:, 6:] += self._drift(obs.std_drift_px[rows])
-        found = self._resect(obs, rows, predicted)
-        robust = self._config.robust
+        found = self._initial_motion(obs, rows, predicted)
         if found is None:
-            reason = outcome.few_views(0, len(rows), robust)
-            ended = outcome.joined([ended, self._drop(np.zeros(len(self._ids), bool))])
-            return outcome.solution_without_points(obs, Status.LOST, reason, predicted, cov_predicted, ended)
+            ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])
+            return lost_solution(obs, too_few_inliers(0, len(rows), robust), predicted, cov_predicted, ended)
         world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
@@ -65,54 +64,48 @@ class Ekf:
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
-        status, reason = outcome.status_of(int(found.accepted.sum()), obs.note, robust)
+        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust)
         return self._solution(obs, status, reason, ended, rejected, nis, dof)
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
         return resected
 
     def _start(self, obs: Observations) -> Solution:
-        solution = outcome.open_map(self._projection, self._config.robust, self._motion, obs)
+        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
         if solution.status is Status.INITIALISING:
             self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
             self._add(obs)
         return solution
 
-    def _drop(self, keep: NDArray[np.bool_]) -> outcome.Ended:
-        """Marginalise points: their rows leave the state."""
+    def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
+        """Marginalise the points outside the mask, and return them."""
         columns = 6 + 3 * np.flatnonzero(~keep)[:, None, None] + np.arange(3)
         blocks = self._cov[np.swapaxes(columns, 1, 2), columns]
-        ended = self._ids[~keep], self._points[~keep], blocks.reshape(-1, 3, 3)
+        ended = WorldPoints(self._ids[~keep], self._points[~keep], blocks.reshape(-1, 3, 3))
         rows = np.concatenate([np.ones(6, bool), np.repeat(keep, 3)])
         self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
         return ended
 
-    def _resect(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
-        """Robust motion since the previous camera, and the χ² gate, from the points as that camera knew them."""
+    def _initial_motion(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
+        """Find the motion since the previous camera, and the inliers, from the points as that camera knew them."""
         in_previous, cov_in_previous = self._local_structure()
-        starts = [se3.inverse(predicted) @ self._world_from_cam, np.eye(4)]
-        if obs.cam_from_previous is not None:
-            starts.insert(0, obs.cam_from_previous)
-        robust = self._config.robust
-        return robust_start(
+        return initial_motion(
             self._projection,
+            self._config.robust,
+            obs,
+            rows,
             in_previous,
             cov_in_previous,
-            obs.z_px[rows],
-            obs.cov_px[rows],
-            starts,
-            robust.gate_probability,
-            robust.min_views,
+            se3.inverse(predicted) @ self._world_from_cam,
         )
 
     def _measurement(self, used: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Predicted views (k, 4) and H (4k, 6+3m) of the points `used`, at the current pose and points."""
+        """Return predicted views (k, 4) and H (4k, 6+3m) of the points `used`, at the current pose and points."""
         cam_from_world = se3.inverse(self._world_from_cam)
-        in_cam = se3.transform(cam_from_world, self._points[used])
-        in_cam[:, 2] = np.maximum(in_cam[:, 2], 1e-3)
+        in_cam = clamp_depth(se3.transform(cam_from_world, self._points[used]))
         a = self._projection.jacobian(in_cam)
         h = np.zeros((len(used), 4, 6 + 3 * len(self._ids)))
-        h[:, :, :6] = a @ point_in_cam_jacobian(in_cam)
+        h[:, :, :6] = a @ se3.point_in_source_jacobian(in_cam)
         columns = 6 + 3 * used[:, None] + np.arange(3)
         h[np.arange(len(used))[:, None, None], np.arange(4)[None, :, None], columns[:, None, :]] = (
             a @ cam_from_world[:3, :3]
@@ -122,9 +115,9 @@ class Ekf:
     def _update(
         self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
     ) -> tuple[float, int]:
-        """One predict, which leaves the pose with `cov_free` (6, 6), and one update of filterpy's filter.
+        """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50) and (51).
 
-        Eqs. (50) and (51). Returns the squared innovation and its degrees of freedom.
+        Returns the squared innovation and its degrees of freedom.
         """
         used = np.flatnonzero(accepted)
         predicted_views, h = self._measurement(used)
@@ -144,14 +137,14 @@ class Ekf:
         kf.update(innovation, HJacobian=lambda x: h[seen], Hx=lambda x: h[seen] @ x, R=noise)
         self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(kf.x[:6]))
         self._points = self._points + kf.x[6:].reshape(-1, 3)
-        self._cov = (kf.P + kf.P.T) / 2
+        self._cov = symmetric(kf.P)
         return float(kf.y @ kf.SI @ kf.y), len(innovation) - 6
 
     def _drift(self, drift_px: Array) -> Array:
-        """Process noise (3m, 3m) m² of templates that slid by `drift_px` (m,): across the ray, and in disparity."""
+        """Return process noise (3m, 3m) m² of patches that drifted by `drift_px` (m,), across the ray and in depth."""
         p, r = self._projection, self._world_from_cam[:3, :3]
         in_cam = se3.transform(se3.inverse(self._world_from_cam), self._points)
-        ray = in_cam / np.maximum(in_cam[:, 2:], 1e-3)
+        ray = in_cam / np.maximum(in_cam[:, 2:], MIN_DEPTH)
         along = in_cam[:, 2] ** 2 * drift_px / (p.f_px * p.baseline_m)
         across = in_cam[:, 2] * drift_px / p.f_px
         blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
@@ -162,11 +155,11 @@ class Ekf:
         return q.reshape(3 * m, 3 * m)
 
     def _add(self, obs: Observations) -> None:
-        """New points: X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×], eq. (52), correlated with the rest."""
+        """Add new points, correlated with the rest, eq. (52): X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]."""
         new = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, self._ids)
-        in_cam, cov = triangulated(self._projection, obs.z_px[new], obs.cov_px[new])
+        in_cam, cov = triangulate(self._projection, obs.z_px[new], obs.cov_px[new])
         r = self._world_from_cam[:3, :3]
-        g = (-r @ point_in_cam_jacobian(in_cam)).reshape(-1, 6)
+        g = (-r @ se3.point_in_source_jacobian(in_cam)).reshape(-1, 6)
         n, d = len(g), len(self._cov)
         joint = np.empty((d + n, d + n))
         joint[:d, :d] = self._cov
@@ -183,15 +176,15 @@ class Ekf:
         self._cov = joint[np.ix_(rows, rows)]
 
     def _local_structure(self) -> tuple[Array, Array]:
-        """Points in the camera of the state's pose (m, 3), covariances (m, 3, 3): δX_c = Rᵀ δX + [−I, [X_c]×] ξ."""
+        """Return points in the camera (m, 3) and covariances (m, 3, 3), eq. (45): δX_c = Rᵀ δX + [−I, [X_c]×] ξ."""
         cam_from_world = se3.inverse(self._world_from_cam)
         in_cam = se3.transform(cam_from_world, self._points)
-        r, j = cam_from_world[:3, :3], point_in_cam_jacobian(in_cam)
+        r, j = cam_from_world[:3, :3], se3.point_in_source_jacobian(in_cam)
         jt = np.swapaxes(j, 1, 2)
         cross = self._cov[6:, :6].reshape(-1, 3, 6)
         mixed = r @ cross @ jt
         cov = r @ self._point_blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
-        return in_cam, (cov + np.swapaxes(cov, 1, 2)) / 2
+        return in_cam, symmetric(cov)
 
     def _point_blocks(self) -> Array:
         m = len(self._ids)
@@ -202,7 +195,7 @@ class Ekf:
         obs: Observations,
         status: Status,
         reason: str,
-        ended: outcome.Ended,
+        ended: WorldPoints,
         rejected: NDArray[np.int64],
         nis: float,
         dof: int,
@@ -221,9 +214,9 @@ class Ekf:
             window_frame_indices=np.array([obs.frame_index], np.int64),
             window_world_from_cam=self._world_from_cam[None],
             rejected_ids=rejected,
-            ended_ids=ended[0],
-            ended_points_in_world=ended[1],
-            ended_cov_points_in_world=ended[2],
+            ended_ids=ended.ids,
+            ended_points_in_world=ended.points,
+            ended_cov_points_in_world=ended.cov_points,
             iterations=1,
             nis=nis,
             nis_dof=dof,

@@ -1,8 +1,10 @@
-"""Baseline: the motion between two frames, over and over. Each pair is solved to its maximum likelihood.
+"""Baseline: the motion between two frames, concatenated. Each pair is solved to its maximum likelihood.
 
 Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated, eq.
 (5); the covariance is composed as if pairs were independent, though neighbours share a frame.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +15,40 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
-from .. import lifecycle as outcome
-from ..motion_model import MotionPrior, robust_start
-from ..triangulation import compose_cov, points_to_world, triangulated, usable_births
-from .bundle_adjustment import Covariances, NormalEquations, Views, adjust
+from ..initial_motion import initial_motion
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..motion_model import MotionModel
+from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
+from .bundle_adjustment import Covariances, NormalEquations, WeightedViews, adjust
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
+_MAX_ITERATIONS = 10  # Levenberg-Marquardt from the robust motion: three or four do, the rest is for bad geometry
+
+
+class _Shared(NamedTuple):
+    """Views (2, n, 4) of the points that the previous frame can locate and the current one sees: previous, current.
+
+    `rows` (n,) are those of the current observations; points (n, 3) in the previous camera, triangulated there.
+    """
+
+    ids: NDArray[np.int64]
+    rows: NDArray[np.intp]
+    z_px: Array
+    cov_px: Array
+    points: Array
+    cov_points: Array
+
+
+class _Pair(NamedTuple):
+    """The adjusted pair: the pose, which of the shared points are `kept` (n,), and those in the previous camera."""
+
+    kept: NDArray[np.bool_]
+    previous_from_cam: Array
+    points: Array
+    covariances: Covariances
+    nis: float
+    dof: int
+    iterations: int
 
 
 class FrameToFrame:
@@ -29,100 +59,69 @@ class FrameToFrame:
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self._projection = projection
         self._config = config
-        self._motion = MotionPrior(config.motion)
+        self._motion = MotionModel(config.motion)
         self._previous: Observations | None = None  # None: no map (at the start, and while lost)
         self._world_from_previous = np.eye(4)
         self._cov_previous = np.zeros((6, 6))
-        self._structure: outcome.Ended = outcome.NO_ENDED  # the last frame's points, in the world
+        self._structure = WorldPoints.none()  # the last frame's points, in the world
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see types.Estimator."""
-        obs = observations
+        """Take the next frame; see `Estimator.step`."""
         if self._previous is None:
-            return self._start(obs)
-        before = self._previous
-        shared, row_before, row_now = np.intersect1d(before.track_ids, obs.track_ids, True, True)
+            return self._start(observations)
+        shared = self._shared(self._previous, observations)
+        robust = self._config.robust
+        predicted, cov_predicted = self._motion.predict(observations.stamp_ns)
+        found = initial_motion(
+            self._projection,
+            robust,
+            observations,
+            shared.rows,
+            shared.points,
+            shared.cov_points,
+            se3.inverse(predicted) @ self._world_from_previous,
+        )
+        inliers = np.zeros(len(shared.ids), bool) if found is None else found.accepted
+        pair = None if found is None else self._adjust(found.cam_from_ref, shared, inliers)
+        if pair is None:
+            reason = too_few_inliers(int(inliers.sum()), len(shared.ids), robust)
+            ended, self._structure, self._previous = self._structure, WorldPoints.none(), None
+            return lost_solution(observations, reason, predicted, cov_predicted, ended)
+        return self._report(self._previous, observations, shared, pair)
+
+    def _start(self, obs: Observations) -> Solution:
+        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
+        if solution.status is Status.INITIALISING:
+            self._previous = obs
+            self._world_from_previous, self._cov_previous = solution.world_from_cam, solution.cov_pose
+            self._structure = WorldPoints(
+                solution.track_ids, solution.points_in_world, solution.cov_points_in_world
+            )
+        return solution
+
+    def _shared(self, before: Observations, obs: Observations) -> _Shared:
+        ids, row_before, row_now = np.intersect1d(before.track_ids, obs.track_ids, True, True)
         usable = usable_births(self._projection, before.z_px[row_before], before.cov_px[row_before])
-        shared, row_before, row_now = shared[usable], row_before[usable], row_now[usable]
+        ids, row_before, row_now = ids[usable], row_before[usable], row_now[usable]
         z = np.stack([before.z_px[row_before], obs.z_px[row_now]])
         cov = np.stack([before.cov_px[row_before], obs.cov_px[row_now]])
-        points, cov_points = triangulated(self._projection, z[0], cov[0])
-        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
-        starts = [se3.inverse(predicted) @ self._world_from_previous, np.eye(4)]
-        if obs.cam_from_previous is not None:
-            starts.insert(0, obs.cam_from_previous)
-        robust = self._config.robust
-        found = robust_start(
-            self._projection, points, cov_points, z[1], cov[1], starts, robust.gate_probability, robust.min_views
-        )
-        if found is None:
-            reason = outcome.few_views(0, len(shared), robust)
-            return self._lost(obs, reason, predicted, cov_predicted)
-        kept = found.accepted
-        pair = self._adjust(found.cam_from_ref, points, z, cov, kept)
-        if pair is None:
-            reason = outcome.few_views(int(kept.sum()), len(shared), robust)
-            return self._lost(obs, reason, predicted, cov_predicted)
-        kept, poses, points, covariances, nis, iterations = pair
-        world_from_cam = se3.orthonormalise(self._world_from_previous @ poses[1])
-        cov_pose = compose_cov(self._cov_previous, poses[1], covariances.cov_pose(1))
-        in_cam = se3.transform(se3.inverse(poses[1]), points)
-        cov_in_cam = covariances.cov_points_in_cam(1, poses[1], in_cam)
-        in_world, cov_in_world = points_to_world(
-            self._world_from_previous, self._cov_previous, points, covariances.cov_points
-        )
-        births = usable_births(self._projection, obs.z_px, obs.cov_px)
-        new = births & ~np.isin(obs.track_ids, shared)
-        new_in_cam, new_cov = triangulated(self._projection, obs.z_px[new], obs.cov_px[new])
-        new_in_world, new_cov_world = points_to_world(world_from_cam, cov_pose, new_in_cam, new_cov)
-        ids = np.concatenate([shared[kept], obs.track_ids[new]])
-        order = np.argsort(ids)
-        self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
-        self._previous, window = obs, np.stack([self._world_from_previous, world_from_cam])
-        self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
-        status, reason = outcome.status_of(int(kept.sum()), obs.note, robust)
-        now = (
-            ids[order],
-            np.concatenate([in_world, new_in_world])[order],
-            np.concatenate([cov_in_world, new_cov_world])[order],
-        )
-        ended = self._hand_over(obs, now)
-        return Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=world_from_cam,
-            cov_pose=cov_pose,
-            track_ids=now[0],
-            points_in_cam=np.concatenate([in_cam, new_in_cam])[order],
-            cov_points=np.concatenate([cov_in_cam, new_cov])[order],
-            points_in_world=now[1],
-            cov_points_in_world=now[2],
-            window_frame_indices=np.array([before.frame_index, obs.frame_index], np.int64),
-            window_world_from_cam=window,
-            rejected_ids=shared[~kept],
-            ended_ids=ended[0],
-            ended_points_in_world=ended[1],
-            ended_cov_points_in_world=ended[2],
-            iterations=iterations,
-            nis=nis[0],
-            nis_dof=nis[1],
-        )
+        return _Shared(ids, row_now, z, cov, *triangulate(self._projection, z[0], cov[0]))
 
-    def _adjust(
-        self, cam_from_previous: Array, points: Array, z: Array, cov: Array, kept: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], Array, Array, Covariances, tuple[float, int], int] | None:
-        """Maximum likelihood of the pair, gated once by each point's residual; None with too few points left."""
+    def _adjust(self, cam_from_previous: Array, shared: _Shared, kept: NDArray[np.bool_]) -> _Pair | None:
+        """Maximise the likelihood of the pair, gated once by each point's residual; None with too few points left."""
         poses = np.stack([np.eye(4), se3.inverse(cam_from_previous)])
         for last in (False, True):
             n = int(kept.sum())
-            if n < self._config.robust.min_views:
+            if n < self._config.robust.min_inliers:
                 return None
-            index = np.arange(n)
-            views = Views.sorted_by_point(
-                np.repeat([0, 1], n), np.tile(index, 2), z[:, kept].reshape(-1, 4), cov[:, kept].reshape(-1, 4, 4)
+            z, cov = shared.z_px[:, kept], shared.cov_px[:, kept]
+            views = WeightedViews.sorted_by_point(
+                np.repeat([0, 1], n), np.tile(np.arange(n), 2), z.reshape(-1, 4), cov.reshape(-1, 4, 4)
             )
-            result = adjust(self._projection, poses, points[kept], views, _FREE, max_iterations=10)
-            dof = np.isfinite(z[:, kept]).sum(axis=(0, 2)) - 3
+            result = adjust(
+                self._projection, poses, shared.points[kept], views, _FREE, max_iterations=_MAX_ITERATIONS
+            )
+            dof = np.isfinite(z).sum(axis=(0, 2)) - 3
             chi2 = result.share.reshape(n, 2).sum(axis=1)
             good = chi2 < chdtri(dof, 1 - self._config.robust.gate_probability)
             poses = result.ref_from_cam
@@ -132,24 +131,61 @@ class FrameToFrame:
             kept[np.flatnonzero(kept)[~good]] = False
         normal = NormalEquations.build(self._projection, poses, result.points, views)
         covariances = Covariances.of(normal.eliminate_points(_FREE), _FREE)
-        return kept, poses, result.points, covariances, (float(chi2.sum()), int(dof.sum()) - 6), result.iterations
+        nis, nis_dof = float(chi2.sum()), int(dof.sum()) - 6
+        return _Pair(kept, poses[1], result.points, covariances, nis, nis_dof, result.iterations)
 
-    def _start(self, obs: Observations) -> Solution:
-        solution = outcome.open_map(self._projection, self._config.robust, self._motion, obs)
-        if solution.status is Status.INITIALISING:
-            self._previous = obs
-            self._world_from_previous, self._cov_previous = solution.world_from_cam, solution.cov_pose
-            self._structure = (solution.track_ids, solution.points_in_world, solution.cov_points_in_world)
-        return solution
+    def _report(self, before: Observations, obs: Observations, shared: _Shared, pair: _Pair) -> Solution:
+        """Concatenate the motion, join the pair's points with the new ones, and go on to the next pair."""
+        previous_from_cam, covariances = pair.previous_from_cam, pair.covariances
+        world_from_cam = se3.orthonormalise(self._world_from_previous @ previous_from_cam)
+        cov_pose = compose_cov(self._cov_previous, previous_from_cam, covariances.cov_pose(1))
+        in_cam = se3.transform(se3.inverse(previous_from_cam), pair.points)
+        in_world = points_to_world(
+            self._world_from_previous, self._cov_previous, pair.points, covariances.cov_points
+        )
+        births = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, shared.ids)
+        new_in_cam, new_cov = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
+        new_in_world = points_to_world(world_from_cam, cov_pose, new_in_cam, new_cov)
+        ids = np.concatenate([shared.ids[pair.kept], obs.track_ids[births]])
+        order = np.argsort(ids)
+        cov_in_cam = covariances.cov_points_in_cam(1, previous_from_cam, in_cam)
+        now = WorldPoints(
+            ids[order],
+            np.concatenate([in_world[0], new_in_world[0]])[order],
+            np.concatenate([in_world[1], new_in_world[1]])[order],
+        )
+        window = np.stack([self._world_from_previous, world_from_cam])
+        self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
+        self._previous = obs
+        self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
+        status, reason = frame_status(int(pair.kept.sum()), obs.note, self._config.robust)
+        ended = self._hand_over(obs, now)
+        return Solution(
+            status=status,
+            reason=reason,
+            world_from_cam=world_from_cam,
+            cov_pose=cov_pose,
+            track_ids=now.ids,
+            points_in_cam=np.concatenate([in_cam, new_in_cam])[order],
+            cov_points=np.concatenate([cov_in_cam, new_cov])[order],
+            points_in_world=now.points,
+            cov_points_in_world=now.cov_points,
+            window_frame_indices=np.array([before.frame_index, obs.frame_index], np.int64),
+            window_world_from_cam=window,
+            rejected_ids=shared.ids[~pair.kept],
+            ended_ids=ended.ids,
+            ended_points_in_world=ended.points,
+            ended_cov_points_in_world=ended.cov_points,
+            iterations=pair.iterations,
+            nis=pair.nis,
+            nis_dof=pair.dof,
+        )
 
-    def _lost(self, obs: Observations, reason: str, pose: Array, cov_pose: Array) -> Solution:
-        ended, self._structure, self._previous = self._structure, outcome.NO_ENDED, None
-        return outcome.solution_without_points(obs, Status.LOST, reason, pose, cov_pose, ended)
-
-    def _hand_over(self, obs: Observations, now: outcome.Ended) -> outcome.Ended:
-        """Keep the structure as of this frame; return what is no longer tracked."""
-        ids, points, covs = self._structure
-        tracked, refreshed = np.isin(ids, obs.track_ids), np.isin(ids, now[0])
-        keep = tracked & ~refreshed  # rejected in this frame: it may come back
-        self._structure = outcome.joined([now, (ids[keep], points[keep], covs[keep])])
-        return ids[~tracked], points[~tracked], covs[~tracked]
+    def _hand_over(self, obs: Observations, now: WorldPoints) -> WorldPoints:
+        """Keep the structure as of this frame, and return the points that are no longer tracked."""
+        old = self._structure
+        tracked, refreshed = np.isin(old.ids, obs.track_ids), np.isin(old.ids, now.ids)
+        self._structure = WorldPoints.merge(
+            [now, old.select(tracked & ~refreshed)]  # rejected in this frame: it may come back
+        )
+        return old.select(~tracked)

@@ -14,7 +14,7 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations
-from .bundle_adjustment import Adjusted, Covariances, NormalEquations, Views, adjust
+from .bundle_adjustment import Adjusted, Covariances, NormalEquations, WeightedViews, adjust
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +45,14 @@ class BatchResult:
     converged: bool
 
 
-def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64], Views]:
+def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64], WeightedViews]:
     """All views of a sequence as rows; the point index is the row in the returned ascending track ids."""
     ids = np.concatenate([o.track_ids for o in observations])
     frame = np.repeat(np.arange(len(observations)), [len(o.track_ids) for o in observations])
     z = np.concatenate([o.z_px for o in observations])
     cov = np.concatenate([o.cov_px for o in observations])
     unique, point = np.unique(ids, return_inverse=True)
-    return unique, Views.sorted_by_point(frame, point, z, cov)
+    return unique, WeightedViews.sorted_by_point(frame, point, z, cov)
 
 
 def batch_adjust(

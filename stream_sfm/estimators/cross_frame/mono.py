@@ -1,7 +1,7 @@
-"""The cross-frame window over the views of one camera: how its map begins, and what it says of its scale.
+"""The monocular cross-frame window: how its map begins, and what it reports about its scale.
 
-Views are 2-vectors; all else is `CrossFrame`'s. Scale is carried from map point to map point by the joint prior, in
-units of the first baseline: it drifts, and the covariances say by how much.
+Views are 2-vectors; everything else is `CrossFrame`. Scale is carried from map point to map point by the joint prior,
+in units of the first baseline: it drifts, and the covariances say by how much.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ _SAME_SCENE = "new map at the predicted pose, its unit such that the scene is as
 
 
 class CrossFrameMono:
-    """The estimator of one camera (see `Estimator`); `Observations.start` is where its maps begin."""
+    """The monocular estimator (see `Estimator`); `Observations.start` is where its maps begin."""
 
     name = "cross-frame"
 
@@ -24,36 +24,38 @@ class CrossFrameMono:
         self.projection = projection
         self.config = config
         self.window = CrossFrame(projection, config)
-        self.mapped = False  # ever
-        self.following = False
+        self.ever_mapped = False
+        self.has_map = False
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`. Status initialising until the first depths are known."""
-        if observations.start is None or not self.following:
-            solution = self._without_a_map(observations)
+        if observations.start is None or not self.has_map:
+            solution = self._start(observations)
         else:
-            solution = self._in_a_map(observations)
-        self.following = observations.start is not None and solution.status != Status.LOST
-        self.mapped |= self.following
-        if not self.mapped:
+            solution = self._advance(observations)
+        self.has_map = observations.start is not None and solution.status != Status.LOST
+        self.ever_mapped |= self.has_map
+        if not self.ever_mapped:
             return replace(solution, status=Status.INITIALISING)
         return solution
 
-    def _without_a_map(self, observations: Observations) -> Solution:
+    def _start(self, observations: Observations) -> Solution:
+        """Begin a map where the front-end knows depths; until then the frame is lost."""
         start = observations.start
         if start is None:
             return replace(self.window.step(observations), reason=observations.note)
-        if not self.mapped:
+        if not self.ever_mapped:
             self.window = CrossFrame(self.projection, self.config)
             self.window.motion.restart(observations.stamp_ns, start.first_from_cam, start.cov_first_from_cam)
         solution = self.window.step(replace(observations, z_px=start.z_px, cov_px=start.cov_px))
         if solution.status == Status.INITIALISING:
-            return replace(solution, reason=_SAME_SCENE if self.mapped else _UNIT)
+            return replace(solution, reason=_SAME_SCENE if self.ever_mapped else _UNIT)
         return solution
 
-    def _in_a_map(self, observations: Observations) -> Solution:
+    def _advance(self, observations: Observations) -> Solution:
+        """Follow the camera by one frame; degraded where few depths carry the scale."""
         solution = self.window.step(observations)
-        known, needed = len(solution.track_ids), self.config.robust.degraded_views
+        known, needed = len(solution.track_ids), self.config.robust.degraded_inliers
         if solution.status == Status.OK and known < needed:
             reason = f"the depth of only {known} points is known (fewer than {needed}): the scale may change"
             return replace(solution, status=Status.DEGRADED, reason=reason)

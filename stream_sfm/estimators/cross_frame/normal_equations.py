@@ -1,60 +1,75 @@
-"""The joint normal equations of the window, factored once a frame: [poses 6F | modes k] dense, points eliminated.
+"""The joint normal equations of the window, factored once per step: [poses 6F | modes k] dense, points eliminated.
 
 Given the poses and the common modes of the prior, points are independent of each other, so each is eliminated by
 itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.linear import Cholesky, symmetric
+from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.se3 import Array
-from .inverse_depth import Linearised
+from .inverse_depth import NormalBlocks
 from .prior import Prior
 
 
-class System:
-    """`prior` over the points `known` (N,) of the state's P; `lin` the linearised views of F frames."""
+class JointCovariance(NamedTuple):
+    """Blocks of the inverse of the normal equations, eq. (28): q of the points, one pose x, the world w.
 
-    def __init__(self, prior: Prior, known: NDArray[np.intp], lin: Linearised) -> None:
-        frames, points = len(lin.u), len(lin.v)
+    `qq` (P, 3, 3), `qx` and `qw` (P, 3, 6), `xx`, `ww` and `xw` (6, 6).
+    """
+
+    qq: Array
+    qx: Array
+    qw: Array
+    xx: Array
+    ww: Array
+    xw: Array
+
+
+class System:
+    """The factored normal equations of `prior` over the points `known` (N,) of the map's P, and of linearised views."""
+
+    def __init__(self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks) -> None:
+        frames, points = len(blocks.u), len(blocks.v)
         self.prior, self.known = prior, known
         self.poses = 6 * frames
         k = prior.modes.shape[2]
         size = self.poses + k
         self.d_inv = symmetric(np.linalg.inv(prior.cov))
-        v = lin.v.copy()
+        v = blocks.v.copy()
         v[known] += self.d_inv
         self.pull = self.d_inv @ prior.modes  # D⁻¹F
         self.cross = np.zeros((points, 3, size))
-        self.cross[:, :, : self.poses] = lin.c
+        self.cross[:, :, : self.poses] = blocks.w
         self.cross[known, :, self.poses :] = -self.pull
         self.cov_given = symmetric(np.linalg.inv(v))  # of a point once poses and modes are given
         self.gain = self.cov_given @ self.cross
         h = np.zeros((size, size))
         for s in range(frames):
-            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
+            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
         h[self.poses :, self.poses :] = np.eye(k) + _flat(prior.modes).T @ _flat(self.pull)
         h -= _flat(self.cross).T @ _flat(self.gain)
         self.chol = Cholesky(symmetric(h))
 
-    def step(self, g_pose: Array, g_point: Array, q: Array, y: Array) -> tuple[Array, Array, Array, float]:
-        """Steps of poses (F, 6), points (P, 3), modes (k,) at q (P, 3) and y (k,), and the decrease gᵀδ they promise.
+    def step(self, g_pose: Array, g_point: Array, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
+        """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
 
-        `g_pose` (F, 6), `g_point` (P, 3): right-hand sides of the views alone.
+        `g_pose` (F, 6), `g_point` (P, 3): right-hand sides of the views alone, at q (P, 3) and `amplitudes` (k,).
         """
-        away = q[self.known] - self.prior.points(y)
+        away = q[self.known] - self.prior.points(amplitudes)
         g_point = g_point.copy()
-        g_point[self.known] -= (self.d_inv @ away[..., None])[..., 0]
-        g = np.concatenate([g_pose.ravel(), _flat(self.pull).T @ away.ravel() - y])
+        g_point[self.known] -= matvec(self.d_inv, away)
+        g = np.concatenate([g_pose.ravel(), _flat(self.pull).T @ away.ravel() - amplitudes])
         delta = self.chol.solve(g - _flat(self.gain).T @ g_point.ravel())
-        dq = (self.cov_given @ g_point[..., None])[..., 0] - self.gain @ delta
+        dq = matvec(self.cov_given, g_point) - self.gain @ delta
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
-    def covariances(self, frame: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Blocks of the inverse, eq. (28): qq (P, 3, 3), q with the pose of a frame and with the world (P, 3, 6),
-        pose (6, 6), world (6, 6), pose with world (6, 6). Frame −1 is the reference camera, which has no error."""
+    def covariances(self, frame: int) -> JointCovariance:
+        """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""
         sigma = self.chol.inverse()
         to_world = np.zeros((len(sigma), 6))
         to_world[self.poses :] = self.prior.world_modes.T
@@ -65,9 +80,11 @@ class System:
         to_both = sigma @ np.concatenate([to_pose, to_world], axis=1)
         with_both = -self.gain @ to_both
         cov_both = np.concatenate([to_pose, to_world], axis=1).T @ to_both
-        return cov_q, with_both[..., :6], with_both[..., 6:], cov_both[:6, :6], cov_both[6:, 6:], cov_both[:6, 6:]
+        return JointCovariance(
+            cov_q, with_both[..., :6], with_both[..., 6:], cov_both[:6, :6], cov_both[6:, 6:], cov_both[:6, 6:]
+        )
 
 
 def _flat(blocks: Array) -> Array:
-    """(P, 3, n) as (3P, n)."""
+    """Return (P, 3, n) as (3P, n)."""
     return blocks.reshape(-1, blocks.shape[-1])

@@ -8,9 +8,9 @@ information that nobody measured. Its pose is biased; it is here to be seen fail
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.baselines.ekf import Ekf
-from ..geometry import se3
-from ..geometry.se3 import Array
+from stream_sfm.estimators.baselines.ekf import Ekf
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.se3 import Array
 
 _ITERATIONS = 6
 

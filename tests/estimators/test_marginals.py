@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from stream_sfm.estimators.cross_frame.inverse_depth import Views, in_reference, linearise, q_from_homogeneous
-from stream_sfm.estimators.cross_frame.marginals import read_structure
+from stream_sfm.estimators.cross_frame.inverse_depth import (
+    WhitenedViews,
+    in_reference,
+    linearise,
+    q_from_homogeneous,
+)
+from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.geometry import se3
@@ -25,7 +30,7 @@ def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
         a = slice(6 * FRAMES + 3 * i, 6 * FRAMES + 3 * i + 3)
         pull = np.linalg.solve(prior.cov[i], prior.modes[i])
         h[a, a] = lin.v[i] + np.linalg.inv(prior.cov[i])
-        h[a, poses], h[poses, a] = lin.c[i], lin.c[i].T
+        h[a, poses], h[poses, a] = lin.w[i], lin.w[i].T
         h[a, y], h[y, a] = -pull, -pull.T
         h[y, y] += prior.modes[i].T @ pull
     return h
@@ -33,13 +38,13 @@ def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
 
 def test_readings_are_the_joint_covariance_carried_through() -> None:
     rng = np.random.default_rng(0)
-    charts, cams = se3.exp(0.1 * rng.normal(size=(POINTS, 6))), se3.exp(0.1 * rng.normal(size=(FRAMES, 6)))
+    anchors, cams = se3.exp(0.1 * rng.normal(size=(POINTS, 6))), se3.exp(0.1 * rng.normal(size=(FRAMES, 6)))
     metric = np.c_[rng.uniform(-1, 1, (POINTS, 2)), rng.uniform(2, 4, POINTS), np.ones(POINTS)]
-    q = q_from_homogeneous((se3.inverse(charts) @ metric[..., None])[..., 0])
+    q = q_from_homogeneous((se3.inverse(anchors) @ metric[..., None])[..., 0])
     world = se3.exp(0.5 * rng.normal(size=6))
     prior = Prior(
         ids=np.arange(POINTS),
-        charts=charts,
+        ref_from_anchor=anchors,
         mean=q,
         cov=np.broadcast_to(1e-6 * np.eye(3), (POINTS, 3, 3)),
         modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),
@@ -47,20 +52,20 @@ def test_readings_are_the_joint_covariance_carried_through() -> None:
         world_modes=1e-2 * rng.normal(size=(6, MODES)),
     )
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
-    z = P.project_homogeneous((cams[frame] @ in_reference(charts, q)[point][..., None])[..., 0])
-    views = Views(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)))
-    lin = linearise(P, cams, charts, q, views)
+    z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
+    views = WhitenedViews(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)))
+    lin = linearise(P, cams, anchors, q, views)
     system = System(prior, np.arange(POINTS), lin)
     newest = FRAMES - 1
-    reading = read_structure(system, np.arange(POINTS), charts, q, world, cams[newest], newest)
+    marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)
     cov = np.linalg.inv(dense_information(system, lin, prior))
     world_from_cam = world @ se3.inverse(cams[newest])
-    assert np.allclose(reading.world_from_cam, world_from_cam, atol=1e-12)
+    assert np.allclose(marginals.world_from_cam, world_from_cam, atol=1e-12)
 
     def read(delta: np.ndarray) -> np.ndarray:
         """Pose error, points in the newest camera, points in the world, of a disturbed state."""
         cam = se3.exp(delta[6 * newest : 6 * newest + 6]) @ cams[newest]
-        in_ref = in_reference(charts, q + delta[6 * FRAMES : -MODES].reshape(POINTS, 3))
+        in_ref = in_reference(anchors, q + delta[6 * FRAMES : -MODES].reshape(POINTS, 3))
         in_ref = in_ref[:, :3] / in_ref[:, 3:]
         world_from_ref = world @ se3.exp(prior.world_modes @ delta[-MODES:])
         xi = se3.log(se3.inverse(world_from_cam) @ world_from_ref @ se3.inverse(cam))
@@ -71,8 +76,8 @@ def test_readings_are_the_joint_covariance_carried_through() -> None:
     carried = j @ cov @ j.T
     blocks = carried[6:, 6:].reshape(2 * POINTS, 3, 2 * POINTS, 3)[range(2 * POINTS), :, range(2 * POINTS), :]
     for mine, theirs in (
-        (reading.cov_pose, carried[:6, :6]),
-        (reading.cov_points, blocks[:POINTS]),
-        (reading.cov_points_in_world, blocks[POINTS:]),
+        (marginals.cov_pose, carried[:6, :6]),
+        (marginals.cov_points, blocks[:POINTS]),
+        (marginals.cov_points_in_world, blocks[POINTS:]),
     ):
         assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()

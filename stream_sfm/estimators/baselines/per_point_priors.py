@@ -1,0 +1,113 @@
+"""How a frame that leaves a per-point window turns into priors of its points: the paper's choices of reference.
+
+Each rule takes a `Leaving` frame and returns `CarriedPriors`, in the world (WC) or in the frame's own camera (CC).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.linear import symmetric
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from .bundle_adjustment import Covariances, NormalEquations, PointPriors, WeightedViews, residuals_and_jacobians
+
+
+@dataclass(frozen=True, slots=True)
+class Leaving:
+    """The oldest frame of a window, and the points (p) that it sees or that have a prior.
+
+    `ref_from_cam` (4, 4) with `cov_pose` (6, 6) as the window knows it, `held` if it is not estimated; `points` (p, 3)
+    in ref; `views` of all of them, without information where the frame does not see a point.
+    """
+
+    projection: StereoProjection
+    ref_from_cam: Array
+    cov_pose: Array
+    held: bool
+    points: Array
+    priors: PointPriors
+    views: WeightedViews
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedPriors:
+    """Priors of the same points in a new reference: `new_from_ref` (4, 4) is cam_from_ref, or None where ref stays."""
+
+    priors: PointPriors
+    new_from_ref: Array | None
+
+
+LeavingRule = Callable[[Leaving], CarriedPriors]
+
+
+def world_centred(leaving: Leaving) -> CarriedPriors:
+    """Fuse each view into its own point, with the noise of the pose as the window knows it, eq. (47).
+
+    Λ' = Λ + Bᵀ (Σ_z + J Γ Jᵀ)⁻¹ B, B = ∂h/∂X, J = ∂h/∂ξ.
+    """
+    priors, points, views = leaving.priors, leaving.points, leaving.views
+    r, j_pose, j_point = residuals_and_jacobians(leaving.projection, leaving.ref_from_cam[None], points, views)
+    # (Σ + J Γ Jᵀ)⁻¹ = Ω − Ω J (Γ⁻¹ + JᵀΩJ)⁻¹ JᵀΩ, written so that Γ = 0 and Ω singular are allowed.
+    ji = np.swapaxes(j_pose, 1, 2) @ views.information
+    gain = np.linalg.solve(np.eye(6) + leaving.cov_pose @ (ji @ j_pose), leaving.cov_pose @ ji)
+    info = views.information - np.swapaxes(ji, 1, 2) @ gain
+    jt = np.swapaxes(j_point, 1, 2) @ info
+    information = priors.information + jt @ j_point
+    right = priors.information @ (priors.mean - points)[..., None] + jt @ r[..., None]
+    delta = np.linalg.solve(information, right)[..., 0]
+    return CarriedPriors(PointPriors(points + delta, symmetric(information)), None)
+
+
+def camera_centred(leaving: Leaving) -> CarriedPriors:
+    """Carry points into the leaving camera by their joint covariance with its pose, eq. (49).
+
+    That covariance is of priors and leaving views alone, linearised at the estimate of the window.
+    """
+    free = np.array([not leaving.held])
+    normal = NormalEquations.build(
+        leaving.projection, leaving.ref_from_cam[None], leaving.points, leaving.views, leaving.priors
+    )
+    reduced = normal.eliminate_points(free)
+    covariances = Covariances.of(reduced, free)
+    xi, delta = reduced.solve(normal.g_point)  # how far their minimum is from the estimate
+    cam_from_ref = se3.inverse(leaving.ref_from_cam)
+    in_cam = se3.transform(cam_from_ref, leaving.points)
+    j = se3.point_in_source_jacobian(in_cam)
+    mean = in_cam + delta @ cam_from_ref[:3, :3].T + j @ xi.reshape(-1, 6).sum(axis=0)
+    cov = covariances.cov_points_in_cam(0, leaving.ref_from_cam, in_cam)
+    return CarriedPriors(PointPriors(mean, np.asarray(np.linalg.inv(cov))), cam_from_ref)
+
+
+def camera_centred_literal(leaving: Leaving) -> CarriedPriors:
+    """Carry points by the paper's two-frame transform, then add the view from the leaving camera, eq. (48)."""
+    priors = leaving.priors
+    cam_from_ref = se3.inverse(leaving.ref_from_cam)
+    r = cam_from_ref[:3, :3]
+    mean = se3.transform(cam_from_ref, priors.mean)
+    known = (priors.information != 0).any(axis=(1, 2), keepdims=True)
+    cov = np.linalg.inv(np.where(known, priors.information, np.eye(3)))
+    j = se3.point_in_source_jacobian(mean)
+    cov = r @ cov @ r.T + j @ leaving.cov_pose @ np.swapaxes(j, 1, 2)
+    carried = PointPriors(mean, np.where(known, np.linalg.inv(cov), 0.0))
+    in_cam = se3.transform(cam_from_ref, leaving.points)  # where the view is linearised
+    normal = NormalEquations.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, carried)
+    _, delta = normal.eliminate_points(np.array([False])).solve(normal.g_point)
+    return CarriedPriors(PointPriors(in_cam + delta, normal.v), cam_from_ref)
+
+
+def with_every_point(views: WeightedViews, points: int) -> WeightedViews:
+    """Return the views and, of each of `points` that has none, one without information."""
+    missing = np.setdiff1d(np.arange(points), views.point)
+    n = len(missing)
+    point: NDArray[np.intp] = np.concatenate([views.point, missing])
+    order = np.argsort(point, kind="stable")
+    return WeightedViews(
+        np.concatenate([views.frame, np.zeros(n, np.intp)])[order],
+        point[order],
+        np.concatenate([views.z_px, np.zeros((n, 4))])[order],
+        np.concatenate([views.information, np.zeros((n, 4, 4))])[order],
+    )

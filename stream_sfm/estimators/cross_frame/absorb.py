@@ -1,0 +1,60 @@
+"""The oldest frame leaves the window: it becomes the reference camera, and its views become part of the prior."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.linear import matvec, symmetric
+from ...geometry.se3 import Array
+from ..ids import among
+from .inverse_depth import Q_COLUMNS, in_reference, linearise, q_jacobian
+from .map import Map
+from .window_frame import WindowFrame
+
+
+def absorb_oldest_frame(current: Map) -> None:
+    """Marginalise the oldest frame, eqs. (31)–(36): all that frames outside the window say is in the prior again."""
+    frame = current.frames.pop(0)
+    # a point enters the prior with a stereo view: one side alone would leave its depth open
+    frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
+    seen = frame.ids[frame.used]
+    seen_later = np.unique(np.concatenate([f.ids[f.used] for f in current.frames] or [seen]))
+    current.ref_from_anchor = se3.orthonormalise(frame.cam_from_ref @ current.ref_from_anchor)  # the new reference
+    views = frame.views(current.ids, 0)
+    blocks = linearise(current.projection, np.eye(4)[None], current.ref_from_anchor, current.q, views)
+
+    prior = current.prior.select(among(current.prior.ids, np.union1d(seen_later, seen)))
+    at = np.searchsorted(current.ids, prior.ids)
+    prior = prior.with_drift(_drift_since_previous(current, frame, prior.ids, at))
+    prior = prior.absorb_frame(
+        current.amplitudes, frame.cam_from_ref, current.q[at], blocks.v[at], blocks.g_point[at]
+    )
+    new = np.searchsorted(current.ids, np.setdiff1d(seen, prior.ids))
+    cov = symmetric(np.linalg.inv(blocks.v[new]))
+    mean = current.q[new] + matvec(cov, blocks.g_point[new])
+    prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov)
+    current.prior = prior.select(among(prior.ids, seen_later)).truncate_modes()
+    current.amplitudes = np.zeros(current.prior.modes.shape[2])
+
+    if current.frames:
+        cams = se3.orthonormalise(current.cams_from_ref() @ se3.inverse(frame.cam_from_ref))
+        for f, cam in zip(current.frames, cams, strict=True):
+            f.cam_from_ref = cam
+    current.select(among(current.ids, np.union1d(seen_later, current.prior.ids)))
+
+
+def _drift_since_previous(current: Map, frame: WindowFrame, ids: NDArray[np.int64], at: NDArray[np.intp]) -> Array:
+    """Return covariances (n, 3, 3) of q of points `ids`, rows `at` of the map, for their drift up to `frame`.
+
+    The frame is the reference already; the covariance is zero where it does not see a point.
+    """
+    cov = np.zeros((len(ids), 3, 3))
+    known = among(ids, frame.ids)
+    if not len(frame.var_drift) or not known.any():
+        return cov
+    ref_from_anchor = current.ref_from_anchor[at[known]]
+    here = in_reference(ref_from_anchor, current.q[at[known]])
+    anchor_from_here = np.linalg.inv(q_jacobian(here) @ ref_from_anchor[:, :, Q_COLUMNS])
+    drift = frame.var_drift[np.searchsorted(frame.ids, ids[known])]
+    cov[known] = (anchor_from_here * drift[:, None, :]) @ np.swapaxes(anchor_from_here, 1, 2)
+    return cov

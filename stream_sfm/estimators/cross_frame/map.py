@@ -1,0 +1,148 @@
+"""The map of the window estimator: everything that exists only while the camera is being followed.
+
+The reference camera p is the newest frame that has left the window; frames p+1 … n are in it with poses cam_from_ref.
+Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.linear import matvec, symmetric
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from ...types import Solution
+from ..ids import among
+from .inverse_depth import WhitenedViews, linearise, q_of_views
+from .marginals import Marginals
+from .normal_equations import System
+from .outliers import RejectionCounts
+from .prior import Prior
+from .window_frame import WindowFrame
+
+
+class Map:
+    """Points, poses and prior of one map, with their latest joint covariance.
+
+    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point. `frames`: the window, oldest first.
+    `prior` and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the
+    latest frame.
+    """
+
+    def __init__(self, projection: StereoProjection, frame: WindowFrame, first: Solution) -> None:
+        """Begin a map in the camera of `frame`, which becomes the reference; `first` says which views start points."""
+        self.projection = projection
+        self.frames: list[WindowFrame] = []
+        self.rejections = RejectionCounts()
+        self.ids = first.track_ids
+        frame.used = among(frame.ids, self.ids)
+        self.q = q_of_views(projection, frame.z_px[frame.used])
+        self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
+        views = frame.views(self.ids, 0)
+        blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, views)
+        cov = np.linalg.inv(blocks.v)
+        self.q = self.q + matvec(cov, blocks.g_point)
+        self.prior = Prior.from_first_frame(self.ids, self.q, symmetric(cov), first.world_from_cam, first.cov_pose)
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.gauss_newton_step(WhitenedViews.none())
+        self.marginals = self._marginals()
+
+    @property
+    def world_from_ref(self) -> Array:
+        """The pose (4, 4) of the reference camera at the present amplitudes of the prior's modes."""
+        return self.prior.world(self.amplitudes)
+
+    @property
+    def newest_cam_from_ref(self) -> Array:
+        """The pose (4, 4) of the newest camera; that is the reference until a second frame has come."""
+        return self.frames[-1].cam_from_ref if self.frames else np.eye(4)
+
+    def cams_from_ref(self) -> Array:
+        """Return the poses (F, 4, 4) of the window."""
+        return np.stack([f.cam_from_ref for f in self.frames]) if self.frames else np.empty((0, 4, 4))
+
+    def views(self) -> WhitenedViews:
+        """Return the used views of the window."""
+        return WhitenedViews.concatenate([f.views(self.ids, row) for row, f in enumerate(self.frames)])
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
+        """Keep the points of a mask or of an order."""
+        self.ids, self.q, self.ref_from_anchor = self.ids[rows], self.q[rows], self.ref_from_anchor[rows]
+
+    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64]) -> None:
+        """Add the newest frame to the window, without the views of `rejected` tracks.
+
+        Points that the map does not hold yet start at their stereo view.
+        """
+        self._count_rejected(rejected)
+        excluded = self.rejections.excluded(frame.ids)
+        known = among(frame.ids, self.ids)
+        new = ~known & frame.stereo & ~excluded
+        frame.used = (known | new) & ~excluded & ~among(frame.ids, rejected)
+        ref_from_cam = se3.inverse(frame.cam_from_ref)
+        self.ids = np.concatenate([self.ids, frame.ids[new]])
+        self.q = np.concatenate([self.q, q_of_views(self.projection, frame.z_px[new])])
+        self.ref_from_anchor = np.concatenate(
+            [self.ref_from_anchor, np.broadcast_to(ref_from_cam, (int(new.sum()), 4, 4))]
+        )
+        self.select(np.argsort(self.ids))
+        self.frames.append(frame)
+
+    def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
+        """Remember which tracks disagree with the motion.
+
+        Of a track with one view in the map that one view may be the wrong one: the track is excluded, and the view
+        dropped.
+        """
+        seen = np.array([among(rejected, f.ids) for f in self.frames], int)
+        young = (seen.sum(0) <= 1) & ~among(rejected, self.prior.ids)
+        for track_id, once in zip(rejected.tolist(), young.tolist(), strict=True):
+            if once:
+                self.rejections.exclude(track_id)
+            else:
+                self.rejections.add(track_id)
+        for f in self.frames:
+            f.used &= ~among(f.ids, rejected[young])
+
+    def drop_undetermined(self) -> None:
+        """Drop points that neither the prior nor an accepted stereo view of the window determines.
+
+        Those that ended after a single view go too: it says nothing about anything else.
+        """
+        at = np.concatenate([np.searchsorted(self.ids, f.ids[f.used]) for f in self.frames])
+        stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
+        count = np.bincount(at, minlength=len(self.ids))
+        keep = np.bincount(at[stereo], minlength=len(self.ids)) > 0
+        keep &= (count > 1) | among(self.ids, self.frames[-1].ids)
+        keep[np.searchsorted(self.ids, self.prior.ids)] = True
+        if not keep.all():
+            self.select(keep)
+            for f in self.frames:
+                f.used &= among(f.ids, self.ids)
+
+    def gauss_newton_step(self, views: WhitenedViews) -> float:
+        """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
+        cams = self.cams_from_ref()
+        blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, views)
+        self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), blocks)
+        dx, dq, dy, decrease = self.system.step(blocks.g_pose, blocks.g_point, self.q, self.amplitudes)
+        for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ cams), strict=True):
+            f.cam_from_ref = cam
+        self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
+        return decrease
+
+    def update_marginals(self) -> Marginals:
+        """Compute the marginals of the newest frame from the latest system."""
+        self.marginals = self._marginals()
+        return self.marginals
+
+    def _marginals(self) -> Marginals:
+        return Marginals.compute(
+            self.system,
+            self.ids,
+            self.ref_from_anchor,
+            self.q,
+            self.world_from_ref,
+            self.newest_cam_from_ref,
+            len(self.frames) - 1,
+        )

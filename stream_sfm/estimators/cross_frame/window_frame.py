@@ -1,0 +1,55 @@
+"""One frame of the window: its views, which of them count, and its pose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection, whitening_of_views
+from ...types import Observations
+from .inverse_depth import WhitenedViews
+
+
+@dataclass(slots=True)
+class WindowFrame:
+    """Views `z_px` (n, 4) of `ids` with their whitening `root` (n, 4, 4), of which `used` (n,) bool count.
+
+    `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
+    """
+
+    index: int
+    ids: NDArray[np.int64]
+    z_px: Array
+    root: Array
+    stereo: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+    var_drift: Array
+    cam_from_ref: Array
+
+    @classmethod
+    def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
+        """Return the frame with all its views in use and its pose still to be found."""
+        return cls(
+            index=observations.frame_index,
+            ids=observations.track_ids,
+            z_px=np.nan_to_num(observations.z_px),
+            root=whitening_of_views(observations.z_px, observations.cov_px),
+            stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
+            used=np.ones(len(observations.track_ids), bool),
+            var_drift=_drift_variances(observations, projection),
+            cam_from_ref=np.eye(4),
+        )
+
+    def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
+        """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
+        point = np.searchsorted(ids, self.ids[self.used])
+        return WhitenedViews(np.full(len(point), row), point, self.z_px[self.used], self.root[self.used])
+
+
+def _drift_variances(observations: Observations, projection: StereoProjection) -> Array:
+    """Return the drift of patches over their surfaces as variances of q (n, 3), eq. (33): rays, and disparity."""
+    if observations.std_drift_px is None:
+        return np.empty((0, 3))
+    scale = np.array([1, 1, 1 / projection.baseline_m]) / projection.f_px
+    return np.asarray((observations.std_drift_px[:, None] * scale) ** 2)

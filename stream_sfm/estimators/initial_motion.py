@@ -1,0 +1,42 @@
+"""The motion since the previous frame from which every estimator starts a frame, and its outlier test."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import RobustConfig
+from ..geometry.resection import Resection, resect
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..types import Observations
+
+_ENOUGH = 0.5  # accepted share of the views: a majority that agrees on one motion ends the search
+
+
+def initial_motion(
+    projection: StereoProjection,
+    config: RobustConfig,
+    observations: Observations,
+    rows: NDArray[np.intp],
+    points_in_previous: Array,
+    cov_points: Array,
+    cam_from_previous_predicted: Array,
+) -> Resection | None:
+    """Find cam_from_previous by robust resection of the views `rows` (n,), or None where too few of them agree.
+
+    `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
+    Starts are the front-end's own motion, the prediction of the motion model, and no motion. The first one that a
+    majority of the views accepts is taken, else the one that most of them accept.
+    """
+    starts = [cam_from_previous_predicted, np.eye(4)]
+    if observations.cam_from_previous is not None:
+        starts.insert(0, observations.cam_from_previous)
+    z_px, cov_px = observations.z_px[rows], observations.cov_px[rows]
+    best: Resection | None = None
+    for start in starts:
+        found = resect(projection, points_in_previous, cov_points, z_px, cov_px, start, config.gate_probability)
+        inliers = int(found.accepted.sum())
+        if found.ok and inliers >= config.min_inliers and (best is None or inliers > best.accepted.sum()):
+            best = found
+        if best is not None and best.accepted.sum() >= _ENOUGH * len(rows):
+            break
+    return best
