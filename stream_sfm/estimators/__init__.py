@@ -1,6 +1,6 @@
 """Everything that turns observations into motion and structure; each keeps the contract `types.Estimator`.
 
-Not here: pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of stream_sfm/MATHEMATICS.md.
+Not here: pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of docs/mathematics.md.
 
 `METHODS` is the list: name -> (module, class). They are imported when asked for, so that a method's heavy
 dependency (filterpy for the EKF) costs nothing to the others.

@@ -1,6 +1,6 @@
 """Accuracy and consistency of a trajectory against ground truth: pure functions on `Trajectory`.
 
-The definitions are in stream_sfm/MATHEMATICS.md, section 10. Not here: files and plots (`report/`), simulated scenes,
+The definitions are in docs/mathematics.md, section 10. Not here: files and plots (`report/`), simulated scenes,
 whose truth is known by track id (`simulation/measure.py`).
 """
 

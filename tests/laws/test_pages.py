@@ -11,7 +11,7 @@ PAGES = sorted(
     p for folder in ("", "docs", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
 )
 CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
-MATHEMATICS = (ROOT / "stream_sfm/MATHEMATICS.md").read_text(encoding="utf-8")
+MATHEMATICS = (ROOT / "docs/mathematics.md").read_text(encoding="utf-8")
 NUMBERED = re.compile(
     r"^    .*\((\d+)\)$", re.MULTILINE
 )  # an equation stands alone, its number at the end of the line
