@@ -20,6 +20,11 @@ def symmetric(a: Array) -> Array:
     return np.asarray(0.5 * (a + np.swapaxes(a, -1, -2)))
 
 
+def symmetric_inverse(a: Array) -> Array:
+    """Return the inverses of symmetric matrices (…, n, n), symmetric to the last digit."""
+    return symmetric(np.asarray(np.linalg.inv(a)))
+
+
 def matvec(a: Array, x: Array) -> Array:
     """Return the products A x of stacked matrices (…, m, n) and vectors (…, n)."""
     return np.asarray((a @ x[..., None])[..., 0])

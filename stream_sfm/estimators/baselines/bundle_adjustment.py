@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, symmetric
+from ...geometry.linear import Cholesky, matvec, symmetric, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
 
@@ -120,7 +120,7 @@ class NormalEquations:
         """Schur complement onto the poses marked `free` (b,); the others are held exactly."""
         columns = np.repeat(free, 6)
         v = self.v * (1 + damping * np.eye(3))
-        v_inv = symmetric(np.linalg.inv(v))
+        v_inv = symmetric_inverse(v)
         w = self.w[:, :, columns]
         y = v_inv @ w
         n = w.shape[2]

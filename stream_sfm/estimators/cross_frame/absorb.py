@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import matvec, symmetric
+from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ..ids import among
 from .inverse_depth import Q_COLUMNS, in_reference, linearise, q_jacobian
@@ -30,7 +30,7 @@ def absorb_oldest_frame(current: Map) -> None:
         current.amplitudes, frame.cam_from_ref, current.q[at], blocks.v[at], blocks.g_point[at]
     )
     new = np.searchsorted(current.ids, np.setdiff1d(seen, prior.ids))
-    cov = symmetric(np.linalg.inv(blocks.v[new]))
+    cov = symmetric_inverse(blocks.v[new])
     mean = current.q[new] + matvec(cov, blocks.g_point[new])
     prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov)
     current.prior = prior.select(among(prior.ids, seen_later)).truncate_modes()

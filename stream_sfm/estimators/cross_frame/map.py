@@ -40,7 +40,7 @@ class Map:
         self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
         views = frame.views(self.ids, 0)
         blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, views)
-        cov = np.linalg.inv(blocks.v)
+        cov = np.asarray(np.linalg.inv(blocks.v))
         self.q = self.q + matvec(cov, blocks.g_point)
         self.prior = Prior.from_first_frame(self.ids, self.q, symmetric(cov), first.world_from_cam, first.cov_pose)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])

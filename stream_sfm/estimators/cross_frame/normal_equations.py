@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.linear import Cholesky, matvec, symmetric
+from ...geometry.linear import Cholesky, matvec, symmetric, symmetric_inverse
 from ...geometry.se3 import Array
 from .inverse_depth import NormalBlocks
 from .prior import Prior
@@ -38,14 +38,14 @@ class System:
         self.poses = 6 * frames
         k = prior.modes.shape[2]
         size = self.poses + k
-        self.d_inv = symmetric(np.linalg.inv(prior.cov))
+        self.d_inv = symmetric_inverse(prior.cov)
         v = blocks.v.copy()
         v[known] += self.d_inv
         self.pull = self.d_inv @ prior.modes  # D⁻¹F
         self.cross = np.zeros((points, 3, size))
         self.cross[:, :, : self.poses] = blocks.w
         self.cross[known, :, self.poses :] = -self.pull
-        self.cov_given = symmetric(np.linalg.inv(v))  # of a point once poses and modes are given
+        self.cov_given = symmetric_inverse(v)  # of a point once poses and modes are given
         self.gain = self.cov_given @ self.cross
         h = np.zeros((size, size))
         for s in range(frames):

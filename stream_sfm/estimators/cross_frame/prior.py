@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, scaled_cholesky, symmetric
+from ...geometry.linear import Cholesky, matvec, scaled_cholesky, symmetric, symmetric_inverse
 from ...geometry.se3 import Array
 from .inverse_depth import homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
 
@@ -101,8 +101,8 @@ class Prior:
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         away = self.points(amplitudes) - q  # the prior's mean at the present modes, from the linearisation point
 
-        d_inv = symmetric(np.linalg.inv(self.cov))
-        cov = symmetric(np.linalg.inv(d_inv + v))
+        d_inv = symmetric_inverse(self.cov)
+        cov = symmetric_inverse(d_inv + v)
         shrink = cov @ d_inv
         stay = d_inv - d_inv @ shrink  # D⁻¹ − D⁻¹Λ⁻¹D⁻¹
         update = matvec(cov, matvec(d_inv, away) + g)  # of the points, the modes held
