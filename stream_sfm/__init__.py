@@ -12,9 +12,9 @@ _PUBLIC = {
     "Engine": "engine",
     "FrameEstimate": "types",
     "MonoFrame": "types",
-    "MonoRig": "camera.models",
+    "MonoRig": "camera.rig",
     "StereoFrame": "types",
-    "StereoRig": "camera.models",
+    "StereoRig": "camera.rig",
     "Status": "types",
     "Trajectory": "types",
     "ConfigError": "errors",
@@ -33,7 +33,8 @@ __all__ = [*sorted(_PUBLIC), "__version__", "viewer"]
 
 if TYPE_CHECKING:
     from . import viewer
-    from .camera.models import Camera, MonoRig, StereoRig
+    from .camera.models import Camera
+    from .camera.rig import MonoRig, StereoRig
     from .config import Config, read_config
     from .engine import Engine
     from .errors import ConfigError, EngineBusyError, FrameError, InputError, LogError, OutputError, StreamSfmError

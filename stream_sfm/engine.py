@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .camera.models import MonoRig, StereoRig
+from .camera.rig import MonoRig, StereoRig
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera.models import MonoRig, StereoRig
 from .camera.rectification import MonoRectifier, Rectifier
+from .camera.rig import MonoRig, StereoRig
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend.front_end import StereoFrontEnd

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import Camera, ConfigError, StereoRig
-from stream_sfm.camera.calibration_file import calibration_to_toml, read_calibration
 
 GOOD = """
 [left]
@@ -34,7 +33,7 @@ def test_both_forms_are_read(tmp_path):
     assert rig.left.distortion_model == "none" and rig.right.D == (-0.2, 0.03, 0.0, 0.001)
     matrix = "right_from_left = [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]\n"
     path.write_text(matrix + GOOD.split("[right_from_left]")[0])
-    np.testing.assert_array_equal(read_calibration(path).right_from_left, rig.right_from_left)
+    np.testing.assert_array_equal(StereoRig.from_calibration(path).right_from_left, rig.right_from_left)
 
 
 def test_there_and_back(tmp_path):
@@ -43,8 +42,8 @@ def test_there_and_back(tmp_path):
     pose = np.array([[c, 0, s, -0.2], [0, 1, 0, 0.01], [-s, 0, c, 0.003], [0, 0, 0, 1]])
     k = np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]])
     rig = StereoRig(Camera(752, 480, k, (0.1, 0.2, 0.3, 0.4), "equidistant"), Camera(752, 480, k), pose)
-    path.write_text(calibration_to_toml(rig))
-    again = read_calibration(path)
+    path.write_text(rig.to_toml())
+    again = StereoRig.from_calibration(path)
     np.testing.assert_allclose(again.right_from_left, rig.right_from_left, atol=1e-15)
     np.testing.assert_array_equal(again.left.K, k)
     assert (again.left.D, again.left.distortion_model) == (rig.left.D, "equidistant")
@@ -75,11 +74,11 @@ def test_mistakes_are_named(tmp_path, old, new, words):
     assert old in GOOD
     path.write_text(GOOD.replace(old, new))
     with pytest.raises(ConfigError) as caught:
-        read_calibration(path)
+        StereoRig.from_calibration(path)
     for word in (*words, str(path)):
         assert word in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"cannot read calibration .*none\.toml"):
-        read_calibration(tmp_path / "none.toml")
+        StereoRig.from_calibration(tmp_path / "none.toml")

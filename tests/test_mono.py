@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import compare
 from stream_sfm.dense.surface import surface_of_frame
@@ -189,7 +188,7 @@ def test_the_camera_and_its_calibration_are_found(one_camera_log, tmp_path) -> N
     named = sfm.open_log(ROOM, left=pair.right_topic, mono=True)
     assert np.array_equal(named.rig.left.K, pair.rig.right.K)
     file = tmp_path / "one.toml"
-    file.write_text(calibration_to_toml(sfm.MonoRig(pair.rig.right)))
+    file.write_text(sfm.MonoRig(pair.rig.right).to_toml())
     assert "right" not in file.read_text()
     given = sfm.open_log(one_camera_log, mono=True, calibration=file)
     assert np.array_equal(given.rig.left.K, pair.rig.right.K)

@@ -14,7 +14,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 from tests.helpers.places import ROOT
 

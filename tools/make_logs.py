@@ -24,7 +24,8 @@ from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 from render import RECORDINGS, Recording, Sensor, Shot, room_recording
 
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
 START_NS = 1_760_000_000_000_000_000

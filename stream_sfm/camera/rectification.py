@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..errors import RigError
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .models import Camera, MonoRig, StereoRig
+from .models import Camera
+from .rig import MonoRig, StereoRig
 
 # Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count; as a
 # length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first scene.

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     from ..batch.collect import run_batch
     from ..batch.logs import find_logs
-    from ..camera.calibration_file import read_calibration
+    from ..camera.rig import StereoRig
     from ..executors import cluster
     from ..pipeline.replay import check_selection
     from . import output
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     check_selection(args.start, args.end)
     calibration = Path(args.calibration).resolve() if args.calibration else None
     if calibration is not None:
-        read_calibration(calibration)  # a mistake in it is said once, and before anything is begun
+        StereoRig.from_calibration(calibration)  # a mistake in it is said once, and before anything is begun
     logs = find_logs(args.logs)
     out = Path(args.out)
     with (

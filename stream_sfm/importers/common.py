@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.models import Camera, StereoRig
+from ..camera.models import Camera
 from ..camera.rectification import Rectifier
+from ..camera.rig import StereoRig
 from ..errors import ConfigError, InputError
 from ..geometry.se3 import Array
 from ..recording.images import image_size, sniff_format

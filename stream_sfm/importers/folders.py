@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..camera.calibration_file import read_calibration
+from ..camera.rig import StereoRig
 from ..errors import ConfigError, InputError
 from .common import ImageFile, Imported, ascending, read_text, seconds_to_ns, write_images
 
@@ -26,7 +26,7 @@ def import_images(
     decimal point or integer nanoseconds; without it the frames are put `rate_hz` apart. Raises InputError,
     ConfigError, OutputError.
     """
-    rig = read_calibration(calibration)
+    rig = StereoRig.from_calibration(calibration)
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
         raise ConfigError(

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.models import Camera, StereoRig
+from ..camera.models import Camera
+from ..camera.rig import StereoRig
 from ..geometry.se3 import Array
 
 _MIN_MATCHES = 40

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..camera.models import StereoRig
+from ..camera.rig import StereoRig
 from ..recording.rig import CURE, right_is_left
 from ..recording.topics import PairChoice
 from .calibration_check import CalibrationCheck

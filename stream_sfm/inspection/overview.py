@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.models import MAX_PIXELS, StereoRig
+from ..camera.models import MAX_PIXELS
+from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..mcap_file.log_file import Damage, LogFile
 from ..recording.ground_truth import depth_topic, truth_topic

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..engine import Engine
 from ..errors import ConfigError, FrameError, InputError, LogError, OutputError

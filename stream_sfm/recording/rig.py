@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.models import DISTORTION_COEFFICIENTS, Camera, MonoRig, StereoRig
+from ..camera.models import DISTORTION_COEFFICIENTS, Camera
 from ..camera.rectification import check_rectifiable
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from ..camera.calibration_file import parse_calibration, parse_camera, read_calibration, read_camera
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
 from ..mcap_file.log_file import Damage, LogFile
 from .messages import MessageDecoder
@@ -38,8 +37,8 @@ def find_rig(
     if isinstance(calibration, StereoRig):
         return FoundRig(calibration, "given by the caller")
     if calibration is not None:
-        return FoundRig(read_calibration(calibration), str(calibration))
-    rig = _attached(file, parse_calibration)
+        return FoundRig(StereoRig.from_calibration(calibration), str(calibration))
+    rig = _attached(file, StereoRig.parse_calibration)
     return FoundRig(rig, f"attachment {ATTACHMENT}") if rig else _sent(file, survey, choice)
 
 
@@ -50,8 +49,8 @@ def find_camera(
     if isinstance(calibration, StereoRig | MonoRig):
         return MonoRig(calibration.left)
     if calibration is not None:
-        return read_camera(calibration)
-    if rig := _attached(file, parse_camera):
+        return MonoRig.from_calibration(calibration)
+    if rig := _attached(file, MonoRig.parse_calibration):
         return rig
     sent_on = _calibration_topic(file, survey, topic, 0)
     message, _ = read_calibration_messages(file, survey, (sent_on, sent_on), MessageDecoder(file.path))

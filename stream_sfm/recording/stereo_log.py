@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
 from ..mcap_file.log_file import Damage, LogFile
 from ..types import StereoFrame, Trajectory

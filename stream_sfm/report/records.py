@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.models import StereoRig
+from ..camera.rig import StereoRig
 from ..config import Config
 from ..evaluation.structure import StructureComparison
 from ..geometry.se3 import Array

@@ -34,8 +34,7 @@ from mcap_protobuf.schema import register_schema
 from msgspec import json
 
 from .. import __version__
-from ..camera.calibration_file import calibration_to_toml
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
@@ -80,7 +79,7 @@ class EstimatesWriter:
             },
         )
         self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
-        self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", calibration_to_toml(rig).encode())
+        self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", rig.to_toml().encode())
         self._channels = self._register()
         self._writer.flush()
         self._chunk_began_ns = 0

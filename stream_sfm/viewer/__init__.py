@@ -6,7 +6,7 @@ Not here: the HTML pages (`report/`).
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..types import Trajectory
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ..camera.lens import project_into_image
-from ..camera.models import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, OutputError
 from ..geometry import se3
 from ..geometry.se3 import Array

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.frontend.corners import corner_strength, detect

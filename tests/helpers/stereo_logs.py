@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
-from stream_sfm.camera.models import StereoRig
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 from tests.helpers import idl
 

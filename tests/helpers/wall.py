@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 from stream_sfm.types import StereoFrame
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
@@ -119,7 +118,7 @@ def test_image_folders_round_trip(tmp_path, model, d, suffix):
     rig = sfm.StereoRig(
         sfm.Camera(64, 48, k, d, model), sfm.Camera(64, 48, k, d, model), se3.exp([-0.2, 0, 0, 0, 0.05, 0])
     )
-    (tmp_path / "c.toml").write_text(calibration_to_toml(rig))
+    (tmp_path / "c.toml").write_text(rig.to_toml())
     files = [[_picture(tmp_path / s / f"img_{n}{suffix}", suffix) for n in (1, 2, 10)] for s in ("l", "r")]
     globs = (str(tmp_path / "l" / "*"), str(tmp_path / "r" / "*"))
     import_images(*globs, tmp_path / "c.toml", tmp_path / "o.mcap", rate_hz=20)
@@ -155,7 +154,7 @@ def _folders(tmp_path, left, right):
     """Images of these names on each side, and a calibration."""
     k = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
     rig = sfm.StereoRig(sfm.Camera(64, 48, k), sfm.Camera(64, 48, k), se3.exp([-0.2, 0, 0, 0, 0, 0]))
-    (tmp_path / "c.toml").write_text(calibration_to_toml(rig))
+    (tmp_path / "c.toml").write_text(rig.to_toml())
     return [
         [str(_picture(tmp_path / side / name)) for name in names] for side, names in (("l", left), ("r", right))
     ]

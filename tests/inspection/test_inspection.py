@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import open_log
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import main
 from stream_sfm.inspection import inspect_log
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
@@ -62,7 +61,7 @@ def test_swapped_cameras(path, frames, tmp_path):
     (problem,) = inspect_log(write(path, frames, swapped=True))["problems"]
     assert "the images are swapped" in problem and "negative disparity" in problem
     assert f"name {RIGHT} as left and {LEFT} as right" in problem and "calibration of that pair" in problem
-    (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
+    (tmp_path / "c.toml").write_text(STEREO.to_toml())
     assert inspect_log(path, left=RIGHT, right=LEFT, calibration=tmp_path / "c.toml")["problems"] == []
 
 
@@ -184,7 +183,7 @@ def test_exit_codes_and_json(path, frames, capsys):
 def test_the_calibration_from_outside_is_the_one_that_counts(path, frames, tmp_path):
     write(path, frames, [replace(c, P=np.zeros((3, 4))) for c in infos()])
     assert "baseline is not known" in inspect_log(path)["problems"][0]
-    (tmp_path / "c.toml").write_text(calibration_to_toml(STEREO))
+    (tmp_path / "c.toml").write_text(STEREO.to_toml())
     found = inspect_log(path, calibration=tmp_path / "c.toml")
     assert found["problems"] == [] and found["rig"]["source"].endswith("c.toml")
     assert len(list(open_log(path, calibration=tmp_path / "c.toml").frames())) == 8

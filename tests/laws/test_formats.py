@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from stream_sfm.batch.collect import run_batch
-from stream_sfm.camera.calibration_file import parse_calibration
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import Selection
 from stream_sfm.comparison.files import compare_into
@@ -116,7 +116,7 @@ def test_batch(tmp_path: Path) -> None:
 def test_calibration_of_the_readme_is_read() -> None:
     text = re.search(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     assert text
-    rig = parse_calibration(text[1].encode(), "README.md")
+    rig = StereoRig.parse_calibration(text[1].encode(), "README.md")
     assert rig.baseline_m == pytest.approx(0.11)
 
 

@@ -10,7 +10,6 @@ import cv2
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from tests.helpers.places import ROOT
 
@@ -64,7 +63,7 @@ def user(tmp_path_factory) -> Path:
             cv2.imwrite(str(folder / name / f"{pair.stamp_ns}.png"), image)
             cv2.imwrite(str(folder / name[0] / f"{pair.stamp_ns}.png"), image)
     for name in ("calibration.toml", "c.toml"):
-        (folder / name).write_text(calibration_to_toml(log.rig), encoding="utf-8")
+        (folder / name).write_text(log.rig.to_toml(), encoding="utf-8")
     return folder
 
 

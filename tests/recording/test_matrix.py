@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import Config, Engine, StereoFrame, StereoRig, replay
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.config import read_config
 from stream_sfm.geometry import se3
 from stream_sfm.mcap_file.log_file import Damage, LogFile
@@ -100,9 +99,7 @@ def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -
     log = LogWriter(file)
     sent_at = {"often": range(FRAMES), "late": (FRAMES - 1,)}.get(calibration, (0,))
     if calibration == "attached":
-        log.writer.add_attachment(
-            0, 0, "calibration.toml", "application/toml", calibration_to_toml(stereo).encode()
-        )
+        log.writer.add_attachment(0, 0, "calibration.toml", "application/toml", stereo.to_toml().encode())
     if calibration == "attached by a run":
         EstimatesWriter(file.with_name("estimates.mcap"), stereo, Config()).close()
         (attachment,) = LogFile(file.with_name("estimates.mcap")).attachments(Damage())
@@ -126,7 +123,7 @@ def test_every_combination_replays_to_one_trajectory(tmp_path, recorded, live, p
     outside = None
     if calibration == "file":
         outside = tmp_path / "c.toml"
-        outside.write_text(calibration_to_toml(recorded[0]))
+        outside.write_text(recorded[0].to_toml())
     result = replay(file, config=QUICK, calibration=outside)
     assert result.summary["complete"] and not result.summary["warnings"]
     assert result.summary["frames"]["estimated"] == FRAMES and result.summary["frames"]["lost"] == 0

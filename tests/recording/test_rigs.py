@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, open_log
-from stream_sfm.camera.calibration_file import calibration_to_toml
 from stream_sfm.geometry import se3
 from tests.helpers.stereo_logs import (
     BASELINE_M,
@@ -121,11 +120,9 @@ def attach(path, text, name="calibration.toml", **spec):
 def test_an_attached_calibration_goes_before_messages(path):
     rig = open_log(write_log(path)).rig
     moved = replace(rig, right_from_left=se3.exp([-0.5, 0, 0, 0, 0, 0]))
-    assert open_log(attach(path, calibration_to_toml(moved))).rig.baseline_m == 0.5
-    assert open_log(attach(path, calibration_to_toml(moved), "notes.toml")).rig.baseline_m == pytest.approx(
-        BASELINE_M
-    )
-    assert open_log(attach(path, calibration_to_toml(moved)), calibration=rig).rig is rig
+    assert open_log(attach(path, moved.to_toml())).rig.baseline_m == 0.5
+    assert open_log(attach(path, moved.to_toml(), "notes.toml")).rig.baseline_m == pytest.approx(BASELINE_M)
+    assert open_log(attach(path, moved.to_toml()), calibration=rig).rig is rig
 
 
 def test_an_attached_calibration_that_is_broken_is_named(path):

@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from stream_sfm.camera.calibration_file import calibration_to_toml
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
 from stream_sfm.errors import InputError, OutputError
 from stream_sfm.geometry import se3
@@ -133,7 +133,7 @@ def test_every_topic_decodes_with_the_public_libraries_and_says_the_same(written
     assert np.allclose([tf.rotation.x, tf.rotation.y, tf.rotation.z, tf.rotation.w], quat, atol=1e-15)
     assert metadata["configuration"]["config.toml"] == config_to_toml(Config())
     assert metadata["stream_sfm"]["method"] == "cross-frame"
-    assert attachments["calibration.toml"] == calibration_to_toml(rig())
+    assert attachments["calibration.toml"] == rig().to_toml()
 
 
 def test_the_schema_describes_every_field(written: Path):

@@ -100,9 +100,8 @@ def test_importing_the_package_imports_nothing_heavy():
 
 
 def test_replay_writes_a_recording(tmp_path, capsys):
-    from stream_sfm.camera.calibration_file import calibration_to_toml
 
-    (tmp_path / "c.toml").write_text(calibration_to_toml(_rig()))
+    (tmp_path / "c.toml").write_text(_rig().to_toml())
     for n in range(4):
         for side, image in zip("lr", _images(n), strict=True):
             cv2.imwrite(str(tmp_path / f"{side}{n}.png"), image)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stream_sfm.camera.models import StereoRig
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
 from .caster import Sensor, Shot, render_exposure

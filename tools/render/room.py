@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from stream_sfm.camera.models import Camera, StereoRig
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
 from .caster import CLEAN, Sensor

@@ -1,4 +1,4 @@
-"""Calibration files: the stereo rig as TOML, written by hand or by `calibration_to_toml`.
+"""The calibration file of this package: one or two cameras as TOML, written by hand or by `text`.
 
     [left]
     width = 752                     # pixels
@@ -23,50 +23,43 @@ one camera (`Config.mono`) the first section is enough.
 """
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import ConfigError
-from ..geometry import se3
-from ..geometry.se3 import Array
-from .models import Camera, MonoRig, StereoRig
+from ...errors import ConfigError
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ..models import Camera
 
 _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
 
 
-def read_calibration(path: str | Path) -> StereoRig:
-    """The rig in a calibration file (format: see the module). Raises ConfigError naming file and key."""
-    return parse_calibration(_content(path), path)
+def parse_pair(content: bytes, name: str | Path) -> tuple[Camera, Camera, Array]:
+    """Left camera, right camera and `right_from_left` (4, 4), metres, of a file called `name`. Raises ConfigError."""
+    data = _tables(content, name)
+    left, right = _camera(name, data, "left"), _camera(name, data, "right")
+    return left, right, _right_from_left(name, data.get("right_from_left"))
 
 
-def read_camera(path: str | Path) -> MonoRig:
-    """The left camera of a calibration file that may have no other. Raises as `read_calibration`."""
-    return parse_camera(_content(path), path)
+def parse_left(content: bytes, name: str | Path) -> Camera:
+    """The left camera alone; the file need not have another. Raises ConfigError."""
+    return _camera(name, _tables(content, name), "left")
 
 
-def parse_calibration(content: bytes, path: str | Path) -> StereoRig:
-    """The rig in the `content` of a calibration file; `path` names it. Raises as `read_calibration`."""
-    data = _tables(content, path)
-    left, right = _camera(path, data, "left"), _camera(path, data, "right")
-    pose = _right_from_left(path, data.get("right_from_left"))
-    try:
-        return StereoRig(left, right, pose)
-    except ConfigError as error:
-        raise ConfigError(f"calibration {path}: {error}") from None
-
-
-def parse_camera(content: bytes, path: str | Path) -> MonoRig:
-    """As `parse_calibration`, of the left camera alone."""
-    return MonoRig(_camera(path, _tables(content, path), "left"))
-
-
-def _content(path: str | Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
+def text(cameras: Mapping[str, Camera], right_from_left: Array | None = None) -> str:
+    """Cameras by name, and the pose of the right one where there are two, as text that is read back unchanged."""
+    lines = ["# calibration: pixels and metres"]
+    for name, camera in cameras.items():
+        lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
+        lines += [f"K = {camera.K.tolist()}", f'distortion_model = "{camera.distortion_model}"']
+        lines += [f"D = {list(camera.D)}"]
+    if right_from_left is not None:
+        lines += ["", "[right_from_left]", f"rotation = {right_from_left[:3, :3].tolist()}"]
+        lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
+    return "\n".join(lines) + "\n"
 
 
 def _tables(content: bytes, path: str | Path) -> dict[str, Any]:
@@ -76,19 +69,6 @@ def _tables(content: bytes, path: str | Path) -> dict[str, Any]:
         raise ConfigError(f"calibration {path} is not TOML: {error}") from None
     _known(path, "the top", data, {"left", "right", "right_from_left"})
     return data
-
-
-def calibration_to_toml(rig: StereoRig | MonoRig) -> str:
-    """The rig as text that `read_calibration`, of one camera `read_camera`, takes back unchanged."""
-    lines = ["# calibration: pixels and metres"]
-    for name, camera in rig.cameras.items():
-        lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
-        lines += [f"K = {camera.K.tolist()}", f'distortion_model = "{camera.distortion_model}"']
-        lines += [f"D = {list(camera.D)}"]
-    if isinstance(rig, StereoRig):
-        lines += ["", "[right_from_left]", f"rotation = {rig.right_from_left[:3, :3].tolist()}"]
-        lines += [f"translation_m = {rig.right_from_left[:3, 3].tolist()}"]
-    return "\n".join(lines) + "\n"
 
 
 def _known(path: str | Path, where: str, table: dict[str, Any], known: set[str]) -> None:

@@ -1,0 +1,103 @@
+"""Rigs: what the images of a log or a program come from, two cameras or one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ConfigError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .calibration import read_file, toml_file
+from .models import Camera
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class StereoRig:
+    """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
+
+    Raises ConfigError where the pair cannot be a stereo pair.
+    """
+
+    left: Camera
+    right: Camera
+    right_from_left: Array
+
+    def __post_init__(self) -> None:
+        pose = np.array(self.right_from_left, dtype=float)
+        if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # false for NaN too
+            raise ConfigError(f"right_from_left must be a 4×4 pose in metres, got {pose.tolist()}")
+        r = pose[:3, :3]
+        if not np.allclose(r @ r.T, np.eye(3), atol=1e-3) or np.linalg.det(r) < 0:
+            raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")
+        object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
+        if (self.left.width, self.left.height) != (self.right.width, self.right.height):
+            raise ConfigError(
+                f"left images are {self.left.width}×{self.left.height}, right ones "
+                f"{self.right.width}×{self.right.height}: both must have one size"
+            )
+        if self.baseline_m < 1e-4:
+            raise ConfigError(
+                f"the baseline is {self.baseline_m:g} m: give right_from_left in metres; in a ROS calibration it "
+                "is −P[3]/P[0] of the right camera, which must not be zero"
+            )
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """Name -> camera, in the order of a frame's images."""
+        return {"left": self.left, "right": self.right}
+
+    def __repr__(self) -> str:
+        return f"<StereoRig baseline {self.baseline_m:.4f} m, left {self.left!r}, right {self.right!r}>"
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the two camera centres, metres."""
+        return float(np.linalg.norm(self.right_from_left[:3, 3]))
+
+    @classmethod
+    def from_calibration(cls, path: str | Path) -> "StereoRig":
+        """Read a calibration file (TOML, described in docs/formats.md). Raises ConfigError naming file and key."""
+        return cls.parse_calibration(read_file(path), path)
+
+    @classmethod
+    def parse_calibration(cls, content: bytes, name: str | Path) -> "StereoRig":
+        """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
+        left, right, right_from_left = toml_file.parse_pair(content, name)
+        try:
+            return cls(left, right, right_from_left)
+        except ConfigError as error:
+            raise ConfigError(f"calibration {name}: {error}") from None
+
+    def to_toml(self) -> str:
+        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        return toml_file.text(self.cameras, self.right_from_left)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MonoRig:
+    """One camera: the scale of what it sees is not observable (`Config.mono`)."""
+
+    left: Camera
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """Name -> camera, as in `StereoRig`."""
+        return {"left": self.left}
+
+    def __repr__(self) -> str:
+        return f"<MonoRig {self.left!r}>"
+
+    @classmethod
+    def from_calibration(cls, path: str | Path) -> "MonoRig":
+        """Read the left camera of a calibration file, which need not have another. Raises ConfigError."""
+        return cls.parse_calibration(read_file(path), path)
+
+    @classmethod
+    def parse_calibration(cls, content: bytes, name: str | Path) -> "MonoRig":
+        """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
+        return cls(toml_file.parse_left(content, name))
+
+    def to_toml(self) -> str:
+        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        return toml_file.text(self.cameras)
