@@ -114,7 +114,7 @@ def _extents(cameras: Sequence[Camera], rotations: Sequence[Array]) -> tuple[lis
     if not (spans > 0).all():  # false for NaN too
         raise RigError(
             f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
-            "are they of these cameras, in OpenCV's order?"
+            "they must be of these cameras, in OpenCV's order"
         )
     return extents, spans
 

@@ -14,9 +14,9 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, InputError
 from ..geometry.se3 import Array
-from ..recording.images import image_size, sniff_format
 from ..recording.log_writer import StereoLogWriter
-from ..recording.messages import CalibrationMessage, ImageMessage
+from ..recording.messages import CalibrationMessage
+from ..sources.image_header import image_format, image_size
 
 # the names of Foxglove's CameraCalibration
 _MODELS = {
@@ -90,10 +90,10 @@ def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read image {path}: {error.strerror}") from None
-    encoding = sniff_format(data)
+    encoding = image_format(data)
     if encoding is None:
         raise InputError(f"{path} is no PNG, JPEG or WebP image: convert the images to PNG first")
-    size = image_size(ImageMessage(str(path), 0, "", True, encoding, data))
+    size = image_size(data)
     if size is None:
         raise InputError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
     if camera is not None and size != (camera.width, camera.height):
@@ -106,8 +106,8 @@ def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
 
 def size_of(path: Path) -> tuple[int, int]:
     """Width and height of an image file, pixels. Raises InputError."""
-    data, encoding = read_image(path)
-    size = image_size(ImageMessage(str(path), 0, "", True, encoding, data))
+    data, _ = read_image(path)
+    size = image_size(data)
     assert size is not None  # read_image has looked
     return size
 

@@ -1,4 +1,4 @@
-"""What a log holds, which stereo pair would be used, and whether its calibration fits its images."""
+"""Inspection of a log before a replay: its contents, the stereo pair, and whether the calibration fits the images."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

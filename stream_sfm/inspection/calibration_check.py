@@ -1,4 +1,4 @@
-"""Does the calibration fit the images? Matched corners must lie on one row once lens and vergence are taken out."""
+"""Checks a calibration against images: matched corners must lie on one row once rectified."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,19 +12,30 @@ from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..geometry.se3 import Array
 
-_MIN_MATCHES = 40
-_FEATURES = 1500
-_WINDOW_PX = (15, 15)
+_FEATURES = 1500  # ORB corners per image: some hundred of them match in an ordinary scene
+_MAX_HAMMING = 40  # of 256 bits between two ORB descriptors that match; random ones differ by 128 ± 8
+_WINDOW_PX = (15, 15)  # patch of the sub-pixel refinement
+_MAX_REFINEMENT_PX = (
+    3.0  # ORB corners are whole pixels of their pyramid level, the last of which has pixels of 3.6 px
+)
+_MIN_MATCHES = 40  # in all frames together: fewer say nothing certain about rows
+_MIN_FRAME_MATCHES = 8  # in one frame
+_INLIER_SPREADS, _MIN_INLIER_PX = 3.0, 1.0  # matches within 3 σ of the median row offset, but never less than 1 px
+_INLIER_ROUNDS = 6  # of median and spread, enough to settle
+_SIGMA_PER_MAD = 1.4826  # of a normal distribution
+_NEGATIVE_PX = -1.0  # disparities below it are negative beyond the noise of a match
+_CLEARLY_BETTER = 0.5  # the other row error must be below this share of the present one
+_CLEAR_ROW_ERROR_PX = 0.2  # below it, another pairing of the frames cannot be told from this one
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationCheck:
-    """Over the matches of a few frames, in pixels of rectified images: `vertical_px` is left minus right row.
+    """The matches of a few frames in pixels of rectified images; NaN where there are too few.
 
-    `negative_share`: share of matches whose disparity is negative, as none can be if left is left. NaN where
-    there are too few matches.
+    `vertical_px`: median of left minus right row, with `vertical_spread_px`; `negative_share`: of the matches whose
+    disparity is negative, as none can be where left is left.
     """
 
     matches: int
@@ -35,19 +46,19 @@ class CalibrationCheck:
 
     @property
     def row_error_px(self) -> float:
-        """How far matched corners are from lying on one row; infinite where there are too few."""
+        """How far matched corners are from lying on one row; infinite where there are too few matches."""
         return float(np.nan_to_num(np.hypot(self.vertical_px, self.vertical_spread_px), nan=np.inf))
 
 
 def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
-    """Match corners between left and right without using the calibration, then look where it puts them."""
+    """Match corners between left and right without the calibration, then compare the rows that it gives them."""
     rotation_left, rotation_right = _rectifying_rotations(rig)
     focal_px = float(rig.left.K[0, 0])
     rows: list[Array] = []
     disparities: list[Array] = []
     for images in frames:
         left_px, right_px = _matches(*images)
-        if len(left_px) < 8:
+        if len(left_px) < _MIN_FRAME_MATCHES:
             continue
         left = _rectified(rig.left, rotation_left, left_px)
         right = _rectified(rig.right, rotation_right, right_px)
@@ -57,24 +68,24 @@ def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCh
         disparities.append(offset[good, 0])
     vertical = np.concatenate(rows) if rows else np.empty(0)
     disparity = np.concatenate(disparities) if disparities else np.empty(0)
-    # Wrong matches lie anywhere: keep what agrees on one vertical offset.
+    # Wrong matches lie anywhere: keep those that agree on one vertical offset.
     centre, spread = 0.0, 0.1 * rig.left.height
-    for _ in range(6):
-        good = np.abs(vertical - centre) < max(3 * spread, 1.0)
+    for _ in range(_INLIER_ROUNDS):
+        good = np.abs(vertical - centre) < max(_INLIER_SPREADS * spread, _MIN_INLIER_PX)
         if good.sum() < _MIN_MATCHES:
             return CalibrationCheck(int(good.sum()), np.nan, np.nan, np.nan, np.nan)
         centre = float(np.median(vertical[good]))
-        spread = 1.4826 * float(np.median(np.abs(vertical[good] - centre)))
+        spread = _SIGMA_PER_MAD * float(np.median(np.abs(vertical[good] - centre)))
     disparity = disparity[good]
-    negative = float(np.mean(disparity < -1.0))
+    negative = float(np.mean(disparity < _NEGATIVE_PX))
     return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))
 
 
 def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: CalibrationCheck) -> tuple[int, float]:
-    """(0, 1 or −1: the number of frames by which right images ought to be taken later, their row error in px).
+    """The shift of the right images that fits the rows best, in frames later (1, −1 or 0), and its row error, px.
 
-    `runs`: images of frames that follow each other, paired as `check` had them. Only a clear difference counts,
-    which takes motion across the rows.
+    `runs`: images of consecutive frames, paired as `check` had them. Only a clear difference counts, which needs
+    motion across the rows.
     """
     runs = [list(run) for run in runs]
     shifted = {
@@ -83,7 +94,7 @@ def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: Calibr
     }
     errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
     best = min(errors, key=lambda shift: errors[shift])
-    if errors[best] < 0.5 * check.row_error_px and check.row_error_px > 0.2:
+    if errors[best] < _CLEARLY_BETTER * check.row_error_px and check.row_error_px > _CLEAR_ROW_ERROR_PX:
         return best, errors[best]
     return 0, check.row_error_px
 
@@ -95,16 +106,16 @@ def _matches(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, 
     if left_words is None or right_words is None:
         return np.empty((0, 2)), np.empty((0, 2))
     found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left_words, right_words)
-    found = [m for m in found if m.distance < 40]
+    found = [m for m in found if m.distance < _MAX_HAMMING]
     if not found:
         return np.empty((0, 2)), np.empty((0, 2))
     left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
     coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
-    # ORB's corners are whole pixels of their scale; the patch around them is found to a tenth of one
+    # Corners are whole pixels of their scale; the patch around them is located to a tenth of a pixel.
     fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
         left, right, left_px, coarse_px.copy(), winSize=_WINDOW_PX, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
     )
-    good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < 3)
+    good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < _MAX_REFINEMENT_PX)
     return left_px[good].astype(float), fine_px[good].astype(float)
 
 

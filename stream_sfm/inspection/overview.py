@@ -1,4 +1,4 @@
-"""What is in a log, which pair would be used and why, and whether a replay would work: for `stream-sfm inspect`."""
+"""What a log holds, which pair would be used and why, and whether a replay would work."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -10,21 +10,26 @@ import numpy as np
 from ..camera.models import MAX_PIXELS
 from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..mcap_file.log_file import Damage, LogFile
+from ..mcap_file.damage import Damage
 from ..recording.ground_truth import depth_topic, truth_topic
 from ..recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
-from ..recording.rig import check_sides
+from ..recording.rig import check_rig
 from ..recording.rig_finder import find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
+from ..sources.recognise import open_source
+from ..sources.source import Source
 from . import findings
 from .calibration_check import CalibrationCheck, Images, better_shift, check_calibration
 
-_CHECKED_PLACES = 4  # in the log, two frames that follow each other at each
-_KEPT_BYTES = 256 * 2**20  # of images for it, recorded and decoded; where they are so large, fewer are looked at
+_CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
+_KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
+_GAP_PERIODS = (
+    1.6  # frames further apart than this many median periods have a gap between them: one frame is missing
+)
 _LISTED_GAPS = 20
 
 
@@ -34,14 +39,14 @@ def inspect_log(
     right: str | None = None,
     calibration: str | Path | StereoRig | None = None,
 ) -> dict[str, Any]:
-    """A description of the log, ready for JSON. The arguments are those of `open_log`.
+    """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
-    `problems` lists what stands in the way of a replay, each with its cure, and is empty where there is none;
-    `warnings` what makes it worse. Keys whose content could not be found out are None. Raises LogError only
-    where the file is no log at all, ConfigError for a calibration file.
+    `problems` lists what prevents a replay, each with its remedy; `warnings` what makes it worse. Keys whose content
+    could not be found out are None. Raises LogError only where the path is not a recording at all, ConfigError for a
+    calibration file.
     """
-    inspection = _Inspection(LogFile(path))
-    inspection.look(left, right, calibration)
+    inspection = _Inspection(open_source(path))
+    inspection.run(left, right, calibration)
     return {
         "log": str(path),
         **inspection.result,
@@ -51,7 +56,7 @@ def inspect_log(
 
 
 def describe_rig(rig: StereoRig) -> dict[str, Any]:
-    """Baseline in metres, focal lengths in pixels, vergence in degrees (angle between the optical axes)."""
+    """Describe a rig: baseline in metres, focal lengths in pixels, angle between the optical axes in degrees."""
     vergence = np.degrees(np.arccos(np.clip(rig.right_from_left[2, 2], -1, 1)))
     return {
         "width": rig.left.width,
@@ -66,21 +71,18 @@ def describe_rig(rig: StereoRig) -> dict[str, Any]:
 
 
 class _Inspection:
-    """One look at a log; what is found gathers in `result`, `problems` and `warnings`."""
+    """One inspection of a log; what it finds is collected in `result`, `problems` and `warnings`."""
 
-    def __init__(self, file: LogFile) -> None:
-        self.file = file
+    def __init__(self, source: Source) -> None:
+        self.source = source
         self.problems: list[str] = []
         self.warnings: list[str] = []
         damage = Damage()
-        self.survey = survey = survey_log(file, damage)
+        self.survey = survey = survey_log(source, damage)
         self.notes = damage.notes
-        header = file.header()
         self.result: dict[str, Any] = {
-            "size_bytes": file.size,
-            "profile": header.profile if header else None,
-            "library": header.library if header else None,
-            "indexed": file.index is not None,
+            "size_bytes": source.size_bytes,
+            **source.description(),
             "complete": damage.complete,
             "duration_s": (survey.end_ns - survey.start_ns) / 1e9 if survey.whole and survey.topics else None,
             "topics": _topics(survey),
@@ -93,10 +95,10 @@ class _Inspection:
             "calibration_check": None,
         }
 
-    def look(self, left: str | None, right: str | None, calibration: str | Path | StereoRig | None) -> None:
-        """The pair, its frames, its calibration, and whether these fit."""
+    def run(self, left: str | None, right: str | None, calibration: str | Path | StereoRig | None) -> None:
+        """Find the pair, its frames and its calibration, and check whether they fit each other."""
         try:
-            choice = choose_cameras(self.file, self.survey, left, right)
+            choice = choose_cameras(self.source, self.survey, left, right)
         except LogError as error:
             self.problems.append(str(error))
             self.warnings += self.notes
@@ -104,9 +106,9 @@ class _Inspection:
         self.result["pair"] = asdict(choice)
         rig: StereoRig | None = None
         try:
-            found = find_rig(self.file, self.survey, choice, calibration)
+            found = find_rig(self.source, self.survey, choice, calibration)
             rig = found.rig
-            facts = {"source": found.source, "rectified_images": is_rectified(choice.left)}
+            facts = {"source": found.origin, "rectified_images": is_rectified(choice.left)}
             self.result["rig"] = facts | describe_rig(rig)
         except LogError as error:
             self.problems.append(str(error))
@@ -115,8 +117,8 @@ class _Inspection:
             self._check(rig, choice, runs)
 
     def _read_pairs(self, choice: PairChoice) -> list[list[StereoPair]]:
-        """Read all pairs for the figures of time; returns a few runs of two that follow each other."""
-        reader = PairReader(self.file, choice.left, choice.right)
+        """Read all pairs for rate and gaps; returns a few runs of two consecutive pairs."""
+        reader = PairReader(self.source, choice.left, choice.right)
         every = max(2, (self.survey.topics[choice.left].count or 1) // _CHECKED_PLACES)
         stamps_ns: list[int] = []
         offsets_ns: list[int] = []
@@ -149,34 +151,34 @@ class _Inspection:
         for message in (m for run in runs for pair in run for m in (pair.left, pair.right)):
             size = image_size(message)
             if size is not None and (problem := findings.size_problem(size, rig)) is not None:
-                self.problems.append(f"{self.file.path}: topic {message.topic}: {problem}")
+                self.problems.append(f"{self.source.path}: topic {message.topic}: {problem}")
                 return False
         return True
 
     def _check(self, rig: StereoRig, choice: PairChoice, runs: list[list[StereoPair]]) -> None:
-        """What the images say of the calibration and of the stamps."""
+        """Compare the calibration and the stamps with what the images show."""
         decoded = [list(self._decoded(run)) for run in runs]
         if runs and not any(decoded):
-            self.problems.append(f"{self.file.path}: none of the sampled image pairs can be decoded")
+            self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
         check = check_calibration(rig, [images for run in decoded for images in run])
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
-        if np.isnan(check.negative_share):
+        if np.isnan(check.negative_share):  # else the images tell which of both is wrong
             try:
-                check_sides(self.file.path, rig)
+                check_rig(self.source.path, rig)
             except LogError as error:
                 self.problems.append(str(error))
         if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
-            problems = [of_stamps]  # what else the rows say follows from it
+            problems = [of_stamps]  # whatever else the rows show follows from it
         else:
             swapped = check_calibration(rig, [(right, left) for run in decoded for left, right in run])
             problems, warnings = findings.calibration_findings(rig, check, swapped, choice)
             self.warnings += warnings
-        self.problems += [f"{self.file.path}: {problem}" for problem in problems]
+        self.problems += [f"{self.source.path}: {problem}" for problem in problems]
 
     def _check_stamps(
         self, rig: StereoRig, choice: PairChoice, decoded: list[list[Images]], check: CalibrationCheck
     ) -> str | None:
-        """Adds a warning where the stamps of the two sides differ; a problem if the neighbouring frame fits better."""
+        """Add a warning where left and right stamps differ; return a problem if a neighbouring frame fits better."""
         offset_ms, rate_hz = (self.result["frames"][k] for k in ("median_offset_ms", "rate_hz"))
         if not offset_ms or not rate_hz:
             return None
@@ -217,10 +219,10 @@ def _topics(survey: Survey) -> list[dict[str, Any]]:
 
 
 def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
-    """Rate and gaps of the pairs, and how much later the right stamps are than the left ones."""
+    """Rate and gaps of the pairs, and the median offset of the right stamps from the left ones."""
     periods_s = np.diff(np.array(stamps_ns, dtype=np.int64)) / 1e9
     period_s = float(np.median(periods_s)) if len(periods_s) else None
-    gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > 1.6 * period_s]
+    gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > _GAP_PERIODS * period_s]
     return {
         "rate_hz": 1 / period_s if period_s else None,
         "span_s": (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else None,
@@ -235,7 +237,7 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
 
 
 def _held_bytes(message: ImageMessage) -> int:
-    """What an image takes as recorded and as grey."""
+    """Memory that an image takes as recorded and as grey, bytes."""
     width, height = image_size(message) or (0, 0)
     return len(message.data) + min(width * height, MAX_PIXELS)
 

@@ -1,1 +1,4 @@
-"""The MCAP container: records of whole, damaged and cut-off files, in bounded time and memory."""
+"""The MCAP container, read from whole, damaged and cut-off files in bounded time and memory.
+
+Nothing here knows cameras: messages are bytes with the schema that describes them. The page to read is `log_file.py`.
+"""

@@ -1,4 +1,4 @@
-"""The content of MCAP chunks, whole or cut off, never inflated beyond what they declare and what is sane."""
+"""Decompression of MCAP chunks, whole or cut off, never beyond the size they declare and a sane limit."""
 
 import struct
 import zlib
@@ -9,57 +9,61 @@ import zstandard
 
 from .records import MAX_RECORD_BYTES, BrokenRecord
 
-_CHUNK = struct.Struct("<QQQI")
-_STEP = 1 << 17
+_CHUNK_HEAD = struct.Struct("<QQQI")  # first and last log time, uncompressed size in bytes, CRC-32
+_STEP_BYTES = 1 << 17  # of a cut-off stream decompressed at a time: what comes before the cut is kept
 
 
-def inflate(body: bytes, whole: bool) -> bytes | memoryview:
-    """The records in a chunk's body; of a body that is cut off (not `whole`), those bytes that can be had.
+def decompress_chunk(body: bytes, whole: bool) -> bytes | memoryview:
+    """The records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
 
-    Raises BrokenRecord for lengths that do not fit, a wrong checksum, or an unknown compression.
+    Raises BrokenRecord for lengths that do not add up, a wrong checksum or an unknown compression.
     """
-    if len(body) < _CHUNK.size + 4:
+    size, crc, compression, data = _parse_chunk(body, whole)
+    records: bytes | memoryview
+    try:
+        if compression == b"zstd":
+            records = _decompress_zstd(data, size, whole)
+        elif compression == b"lz4":
+            records = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+        elif compression == b"":
+            records = data
+        else:
+            raise BrokenRecord(f"compression {compression!r} is not supported; supported are zstd, lz4 and none")
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise BrokenRecord(f"it cannot be decompressed: {error}") from None
+    if whole and len(records) != size:
+        raise BrokenRecord(f"it decompresses to {len(records)} bytes but declares {size}")
+    if crc and len(records) == size and zlib.crc32(records) != crc:
+        raise BrokenRecord("its checksum does not match its content")
+    return records
+
+
+def _parse_chunk(body: bytes, whole: bool) -> tuple[int, int, bytes, memoryview]:
+    """Declared size, CRC (0: none), name of the compression, and the compressed data. Raises BrokenRecord."""
+    if len(body) < _CHUNK_HEAD.size + 4:
         raise BrokenRecord("its header is cut off")
-    _, _, size, crc = _CHUNK.unpack_from(body)
+    _, _, size, crc = _CHUNK_HEAD.unpack_from(body)
     if size > MAX_RECORD_BYTES:
-        raise BrokenRecord(f"it claims to inflate to {size / 2**20:.0f} MiB, over {MAX_RECORD_BYTES / 2**20:.0f}")
-    (name_length,) = struct.unpack_from("<I", body, _CHUNK.size)
-    start = _CHUNK.size + 4 + name_length + 8
+        raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over the limit of {MAX_RECORD_BYTES / 2**20:.0f}")
+    (name_length,) = struct.unpack_from("<I", body, _CHUNK_HEAD.size)
+    start = _CHUNK_HEAD.size + 4 + name_length + 8
     if start > len(body):
         raise BrokenRecord("its header is cut off")
-    compression = bytes(body[_CHUNK.size + 4 : start - 8])
+    compression = bytes(body[_CHUNK_HEAD.size + 4 : start - 8])
     (data_length,) = struct.unpack_from("<Q", body, start - 8)
     data = memoryview(body)[start:]
     if whole and data_length > len(data):
         raise BrokenRecord("its lengths do not add up")
-    data = data[:data_length]
-    inflated: bytes | memoryview
-    try:
-        if compression == b"zstd":
-            inflated = _unzstd(data, size, whole)
-        elif compression == b"lz4":
-            inflated = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-        elif compression == b"":
-            inflated = data
-        else:
-            raise BrokenRecord(f"compression {compression!r} is not known; zstd, lz4 and none are")
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
-        raise BrokenRecord(f"it cannot be inflated: {error}") from None
-    if whole and len(inflated) != size:
-        raise BrokenRecord(f"it inflates to {len(inflated)} bytes and claims {size}")
-    if crc and len(inflated) == size and zlib.crc32(inflated) != crc:
-        raise BrokenRecord("its checksum does not fit its content")
-    return inflated
+    return size, crc, compression, data[:data_length]
 
 
-def _unzstd(data: memoryview, size: int, whole: bool) -> bytes:
-    """Up to `size` bytes; of a cut-off stream what comes before the cut."""
+def _decompress_zstd(data: memoryview, size: int, whole: bool) -> bytes:
     with zstandard.ZstdDecompressor().stream_reader(data) as reader:
         if whole:
             return reader.read(size) if size else b""
         parts: list[Any] = []
         try:
-            while size > 0 and (part := reader.read(min(size, _STEP))):
+            while size > 0 and (part := reader.read(min(size, _STEP_BYTES))):
                 parts.append(part)
                 size -= len(part)
         except zstandard.ZstdError:

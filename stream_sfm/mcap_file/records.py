@@ -1,7 +1,7 @@
-"""MCAP records as they stand in a file or a chunk: one byte for the kind, eight for the length, the body.
+"""MCAP records: one byte for the kind, eight for the length, then the body.
 
-The framing is read here and only the bodies are handed to the `mcap` library, because its readers believe the
-lengths that a damaged file claims and let five kinds of exception escape.
+Only the bodies are handed to the `mcap` library, because its readers trust the lengths that a damaged file gives and
+let five kinds of exception escape.
 """
 
 import io
@@ -12,34 +12,40 @@ from typing import Any
 from mcap.data_stream import ReadDataStream
 
 MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD_BYTES = 128 * 2**20  # a record or an inflated chunk beyond this is damage, or hostile
-FRAME = struct.Struct("<BQ")
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the body in bytes
+MAX_RECORD_BYTES = (
+    128 * 2**20
+)  # a record or a decompressed chunk beyond it is damage, or hostile; writers use 1–4 MiB
 
 
 class BrokenRecord(Exception):
-    """The record cannot be parsed; the message says why."""
+    """A record cannot be parsed; the message says why."""
 
 
-def parse(reader: Callable[..., Any], body: bytes | memoryview) -> Any:
-    """One record by the mcap library, any failure as `BrokenRecord`."""
+class RecordTooLarge(BrokenRecord):
+    """A record is sound but exceeds the memory granted to its kind."""
+
+
+def parse_record(reader: Callable[..., Any], body: bytes | memoryview) -> Any:
+    """Parse the body of one record with a reader of the mcap library; any failure becomes `BrokenRecord`."""
     try:
         return reader(ReadDataStream(io.BytesIO(body)))
     except Exception as error:  # struct.error, EndOfFile, UnicodeDecodeError, KeyError: the body is damaged
         raise BrokenRecord(f"{type(error).__name__} {error}".strip()) from None
 
 
-def split(body: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """(opcode, body) of the records that stand one after the other in `body`.
+def split_records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Yield (opcode, body) of the records that follow each other in `data`.
 
-    Raises BrokenRecord where they do not add up.
+    Raises BrokenRecord where their lengths do not add up.
     """
     position = 0
-    while position < len(body):
-        if position + FRAME.size > len(body):
-            raise BrokenRecord("the last record is cut off")
-        opcode, length = FRAME.unpack_from(body, position)
-        position += FRAME.size
-        if length > len(body) - position:
-            raise BrokenRecord(f"a record of {length} bytes where {len(body) - position} are left")
-        yield opcode, body[position : position + length]
+    while position < len(data):
+        if position + RECORD_HEAD.size > len(data):
+            raise BrokenRecord("its last record is cut off")
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        position += RECORD_HEAD.size
+        if length > len(data) - position:
+            raise BrokenRecord(f"it has a record of {length} bytes where {len(data) - position} are left")
+        yield opcode, data[position : position + length]
         position += length

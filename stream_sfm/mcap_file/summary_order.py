@@ -1,4 +1,4 @@
-"""The end of an MCAP file in an order that rosbags, and with it evo, can read too.
+"""Reorders the end of an MCAP file so that rosbags, and with it evo, can read it too.
 
 rosbags (0.11) reads the summary of a file up to its first SummaryOffset record and fails with a KeyError on a
 schema that is not ROS 2 (protobuf, JSON). So the ROS 2 schemas and channels come first, then statistics and
@@ -13,19 +13,20 @@ from collections.abc import Iterator
 
 from mcap.opcode import Opcode
 from mcap.well_known import SchemaEncoding
-from mcap.writer import MCAP0_MAGIC
 
-_HEAD = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<BQQQI")
+from .records import MAGIC, RECORD_HEAD
+
+_FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets (0: none), CRC-32
+_SUMMARY_OFFSET = struct.Struct("<BQBQQ")  # record head, opcode of the group, its start, its length
 _RECORD_ID = struct.Struct("<H")
 
 
-def reordered(tail: bytes, offset: int) -> bytes:
-    """What `mcap.writer.Writer.finish` wrote at file position `offset`, DataEnd to magic, in the order above.
+def reorder_summary(tail: bytes, offset: int) -> bytes:
+    """Reorder what `mcap.writer.Writer.finish` wrote at file position `offset`, from DataEnd to the magic.
 
     The writer must have been told to write no summary offsets.
     """
-    records = list(_records(tail[: -len(MCAP0_MAGIC)]))
+    records = list(_records(tail[: -len(MAGIC)]))
     data_end, summary = records[0], records[1:-1]  # the last one is the footer
     ros_schemas = {_id(r) for r in summary if r[0] == Opcode.SCHEMA and _encoding(r) == SchemaEncoding.ROS2}
     first: list[bytes] = []
@@ -42,31 +43,34 @@ def reordered(tail: bytes, offset: int) -> bytes:
     head = b"".join(first)
     statistics = next(r for r in indexes if r[0] == Opcode.STATISTICS)
     indexes.remove(statistics)
-    mark = struct.pack("<BQBQQ", Opcode.SUMMARY_OFFSET, 17, Opcode.STATISTICS, start + len(head), len(statistics))
-    body = head + statistics + b"".join(indexes) + mark + b"".join(last)
+    group_offset = _SUMMARY_OFFSET.pack(
+        Opcode.SUMMARY_OFFSET, 17, Opcode.STATISTICS, start + len(head), len(statistics)
+    )
+    body = head + statistics + b"".join(indexes) + group_offset + b"".join(last)
     footer = _FOOTER.pack(Opcode.FOOTER, 20, start, 0, 0)[:-4]
     crc = zlib.crc32(footer, zlib.crc32(body))
-    return data_end + body + footer + struct.pack("<I", crc) + MCAP0_MAGIC
+    return data_end + body + footer + struct.pack("<I", crc) + MAGIC
 
 
 def _records(data: bytes) -> Iterator[bytes]:
+    """Yield the records, each with its head."""
     at = 0
     while at < len(data):
-        length = _HEAD.unpack_from(data, at)[1] + _HEAD.size
+        length = RECORD_HEAD.unpack_from(data, at)[1] + RECORD_HEAD.size
         yield data[at : at + length]
         at += length
 
 
 def _id(record: bytes) -> int:
-    return int(_RECORD_ID.unpack_from(record, _HEAD.size)[0])
+    return int(_RECORD_ID.unpack_from(record, RECORD_HEAD.size)[0])
 
 
 def _schema_id(channel: bytes) -> int:
-    return int(_RECORD_ID.unpack_from(channel, _HEAD.size + 2)[0])
+    return int(_RECORD_ID.unpack_from(channel, RECORD_HEAD.size + 2)[0])
 
 
 def _encoding(schema: bytes) -> str:
-    at = _HEAD.size + 2
+    at = RECORD_HEAD.size + 2
     at += 4 + struct.unpack_from("<I", schema, at)[0]  # the name
     length = struct.unpack_from("<I", schema, at)[0]
     return schema[at + 4 : at + 4 + length].decode()

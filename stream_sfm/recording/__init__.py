@@ -1,4 +1,4 @@
-"""Stereo logs in and estimates out: MCAP, image decoding, calibration messages.
+"""A recording as a stereo log: which topics are the cameras, how they are calibrated, and their frames in order.
 
 `open_log` is the way in; the page to read first is `stereo_log.py`. Names are resolved on first use, so that
 importing this package costs nothing.

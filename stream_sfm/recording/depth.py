@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from .images import UndecodableImage, decode_grey, raw_rows
 from .messages import ImageMessage
 
-_PNG_UNIT_M = 1e-4
-_ROS_UNIT_M = 1e-3
-# compressed_depth_image_transport puts these before the PNG: format, and the parameters of inverse depth
+_PNG_UNIT_M = 1e-4  # of a plain 16-bit PNG: the log profile's
+_ROS_UNIT_M = 1e-3  # of 16UC1 images: REP 118
+# compressed_depth_image_transport puts these before the PNG: format, and the two parameters of inverse depth
 _COMPRESSED_DEPTH = struct.Struct("<iff")
 
 
 def decode_depth_m(message: ImageMessage) -> NDArray[np.float32]:
-    """(h, w) metres, NaN where unknown. Raises UndecodableImage where it is no depth image, or damaged."""
+    """Depth (h, w) in metres, NaN where unknown. Raises UndecodableImage for other images and damaged bytes."""
     kind = message.encoding.lower()
     if message.compressed:
         return _compressed_depth_m(message) if "compresseddepth" in kind else _scaled(message, _PNG_UNIT_M)
@@ -29,7 +29,7 @@ def decode_depth_m(message: ImageMessage) -> NDArray[np.float32]:
 
 
 def _compressed_depth_m(message: ImageMessage) -> NDArray[np.float32]:
-    """Millimetres, or inverse depth where the camera gave 32FC1, so that near things keep their precision."""
+    """Millimetres, or inverse depth where the camera gave 32FC1: near points keep their precision that way."""
     if len(message.data) < _COMPRESSED_DEPTH.size:
         raise UndecodableImage(f"{message.topic}: a compressed depth image of {len(message.data)} bytes")
     _, scale, shift = _COMPRESSED_DEPTH.unpack_from(message.data)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..mcap_file.log_file import Damage, LogFile
+from ..mcap_file.damage import Damage
+from ..sources.source import Source
 from ..types import Trajectory
 from .depth import decode_depth_m
 from .images import UndecodableImage
@@ -22,42 +23,44 @@ from .survey import Survey
 Depth = NDArray[np.float32]  # (h, w) metres along the optical axis, NaN where unknown
 
 _DEPTH_TOPICS = ("/ground_truth/depth", "/ground_truth/depth/compressedDepth")  # the second by image_transport
-_MAX_NAMED = 20
-_SAME_STAMP_NS = 1_000_000  # stamps of a depth image and of its frame may differ by rounding to 1 ms
 _TRUTH = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon", re.IGNORECASE)
 _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z])", re.IGNORECASE)
+_MAX_NAMED = 20  # frames of reference listed in a warning
+_SAME_STAMP_NS = 1_000_000  # stamps of a depth image and of its frame may differ by rounding to 1 ms
 
 
 def truth_topic(survey: Survey) -> str | None:
-    """The topic of ground-truth poses, None where there is none."""
+    """The topic of ground-truth poses, or None."""
     topics = [t for t, count in survey.of_kind("pose", "transform").items() if _TRUTH.search(t) and count != 0]
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
 
 
-def read_truth(file: LogFile, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
+def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
     """The poses on `topic` as `world_from_cam`, ascending in time; None, with a warning, where none can be used."""
-    decoder = MessageDecoder(file.path)
+    decoder = MessageDecoder(source.path)
     stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
-    refused: set[str] = set()
-    for message in file.messages(Damage(), frozenset([topic])):
+    other_frames: set[str] = set()
+    damaged = False
+    for message in source.messages(Damage(), frozenset([topic])):
         try:
             read = decoder.poses(message)
         except UndecodableMessage as error:
-            warnings.append(f"ground truth: {error}") if not refused else None
-            refused.add("")
+            if not damaged:
+                warnings.append(f"ground-truth messages that cannot be read were skipped, the first: {error}")
+            damaged = True
             continue
         except LogError as error:
             warnings.append(f"ground truth is not used: {error}")
             return None
         for pose in read:
             if pose.child and pose.child != camera_frame and not _LEFT_CAMERA.search(pose.child):
-                if len(refused) < _MAX_NAMED:
-                    refused.add(pose.child)
+                if len(other_frames) < _MAX_NAMED:
+                    other_frames.add(pose.child)
             else:
                 stamps_ns.append(pose.stamp_ns)
                 poses.frombytes(pose.parent_from_child.tobytes())
     if not stamps_ns:
-        of = f": it is of {', '.join(sorted(refused - {''}))}, not of {camera_frame}" if refused - {""} else ""
+        of = f": it is of {', '.join(sorted(other_frames))}, not of {camera_frame}" if other_frames else ""
         warnings.append(f"ground truth on {topic} is not used{of}")
         return None
     stamps, first = np.unique(np.frombuffer(stamps_ns, np.int64), return_index=True)
@@ -65,23 +68,23 @@ def read_truth(file: LogFile, topic: str, camera_frame: str, warnings: list[str]
 
 
 def depth_topic(survey: Survey) -> str | None:
-    """The topic of depth images, None where there is none."""
+    """The topic of depth images, or None."""
     images = survey.of_kind("image")
     return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
 
 
-def read_depths(file: LogFile, topic: str, warnings: list[str]) -> Iterator[tuple[int, Depth]]:
-    """(stamp_ns, depth (h, w) float32, metres, NaN where unknown) of each image on `topic`."""
-    decoder = MessageDecoder(file.path)
-    sound = True
-    for message in file.messages(Damage(), frozenset([topic])):
+def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tuple[int, Depth]]:
+    """Yield (stamp_ns, depth) of each image on `topic`; images that cannot be read are skipped with a warning."""
+    decoder = MessageDecoder(source.path)
+    damaged = False
+    for message in source.messages(Damage(), frozenset([topic])):
         try:
             image = decoder.image(message)
             depth_m = decode_depth_m(image)
         except (UndecodableMessage, UndecodableImage) as error:
-            if sound:
-                warnings.append(f"depth images that cannot be read are passed over, the first: {error}")
-            sound = False
+            if not damaged:
+                warnings.append(f"depth images that cannot be read were skipped, the first: {error}")
+            damaged = True
             continue
         yield image.stamp_ns, depth_m
 

@@ -1,7 +1,6 @@
-"""Images of every recorded encoding as grey images (h, w), uint8, or uint16 where the camera gave more bits."""
+"""Decodes images of every recorded encoding to grey (h, w): uint8, or uint16 where the camera gave more bits."""
 
 import re
-import struct
 from typing import Any, cast
 
 import cv2
@@ -10,11 +9,12 @@ from numpy.typing import NDArray
 
 from ..camera.models import MAX_PIXELS
 from ..errors import LogError
+from ..sources import image_header
 from .messages import ImageMessage
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
-# encoding -> (bits a channel, channels, OpenCV conversion to grey, None where the channel is grey already)
+# encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
 _PLAIN: dict[str, tuple[int, int, int | None]] = {
     "mono8": (8, 1, None), "8uc1": (8, 1, None), "mono16": (16, 1, None), "16uc1": (16, 1, None),
     "rgb8": (8, 3, cv2.COLOR_RGB2GRAY), "bgr8": (8, 3, cv2.COLOR_BGR2GRAY), "8uc3": (8, 3, cv2.COLOR_BGR2GRAY),
@@ -35,94 +35,52 @@ _TO_RGB = {
     cv2.COLOR_BayerRGGB2GRAY: cv2.COLOR_BayerRGGB2RGB, cv2.COLOR_BayerBGGR2GRAY: cv2.COLOR_BayerBGGR2RGB,
     cv2.COLOR_BayerGBRG2GRAY: cv2.COLOR_BayerGBRG2RGB, cv2.COLOR_BayerGRBG2GRAY: cv2.COLOR_BayerGRBG2RGB,
 }  # fmt: skip
-# where the luma stands among the two bytes of a pixel
+# which of the two bytes of a pixel is the luma
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
-_MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
+
+_FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
 
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
 
 class UndecodableImage(Exception):
-    """The bytes of this image are damaged; the next may be whole."""
+    """The bytes of this image are damaged; the next one may be whole."""
 
 
 def image_size(message: ImageMessage) -> tuple[int, int] | None:
     """Width and height, pixels, without decoding; None where the header of a compressed image is damaged."""
     if not message.compressed:
         return message.width, message.height
-    data = message.data
-    try:
-        if data.startswith(b"\x89PNG"):
-            return struct.unpack_from(">II", data, 16)
-        if data.startswith(b"\xff\xd8"):
-            return _jpeg_size(data)
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp_size(data)
-    except (struct.error, IndexError):
-        pass
-    return None
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at = 2
-    while data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker == 0xFF:  # padding
-            at += 1
-            continue
-        if marker == 0x01 or 0xD0 <= marker <= 0xD7:  # no length follows; a decoder goes on right behind
-            at += 2
-            continue
-        if marker == 0x00:
-            break
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        at += 2 + struct.unpack_from(">H", data, at + 2)[0]
-    return None
-
-
-def _webp_size(data: bytes) -> tuple[int, int] | None:
-    if data[12:16] == b"VP8 ":
-        width, height = struct.unpack_from("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    if data[12:16] == b"VP8L":
-        (bits,) = struct.unpack_from("<I", data, 21)
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-    if data[12:16] == b"VP8X":
-        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
-    return None
+    return image_header.image_size(message.data)
 
 
 def check_encoding(message: ImageMessage, path: object) -> None:
-    """Raises LogError where images of this kind are not read at all, whatever their bytes."""
+    """Raise LogError where images of this encoding are not supported at all, whatever their bytes."""
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
         if name not in RAW_ENCODINGS:
             raise LogError(
-                f"{where}: image encoding {message.encoding!r} is not known; known are mono8, mono16, rgb8, bgr8, "
-                "rgba8, bgra8 (8 or 16 bits), bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24, i420: record one of them"
+                f"{where}: image encoding {message.encoding!r} is not supported; supported are mono8, mono16, rgb8, "
+                "bgr8, rgba8, bgra8 (8 or 16 bits), bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24, i420: record one of "
+                "these"
             )
-    elif sniff_format(message.data) is None and not re.search(r"png|jpe?g|webp", message.encoding.lower()):
+    elif image_header.image_format(message.data) is None and not re.search(
+        r"png|jpe?g|webp", message.encoding.lower()
+    ):
         raise LogError(
-            f"{where}: compressed images in format {message.encoding!r} are not read, only png, jpeg and webp; "
-            "record the images so, or raw"
+            f"{where}: compressed images in format {message.encoding!r} are not supported, only png, jpeg and webp: "
+            "record the images in one of these, or raw"
         )
     if "compresseddepth" in message.encoding.lower().replace(" ", ""):
         raise LogError(f"{where} holds depth images: name the topics of the two cameras", hint=("left", "right"))
 
 
-def sniff_format(data: bytes) -> str | None:
-    """png, jpeg or webp by the first bytes of a compressed image, None where they are of none of these."""
-    return next((name for magic, name in _MAGIC if data.startswith(magic)), None)
-
-
 def decode_grey(message: ImageMessage) -> Grey:
-    """(h, w) grey of one image: uint8, or uint16 unscaled where more bits were recorded.
+    """Decode one image to grey (h, w): uint8, or uint16 unscaled where more bits were recorded.
 
-    Raises UndecodableImage for damaged bytes; `check_encoding` has passed before.
+    `check_encoding` must have passed. Raises UndecodableImage for damaged bytes.
     """
     try:
         return _decode_compressed(message) if message.compressed else _decode_raw(message)
@@ -133,23 +91,21 @@ def decode_grey(message: ImageMessage) -> Grey:
 def _decode_compressed(message: ImageMessage) -> Grey:
     width, height = image_size(message) or (0, 0)
     if not 0 < width * height <= MAX_PIXELS:  # before a few bytes become gigabytes
-        raise UndecodableImage(
-            f"{message.topic}: {len(message.data)} bytes that claim to be {width}×{height} pixels"
-        )
-    # A recorded orientation tag is not the camera's business: pixels as the calibration means them.
+        raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes that declare {width}×{height} pixels")
+    # An orientation tag is ignored: the calibration is of the pixels as they were recorded.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise UndecodableImage(
-            f"{message.topic}: {len(message.data)} bytes are no {message.encoding or 'compressed'} image"
+            f"{message.topic}: {len(message.data)} bytes are not a {message.encoding or 'compressed'} image"
         )
     return cast(Grey, image)
 
 
 def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
-    """(h, w, 3) red, green, blue of an image of 8 bits; None where it is grey, deeper, or in a luma encoding.
+    """Decode an image of 8 bits to red, green, blue (h, w, 3); None where it is grey, deeper, or luma only.
 
-    Raises as `decode_grey`, which has accepted the message before.
+    `decode_grey` must have accepted the message. Raises as it does.
     """
     if message.compressed:
         flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -176,7 +132,7 @@ def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None]:
     """Pixels (h, w) or (h, w, channels) and OpenCV's conversion to grey, None where they are grey."""
     name = message.encoding.lower()
     if name not in RAW_ENCODINGS:
-        raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not known")
+        raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not supported")
     bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
     rows = raw_rows(message, channels * bits // 8)
     if name in _LUMA_BYTE:
@@ -188,31 +144,31 @@ def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None]:
 
 
 def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
-    """The bytes of a raw image, (h, w · pixel_bytes) uint8, without what pads its rows. Raises UndecodableImage."""
+    """The bytes of a raw image, (h, w · pixel_bytes) uint8, without row padding. Raises UndecodableImage."""
     width, height = message.width, message.height
     row = width * pixel_bytes
     step = message.step or row
     if width <= 0 or height <= 0 or step < row or len(message.data) < step * (height - 1) + row:
         raise UndecodableImage(
             f"{message.topic}: {len(message.data)} bytes do not hold {width}×{height} {message.encoding} with "
-            f"{step} bytes a row"
+            f"{step} bytes per row"
         )
     data = np.frombuffer(message.data, np.uint8)
     return np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
 
 
 class GreyScaler:
-    """16-bit images to 8 bits, one shift for the whole log, so that brightness does not jump between frames.
+    """Scales 16-bit images to 8 bits by one shift for the whole log, so that brightness does not jump.
 
     A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The
     shift follows the brightest value seen so far, in either camera.
     """
 
     def __init__(self) -> None:
-        self._bits = 10
+        self._bits = _FEWEST_BITS
 
     def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
-        """The images as (h, w) uint8; in the order of the frames, because the shift is remembered."""
+        """Scale the images (h, w) of the next frame; frames come in order, because the shift is remembered."""
         for image in images:
             if image.dtype == np.uint16:
                 self._bits = max(self._bits, int(image.max(initial=0)).bit_length())

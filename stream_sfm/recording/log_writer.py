@@ -1,4 +1,4 @@
-"""Writes stereo logs in the log profile (docs/log-profile.md): recorded image bytes unchanged, Foxglove protobuf.
+"""Writes stereo logs in the log profile (docs/log-profile.md): image bytes unchanged, messages in Foxglove protobuf.
 
 Topics: `/camera/{left,right}/image` (foxglove.CompressedImage), `/camera/{left,right}/calibration`
 (foxglove.CameraCalibration, K D R P in the ROS sense, once a second), `/ground_truth/pose` (foxglove.PoseInFrame,
@@ -20,13 +20,13 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
-_CALIBRATION_PERIOD_NS = 1_000_000_000
+_CALIBRATION_PERIOD_NS = 1_000_000_000  # repeated, so that a part of the log can be read alone
 SIDES = ("left", "right")
 FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
 
 
 class StereoLogWriter:
-    """A log under construction: a context manager. Messages are given in ascending order of time.
+    """Writes one log; a context manager. Messages are given in ascending order of time.
 
     `calibrations`: left and right; their `topic` and `frame_id` are set here. The file appears under its name
     when it is finished; a run that fails leaves none. Raises OutputError where it cannot be written.
@@ -45,7 +45,7 @@ class StereoLogWriter:
         self._writer = Writer(self._stream, compression=CompressionType.NONE)
 
     def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> None:
-        """One recorded image of `side` (0 left, 1 right), `encoding` png, jpeg or webp, bytes as they are."""
+        """Write one image of `side` (0 left, 1 right), `encoding` png, jpeg or webp, its bytes as they are."""
         last = self._calibrated_ns[side]
         if last is None or stamp_ns - last >= _CALIBRATION_PERIOD_NS:
             self._calibrated_ns[side] = stamp_ns
@@ -55,7 +55,7 @@ class StereoLogWriter:
         self._write(f"/camera/{SIDES[side]}/image", message, stamp_ns)
 
     def pose(self, stamp_ns: int, world_from_cam: Array) -> None:
-        """Ground truth: the pose (4, 4) of the physical left camera, metres."""
+        """Write one pose (4, 4) of ground truth: the physical left camera in the world, metres."""
         message = PoseInFrame(frame_id="world")
         message.timestamp.FromNanoseconds(stamp_ns)
         p, q = message.pose.position, message.pose.orientation

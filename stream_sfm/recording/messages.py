@@ -1,19 +1,20 @@
-"""The messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) as the three records used here."""
+"""Decodes the messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) into three records."""
 
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Channel, Schema
+from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.log_file import LogMessage
-from .message_limits import MAX_LISTED_BYTES, bounded, decode_json, has_lists
+from ..sources.source import Channel, Message
+from .message_limits import MAX_REPEATED_BYTES, bounded, decode_json, has_repeated_fields
 from .ros import ros_decoder
 
 _PACKAGES = (
@@ -31,12 +32,14 @@ _KINDS = {
 
 _MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a calibration or a pose are kilobytes
 _MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
-_MAX_TEXT = 2**12  # characters of a name: of a frame, an encoding
-_MISFITS = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
+_MAX_TEXT = 2**12  # characters of a name: of a coordinate frame, an encoding
+_QUATERNION_NORMS = (0.5, 2.0)  # wider than any rounding; outside it the numbers are not a rotation
+_INT64 = 2**63  # stamps are 64-bit nanoseconds everywhere
+_BAD_FIELD = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
 
 
 class UndecodableMessage(Exception):
-    """One message does not fit its schema; the next may."""
+    """One message does not fit its schema; the next one may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ class CalibrationMessage:
 
 @dataclass(frozen=True, slots=True)
 class PoseMessage:
-    """`parent_from_child` (4, 4) at `stamp_ns`; the name of the child is empty where the message has none."""
+    """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty where the message names none."""
 
     stamp_ns: int
     parent: str
@@ -84,33 +87,29 @@ class PoseMessage:
     parent_from_child: Array
 
 
-def kind_of(schema: Schema | None) -> str:
-    """image, video, calibration, pose, transform, or empty for everything else."""
-    if schema is None:
-        return ""
-    parts = schema.name.replace("/", ".").split(".")
+def kind_of(schema_name: str) -> str:
+    """What messages of a schema are: image, video, calibration, pose, transform, or empty for everything else."""
+    parts = schema_name.replace("/", ".").split(".")
     return _KINDS.get(parts[-1], "") if parts[0] in _PACKAGES else ""
 
 
 class MessageDecoder:
-    """Decodes the messages of one log; one instance a reading, because schema ids belong to the file."""
+    """Decodes the messages of one reading of a log; `path` names it in errors."""
 
-    def __init__(self, path: Any) -> None:
+    def __init__(self, path: str | Path) -> None:
         self._path = path
-        self._protobuf = ProtobufFactory()
-        self._decoders: dict[int, Callable[[bytes], Any]] = {}
+        self._decoders: dict[Channel, Callable[[bytes], Any]] = {}
 
-    def _decode(self, message: LogMessage, max_bytes: int | None = None) -> Any:
+    def _decode(self, message: Message, max_bytes: int | None = None) -> Any:
         if max_bytes is not None and len(message.data) > max_bytes:
             raise UndecodableMessage(
                 f"{message.channel.topic}: a message of {len(message.data)} bytes, over {max_bytes}"
             )
-        decoder = self._decoders.get(message.channel.id)
+        decoder = self._decoders.get(message.channel)
         if decoder is None:
             if len(self._decoders) >= _MAX_DECODERS:
                 self._decoders.clear()
-                self._protobuf = ProtobufFactory()  # which keeps what it made too
-            decoder = self._decoders[message.channel.id] = self._find(message.channel, message.schema)
+            decoder = self._decoders[message.channel] = self._find(message.channel)
         try:
             return decoder(message.data)
         except Exception as error:  # the decoders raise what their libraries raise: the bytes are damaged
@@ -119,31 +118,30 @@ class MessageDecoder:
                 f"({type(error).__name__}: {error})"
             ) from None
 
-    def _find(self, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
+    def _find(self, channel: Channel) -> Callable[[bytes], Any]:
         where = f"{self._path}: topic {channel.topic}"
-        if schema is None:
+        if not channel.schema_name:
             raise LogError(f"{where} has no schema, so its messages cannot be read")
         try:
             if channel.message_encoding == "json":
                 return decode_json
-            if len(schema.data) > _MAX_SCHEMA_BYTES:
-                raise ValueError(f"a definition of {len(schema.data)} bytes")
-            decoder = self._protobuf.decoder_for(channel.message_encoding, schema)
-            if decoder is not None:
-                return bounded(decoder) if has_lists(decoder(b"").DESCRIPTOR) else decoder
-            decoder = ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
+            if len(channel.definition) > _MAX_SCHEMA_BYTES:
+                raise ValueError(f"a definition of {len(channel.definition)} bytes")
+            decoder = _protobuf_decoder(channel) or ros_decoder(
+                channel.message_encoding, channel.schema_encoding, channel.schema_name, channel.definition
+            )
             if decoder is not None:
                 return decoder
         except Exception as error:  # a broken definition raises what its library raises
             problem = f"{error}".splitlines()[0] if f"{error}" else type(error).__name__
-            raise LogError(f"{where}: its schema {schema.name!r} cannot be read ({problem})") from None
+            raise LogError(f"{where}: its schema {channel.schema_name!r} cannot be read ({problem})") from None
         raise LogError(
-            f"{where}: messages in {channel.message_encoding!r} with a {schema.encoding!r} schema are not read; "
-            "read are protobuf, json, cdr with ros2msg or ros2idl, and ros1 with ros1msg"
+            f"{where}: messages in {channel.message_encoding!r} with a {channel.schema_encoding!r} schema are not "
+            "supported; supported are protobuf, json, cdr with ros2msg or ros2idl, and ros1 with ros1msg"
         )
 
-    def image(self, message: LogMessage) -> ImageMessage:
-        """Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
+    def image(self, message: Message) -> ImageMessage:
+        """Decode an image. Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
         m = self._decode(message)
         try:
             topic, stamp_ns, frame_id = message.channel.topic, _stamp_ns(m), _frame_id(m)
@@ -162,12 +160,12 @@ class MessageDecoder:
                 step=int(_get(m, "step")),
                 big_endian=bool(_get(m, "is_bigendian", default=0)),
             )
-        except _MISFITS as error:
+        except _BAD_FIELD as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
 
-    def calibration(self, message: LogMessage) -> CalibrationMessage:
-        """Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
-        m = self._decode(message, MAX_LISTED_BYTES)
+    def calibration(self, message: Message) -> CalibrationMessage:
+        """Decode a calibration message. Raises as `image`."""
+        m = self._decode(message, MAX_REPEATED_BYTES)
         try:
             return CalibrationMessage(
                 topic=message.channel.topic,
@@ -180,18 +178,26 @@ class MessageDecoder:
                 R=_matrix(_get(m, "R", "r", default=()), 3, 3),
                 P=_matrix(_get(m, "P", "p", default=()), 3, 4),
             )
-        except _MISFITS as error:
+        except _BAD_FIELD as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
 
-    def poses(self, message: LogMessage) -> list[PoseMessage]:
-        """The poses in a message, several for a list of transforms. Raises as `image`."""
-        m = self._decode(message, MAX_LISTED_BYTES)
+    def poses(self, message: Message) -> list[PoseMessage]:
+        """Decode the poses in a message, several for a list of transforms. Raises as `image`."""
+        m = self._decode(message, MAX_REPEATED_BYTES)
         try:
             if _has(m, "transforms"):
                 return [_pose(t) for t in _get(m, "transforms")]
             return [_pose(m)]
-        except _MISFITS as error:
+        except _BAD_FIELD as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+
+
+def _protobuf_decoder(channel: Channel) -> Callable[[bytes], Any] | None:
+    schema = Schema(1, channel.definition, channel.schema_encoding, channel.schema_name)
+    decoder = ProtobufFactory().decoder_for(channel.message_encoding, schema)
+    if decoder is None:
+        return None
+    return bounded(decoder) if has_repeated_fields(decoder(b"").DESCRIPTOR) else decoder
 
 
 def _has(message: Any, name: str) -> bool:
@@ -211,7 +217,7 @@ def _stamp_ns(message: Any) -> int:
     stamp = _get(message, "timestamp") if _has(message, "timestamp") else _get(_get(message, "header"), "stamp")
     sec = int(_get(stamp, "sec", "seconds", "secs"))
     stamp_ns = sec * 1_000_000_000 + int(_get(stamp, "nanosec", "nsec", "nanos", "nsecs"))
-    if not -(2**63) <= stamp_ns < 2**63:
+    if not -_INT64 <= stamp_ns < _INT64:
         raise ValueError(f"a stamp of {sec} s")
     return stamp_ns
 
@@ -223,7 +229,7 @@ def _frame_id(message: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """As Unicode that can be written: JSON may hold half a surrogate pair. Raises ValueError for no mere name."""
+    """A name as Unicode that can be encoded: JSON may hold half a surrogate pair. Raises ValueError if too long."""
     if len(text := str(value)) > _MAX_TEXT:
         raise ValueError(f"a name of {len(text)} characters")
     return text.encode("utf-8", "backslashreplace").decode()
@@ -236,11 +242,11 @@ def _bytes(data: Any) -> bytes:
         return base64.b64decode(data, validate=True)
     if isinstance(data, list | np.ndarray):
         return bytes(data)
-    raise ValueError(f"data of type {type(data).__name__}")  # of a number, bytes() would make so many zeros
+    raise ValueError(f"data of type {type(data).__name__}")  # bytes(n) of a number would be n zeros
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Array:
-    """As sent; all zeros where nothing was sent."""
+    """A matrix as sent; all zeros where nothing was sent."""
     array = np.array([float(x) for x in values], dtype=float)
     if array.size not in (0, rows * columns):
         raise ValueError(f"a calibration matrix has {array.size} numbers instead of {rows * columns}")
@@ -258,7 +264,10 @@ def _pose(message: Any) -> PoseMessage:
             body = _get(body, "pose")
     t, q = _get(body, position), _get(body, rotation)
     quat_xyzw = np.array([float(_get(q, name)) for name in "xyzw"])
-    if not np.isfinite(quat_xyzw).all() or not 0.5 < np.linalg.norm(quat_xyzw) < 2:
+    if (
+        not np.isfinite(quat_xyzw).all()
+        or not _QUATERNION_NORMS[0] < np.linalg.norm(quat_xyzw) < _QUATERNION_NORMS[1]
+    ):
         raise ValueError(f"a pose with the quaternion {quat_xyzw.tolist()}")
     pose = se3.from_rotation_translation(
         se3.matrix_from_quat_xyzw(quat_xyzw), [float(_get(t, name)) for name in "xyz"]

@@ -1,19 +1,24 @@
-"""The two camera topics of a log as pairs of undecoded images, with an account of what was read and lost."""
+"""The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import LogError
-from ..mcap_file.log_file import Damage, LogFile
+from ..mcap_file.damage import Damage
+from ..sources.source import Source
 from .images import check_encoding
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts
 
+_USUAL_UNPAIRED = (
+    2  # recorders start and stop between two images of a pair: one or two without a partner are normal
+)
+
 
 @dataclass(frozen=True, slots=True)
 class StereoPair:
-    """Two images of one moment as recorded, of one camera twice the same; the pair's stamp is the left one's."""
+    """Two images of one moment as recorded, not decoded; of one camera, twice the same image."""
 
     left: ImageMessage
     right: ImageMessage
@@ -25,13 +30,13 @@ class StereoPair:
 
     @property
     def stamp_ns(self) -> int:
-        """Nanoseconds, of the left image."""
+        """The stamp of the left image, nanoseconds: it is that of the pair."""
         return self.left.stamp_ns
 
 
 @dataclass(slots=True)
 class ReadStats:
-    """What one reading met; final when its iterator has ended. Frames of one side count single images."""
+    """What one reading met; final when its iterator has ended. `left_*` and `right_*` count single images."""
 
     left_read: int = 0
     right_read: int = 0
@@ -50,77 +55,95 @@ class ReadStats:
 
 
 class PairReader:
-    """Reads pairs from two topics of one file; each reading starts anew and renews `stats`.
+    """Reads pairs from two topics of a source; each reading starts anew and renews `stats`.
 
     Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
     """
 
-    def __init__(self, file: LogFile, left_topic: str, right_topic: str) -> None:
-        self.file = file
+    def __init__(self, source: Source, left_topic: str, right_topic: str) -> None:
+        self.source = source
         self.left_topic, self.right_topic = left_topic, right_topic
-        self.stats = ReadStats(bytes_total=file.size)
+        self.stats = ReadStats(bytes_total=source.size_bytes)
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """All pairs in ascending order of stamps, not decoded; the bytes are those of the log.
+        """Yield all pairs in ascending order of stamps, not decoded; the bytes are those of the log.
 
         A log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError
-        where the images are of a kind that is not read, or where nothing could be paired.
+        where the images are of a kind that is not supported, or where nothing could be paired.
         """
-        stats = self.stats = ReadStats(bytes_total=self.file.size)
-        damage = Damage()
-        decoder = MessageDecoder(self.file.path)
-        pairer: Pairer[ImageMessage] = Pairer()
-        topics = (self.left_topic, self.right_topic)
-        unchecked = set(topics)
-        problem = ""
+        reading = _Reading(self.source, self.left_topic, self.right_topic)
+        self.stats = reading.stats
         try:
-            for message in self.file.messages(damage, frozenset(topics)):
-                topic = message.channel.topic
-                try:
-                    image = decoder.image(message)
-                except UndecodableMessage as error:
-                    stats.undecodable += 1
-                    problem = problem or str(error)
-                    continue
-                if topic in unchecked:
-                    check_encoding(image, self.file.path)
-                    unchecked.remove(topic)
-                for side in (side for side in (0, 1) if topics[side] == topic):
-                    for left, right in pairer.push(side, image.stamp_ns, image, len(image.data)):
-                        self._count(stats, damage, pairer.counts)
-                        yield StereoPair(left, right)
-            for left, right in pairer.finish():
-                self._count(stats, damage, pairer.counts)
-                yield StereoPair(left, right)
+            yield from reading.pairs()
         finally:
-            self._count(stats, damage, pairer.counts)
-            stats.complete = damage.complete
-            stats.warnings += _warnings(stats, damage, problem, self.file.path)
-        if stats.paired == 0:
-            raise LogError(self._nothing_paired(stats, problem))
+            reading.finish()
+        if self.stats.paired == 0:
+            raise LogError(self._nothing_paired(self.stats, reading.problem))
 
-    @staticmethod
-    def _count(stats: ReadStats, damage: Damage, counts: PairingCounts) -> None:
+    def _nothing_paired(self, stats: ReadStats, problem: str) -> str:
+        topics = f"{self.left_topic} ({stats.left_read} images) and {self.right_topic} ({stats.right_read})"
+        if not stats.left_read or not stats.right_read:
+            remedy = problem or "; ".join(stats.warnings) or "both cameras must have images"
+        elif stats.dropped_backwards:
+            remedy = (
+                f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
+            )
+        else:
+            remedy = (
+                "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
+                "after the other (then sort the file with `mcap sort`)?"
+            )
+        return f"{self.source.path}: no stereo pair in {topics}: {remedy}"
+
+
+class _Reading:
+    """One pass over the two topics."""
+
+    def __init__(self, source: Source, left_topic: str, right_topic: str) -> None:
+        self._source = source
+        self._topics = (left_topic, right_topic)
+        self._damage = Damage()
+        self._pairer: Pairer[ImageMessage] = Pairer()
+        self.stats = ReadStats(bytes_total=source.size_bytes)
+        self.problem = ""  # of the first message that could not be decoded
+
+    def pairs(self) -> Generator[StereoPair, None, None]:
+        decoder = MessageDecoder(self._source.path)
+        unchecked = set(self._topics)
+        for message in self._source.messages(self._damage, frozenset(self._topics)):
+            topic = message.channel.topic
+            try:
+                image = decoder.image(message)
+            except UndecodableMessage as error:
+                self.stats.undecodable += 1
+                self.problem = self.problem or str(error)
+                continue
+            if topic in unchecked:
+                check_encoding(image, self._source.path)
+                unchecked.remove(topic)
+            for side in (side for side in (0, 1) if self._topics[side] == topic):
+                for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
+                    self._count(self._pairer.counts)
+                    yield StereoPair(left, right)
+        for left, right in self._pairer.finish():
+            self._count(self._pairer.counts)
+            yield StereoPair(left, right)
+
+    def finish(self) -> None:
+        """Bring `stats` up to date, wherever the reading ended."""
+        self._count(self._pairer.counts)
+        self.stats.complete = self._damage.complete
+        self.stats.warnings += _warnings(self.stats, self._damage, self.problem, self._source.path)
+
+    def _count(self, counts: PairingCounts) -> None:
+        stats = self.stats
         stats.left_read, stats.right_read = counts.read
         stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
         stats.unpaired_left, stats.unpaired_right = counts.unpaired
         stats.unpaired_within = counts.unpaired_within
         stats.dropped_backwards = sum(counts.backwards)
         stats.largest_offset_ns = counts.largest_offset_ns
-        stats.bytes_read = damage.bytes_read
-
-    def _nothing_paired(self, stats: ReadStats, problem: str) -> str:
-        of = f"{self.left_topic} ({stats.left_read} images) and {self.right_topic} ({stats.right_read})"
-        if not stats.left_read or not stats.right_read:
-            cure = problem or "; ".join(stats.warnings) or "both cameras must have images"
-        elif stats.dropped_backwards:
-            cure = f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
-        else:
-            cure = (
-                "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
-                "after the other (then sort the file with `mcap sort`)?"
-            )
-        return f"{self.file.path}: no stereo pair in {of}: {cure}"
+        stats.bytes_read = self._damage.bytes_read
 
 
 def _warnings(stats: ReadStats, damage: Damage, problem: str, path: Path) -> list[str]:
@@ -132,11 +155,11 @@ def _warnings(stats: ReadStats, damage: Damage, problem: str, path: Path) -> lis
         )
     if stats.dropped_backwards:
         notes.append(f"{stats.dropped_backwards} images were dropped: their stamps repeat or go backwards")
-    if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > 2:  # one or two at the ends are usual
+    if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > _USUAL_UNPAIRED:
         notes.append(
             f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
             "frame period"
         )
     if problem:
-        notes.append(f"messages that could not be read, the first: {problem}")
+        notes.append(f"messages that could not be read were skipped, the first: {problem}")
     return notes

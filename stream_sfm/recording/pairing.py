@@ -1,7 +1,7 @@
-"""Left and right frames into pairs by their own stamps: exactly first, else the nearest within half a frame.
+"""Pairs left and right frames by their own stamps: equal stamps first, else the nearest within half a frame.
 
-Works on the run with bounded memory. Each side passes a small sorting buffer first, because recorders write
-messages modestly out of order; what is older than a frame already passed on is dropped, and so is a second frame
+Works on streams, with bounded memory. Each side first passes a small sorting buffer, because recorders write
+messages slightly out of order; a frame older than one already passed on is dropped, and so is a second frame
 of one stamp. Then the two ascending sequences are merged; no stamp is ever used twice.
 """
 
@@ -14,28 +14,28 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-_REORDER = 4  # messages of one side held back to be sorted
-_PENDING = 128  # frames of one side waiting for the other
-_PENDING_BYTES = 128 * 2**20  # of one side; sorting and waiting end earlier where images are so large
-_PERIODS = 31  # the frame period is the median of so many
-_UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only
+_REORDERED_FRAMES = 4  # of one side held back to be sorted: recorders with several threads swap neighbours
+_PENDING_FRAMES = 128  # of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
+_PENDING_BYTES = 128 * 2**20  # of one side; sorting and waiting end earlier where images are large
+_PERIODS = 31  # the frame period is the median of this many
+_UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
 
 
 @dataclass(slots=True)
 class PairingCounts:
-    """What became of the frames of each side, (left, right)."""
+    """What became of the frames; lists are (left, right)."""
 
     read: list[int] = field(default_factory=lambda: [0, 0])
     paired: int = 0
     paired_exactly: int = 0
     unpaired: list[int] = field(default_factory=lambda: [0, 0])
-    unpaired_within: int = 0  # of these, between two pairs and not at a ragged end
+    unpaired_within: int = 0  # of these, between two pairs, not at the beginning or the end
     backwards: list[int] = field(default_factory=lambda: [0, 0])
     largest_offset_ns: int = 0
 
 
 class Pairer(Generic[T]):
-    """`push` frames of either side as they come; it yields the pairs that are certain by then."""
+    """Pairs two streams of frames: `push` either side's frames as they come; it yields the pairs that are certain."""
 
     def __init__(self) -> None:
         self.counts = PairingCounts()
@@ -49,27 +49,29 @@ class Pairer(Generic[T]):
         self._finished = False
 
     def push(self, side: int, stamp_ns: int, item: T, size_bytes: int = 0) -> Iterator[tuple[T, T]]:
-        """A frame of `side` (0 left, 1 right); yields pairs in ascending order of the left stamp."""
+        """Add a frame of `side` (0 left, 1 right); yields pairs in ascending order of the left stamp."""
         self._serial += 1  # equal stamps keep the order of the file, and items need no order
         self.counts.read[side] += 1
         self._bytes[side] += size_bytes
         heapq.heappush(self._heaps[side], (stamp_ns, self._serial, size_bytes, item))
-        while self._heaps[side] and (len(self._heaps[side]) > _REORDER or self._bytes[side] > _PENDING_BYTES):
-            self._sorted(side)
+        while self._heaps[side] and (
+            len(self._heaps[side]) > _REORDERED_FRAMES or self._bytes[side] > _PENDING_BYTES
+        ):
+            self._pass_on(side)
             yield from self._merge()
         if self._full(side):
             # The other side is silent: what it still holds back to be sorted must not be missed.
             while self._heaps[1 - side] and not self._queues[1 - side]:
-                self._sorted(1 - side)
+                self._pass_on(1 - side)
                 yield from self._merge()
         while self._full(side):
             self._drop(side)
 
     def finish(self) -> Iterator[tuple[T, T]]:
-        """The pairs still waiting; what is left over is unpaired."""
+        """Yield the pairs still waiting; the frames left over are unpaired."""
         for side in (0, 1):
             while self._heaps[side]:
-                self._sorted(side)
+                self._pass_on(side)
         self._finished = True
         yield from self._merge()
         for side in (0, 1):
@@ -78,9 +80,9 @@ class Pairer(Generic[T]):
 
     def _full(self, side: int) -> bool:
         queue = self._queues[side]
-        return len(queue) >= _PENDING or (len(queue) > 1 and self._bytes[side] > _PENDING_BYTES)
+        return len(queue) >= _PENDING_FRAMES or (len(queue) > 1 and self._bytes[side] > _PENDING_BYTES)
 
-    def _sorted(self, side: int) -> None:
+    def _pass_on(self, side: int) -> None:
         stamp_ns, _, size_bytes, item = heapq.heappop(self._heaps[side])
         last = self._last[side]
         if last is not None and stamp_ns <= last:
@@ -120,14 +122,14 @@ class Pairer(Generic[T]):
             self._unpaired_since = 0
             self.counts.paired += 1
             self.counts.largest_offset_ns = max(self.counts.largest_offset_ns, offset_ns)
-            yield self._taken(0), self._taken(1)
+            yield self._take(0), self._take(1)
 
-    def _taken(self, side: int) -> T:
+    def _take(self, side: int) -> T:
         _, size_bytes, item = self._queues[side].popleft()
         self._bytes[side] -= size_bytes
         return item
 
     def _drop(self, side: int) -> None:
-        self._taken(side)
+        self._take(side)
         self.counts.unpaired[side] += 1
         self._unpaired_since += 1

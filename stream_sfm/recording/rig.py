@@ -23,11 +23,17 @@ _MODELS = {
     "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "kannala_brandt": "equidistant", "fisheye": "equidistant", "none": "none",
 }  # fmt: skip
-CURE = "give the calibration of these cameras"
+_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
+REMEDY = "give the calibration of these cameras"
+
+
+def calibration_error(problem: str, *hints: str) -> LogError:
+    """The error of a calibration in a log that cannot be used: giving another one always helps."""
+    return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
 
 
 def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
-    """True where P of both cameras is there and says how far they stand apart."""
+    """Whether P of both cameras is filled in and contains the baseline."""
     filled = all(m.P[0, 0] > 0 and m.P[1, 1] > 0 for m in (left, right))
     return filled and bool((_offset(right) != _offset(left)).any())
 
@@ -39,7 +45,7 @@ def rig_from_messages(
     rectified: bool,
     right_from_left: Array | None = None,
 ) -> StereoRig:
-    """The rig, its pose from R and P unless `right_from_left` (4, 4) is given.
+    """The rig; its pose comes from R and P unless `right_from_left` (4, 4) is given.
 
     Raises LogError naming the file, the topic and what to do.
     """
@@ -50,17 +56,15 @@ def rig_from_messages(
             right_from_left = se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
         return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
-        raise LogError(
-            f"{path}: topics {left.topic} and {right.topic}: {error}; or {CURE}", hint=("calibration",)
-        ) from None
+        raise calibration_error(f"{path}: topics {left.topic} and {right.topic}: {error}") from None
 
 
 def camera_from_message(path: Path, message: CalibrationMessage, rectified: bool) -> MonoRig:
-    """The one camera of a message. Raises LogError as `rig_from_messages`."""
+    """The rig of the one camera of a message. Raises LogError as `rig_from_messages`."""
     try:
         return MonoRig(_camera(path, message, rectified))
     except ConfigError as error:
-        raise LogError(f"{path}: topic {message.topic}: {error}; or {CURE}", hint=("calibration",)) from None
+        raise calibration_error(f"{path}: topic {message.topic}: {error}") from None
 
 
 def right_is_left(rig: StereoRig) -> float | None:
@@ -76,16 +80,18 @@ def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:
     try:
         check_rectifiable(rig)
     except RigError as error:
-        raise LogError(f"{path}: {error}; or {CURE}", hint=(*error.hint, "calibration")) from None
+        raise calibration_error(f"{path}: {error}", *error.hint) from None
 
 
 def check_sides(path: Path, rig: StereoRig) -> None:
-    """Raises LogError where the right camera stands to the left of the left one."""
+    """Raise LogError where the right camera stands to the left of the left one."""
     if (distance_m := right_is_left(rig)) is not None:
-        raise LogError(
+        raise calibration_error(
             f"{path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left one: "
-            f"left and right are swapped, or the sign of P[3] is wrong: exchange the topics, or {CURE}",
-            hint=("left", "right", "calibration", "inspect"),
+            "left and right are swapped, or the sign of P[3] is wrong: exchange the topics, or correct the sign",
+            "left",
+            "right",
+            "inspect",
         )
 
 
@@ -96,11 +102,9 @@ def _offset(message: CalibrationMessage) -> Array:
 def _rotation(path: Path, message: CalibrationMessage) -> Array:
     if not message.R.any():
         return np.eye(3)
-    if not np.allclose(message.R @ message.R.T, np.eye(3), atol=1e-3) or np.linalg.det(message.R) < 0:
-        raise LogError(
-            f"{path}: topic {message.topic}: R is not a rotation matrix: {message.R.tolist()}; {CURE}",
-            hint=("calibration",),
-        )
+    orthogonal = np.allclose(message.R @ message.R.T, np.eye(3), atol=_ROTATION_TOLERANCE)
+    if not orthogonal or np.linalg.det(message.R) < 0:
+        raise calibration_error(f"{path}: topic {message.topic}: R is not a rotation matrix: {message.R.tolist()}")
     pose: Array = se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]
 
@@ -111,29 +115,27 @@ def _camera(path: Path, message: CalibrationMessage, rectified: bool) -> Camera:
         return Camera(message.width, message.height, k, (), "none")
     model, coefficients = _MODELS.get(message.distortion_model), message.D
     if model is None and any(coefficients):
-        raise LogError(
-            f"{path}: topic {message.topic}: distortion model {message.distortion_model!r} is not known; known are "
-            f"plumb_bob, rational_polynomial, equidistant (kannala_brandt); {CURE}",
-            hint=("calibration",),
+        raise calibration_error(
+            f"{path}: topic {message.topic}: distortion model {message.distortion_model!r} is not supported; "
+            "supported are plumb_bob, rational_polynomial, equidistant (kannala_brandt)"
         )
     if model == "plumb_bob" and any(coefficients[5:]):
         model = "rational_polynomial"  # some drivers send eight coefficients under the older name
-    # a fisheye whose coefficients are all zero is one still
+    # A fisheye lens whose coefficients are all zero is still a fisheye.
     if model is None or model == "none" or (model != "equidistant" and not any(coefficients)):
         return Camera(message.width, message.height, message.K, (), "none")
-    return Camera(message.width, message.height, message.K, _fitted(path, message, model), model)
+    return Camera(message.width, message.height, message.K, _fit_coefficients(path, message, model), model)
 
 
-def _fitted(path: Path, message: CalibrationMessage, model: str) -> tuple[float, ...]:
-    """The coefficients in a number that the model takes: drivers leave zeros out, or fill up with them."""
+def _fit_coefficients(path: Path, message: CalibrationMessage, model: str) -> tuple[float, ...]:
+    """As many coefficients as the model takes: drivers leave out zeros, or append them."""
     counts, sent = DISTORTION_COEFFICIENTS[model], message.D
     if len(sent) in counts:
         return sent
     count = next((n for n in counts if n > 0 and not any(sent[n:])), None)
     if count is None:
-        raise LogError(
+        raise calibration_error(
             f"{path}: topic {message.topic}: {len(sent)} distortion coefficients are not supported, only the first "
-            f"{max(counts)} of {model} (no thin prism, no tilt); rectify the images first, or {CURE}",
-            hint=("calibration",),
+            f"{max(counts)} of {model} (no thin prism, no tilt): rectify the images first"
         )
     return (*sent, *[0.0] * count)[:count]

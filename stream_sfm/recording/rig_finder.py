@@ -1,7 +1,7 @@
 """The rig that a log is read with: given by the user, attached to the log, or sent by its cameras, in this order.
 
-An attachment goes before messages because somebody put it there on purpose, where drivers send CameraInfo of
-cameras that were never calibrated. Where P gives no baseline, the transform between the two cameras' frames does.
+An attachment precedes messages because somebody put it there on purpose, whereas drivers send CameraInfo of cameras
+that were never calibrated. Where P gives no baseline, the transform between the frames of the two cameras does.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..camera.rig import MonoRig, StereoRig
-from ..errors import ConfigError, LogError
-from ..mcap_file.log_file import Damage, LogFile
+from ..errors import ConfigError
+from ..mcap_file.damage import Damage
+from ..sources.source import Source
 from .messages import MessageDecoder
-from .rig import CURE, camera_from_message, gives_baseline, rig_from_messages
+from .rig import calibration_error, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages
 from .topics import PairChoice, choose_calibration, is_rectified
 from .transforms import fixed_transform
@@ -24,79 +25,74 @@ Rig = TypeVar("Rig", StereoRig, MonoRig)
 
 @dataclass(frozen=True, slots=True)
 class FoundRig:
-    """A rig and, for people, where it comes from."""
+    """A rig and, for people, where it comes from (`origin`)."""
 
     rig: StereoRig
-    source: str
+    origin: str
 
 
 def find_rig(
-    file: LogFile, survey: Survey, choice: PairChoice, calibration: str | Path | StereoRig | None = None
+    source: Source, survey: Survey, choice: PairChoice, calibration: str | Path | StereoRig | None = None
 ) -> FoundRig:
     """The rig of the two cameras; `calibration` as in `open_log`. Raises LogError; ConfigError for `calibration`."""
     if isinstance(calibration, StereoRig):
         return FoundRig(calibration, "given by the caller")
     if calibration is not None:
         return FoundRig(StereoRig.from_calibration(calibration), str(calibration))
-    rig = _attached(file, StereoRig.parse_calibration)
-    return FoundRig(rig, f"attachment {ATTACHMENT}") if rig else _sent(file, survey, choice)
+    rig = _attached(source, StereoRig.parse_calibration)
+    return FoundRig(rig, f"attachment {ATTACHMENT}") if rig else _sent(source, survey, choice)
 
 
 def find_camera(
-    file: LogFile, survey: Survey, topic: str, calibration: str | Path | StereoRig | MonoRig | None = None
+    source: Source, survey: Survey, topic: str, calibration: str | Path | StereoRig | MonoRig | None = None
 ) -> MonoRig:
-    """The one camera of an image topic, from the same places and with the same errors as `find_rig`."""
+    """The rig of one image topic, from the same places and with the same errors as `find_rig`."""
     if isinstance(calibration, StereoRig | MonoRig):
         return MonoRig(calibration.left)
     if calibration is not None:
         return MonoRig.from_calibration(calibration)
-    if rig := _attached(file, MonoRig.parse_calibration):
+    if rig := _attached(source, MonoRig.parse_calibration):
         return rig
-    sent_on = _calibration_topic(file, survey, topic, 0)
-    message, _ = read_calibration_messages(file, survey, (sent_on, sent_on), MessageDecoder(file.path))
-    return camera_from_message(file.path, message, is_rectified(topic))
+    sent_on = _calibration_topic(source, survey, topic, 0)
+    message, _ = read_calibration_messages(source, survey, (sent_on, sent_on), MessageDecoder(source.path))
+    return camera_from_message(source.path, message, is_rectified(topic))
 
 
-def _attached(file: LogFile, parse: Callable[[bytes, str], Rig]) -> Rig | None:
-    for attachment in file.attachments(Damage()):
+def _attached(source: Source, parse: Callable[[bytes, str], Rig]) -> Rig | None:
+    for attachment in source.attachments(Damage()):
         if attachment.name.split("/")[-1] == ATTACHMENT:
             try:
                 return parse(attachment.data, "attached to the log")
             except ConfigError as error:
-                raise LogError(f"{file.path}: {error}; {CURE}", hint=("calibration",)) from None
+                raise calibration_error(f"{source.path}: {error}") from None
     return None
 
 
-def _calibration_topic(file: LogFile, survey: Survey, image_topic: str, side: int) -> str:
+def _calibration_topic(source: Source, survey: Survey, image_topic: str, side: int) -> str:
     calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
     topic = choose_calibration(image_topic, side, calibrations)
     if topic is None:
         listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
-        raise LogError(
-            f"{file.path} has no calibration for topic {image_topic}{listed}; {CURE}", hint=("calibration",)
-        )
+        raise calibration_error(f"{source.path} has no calibration for topic {image_topic}{listed}")
     return topic
 
 
-def _sent(file: LogFile, survey: Survey, choice: PairChoice) -> FoundRig:
+def _sent(source: Source, survey: Survey, choice: PairChoice) -> FoundRig:
     topics = [
-        _calibration_topic(file, survey, topic, side) for side, topic in enumerate((choice.left, choice.right))
+        _calibration_topic(source, survey, topic, side) for side, topic in enumerate((choice.left, choice.right))
     ]
-    decoder = MessageDecoder(file.path)
-    left, right = read_calibration_messages(file, survey, (topics[0], topics[1]), decoder)
+    decoder = MessageDecoder(source.path)
+    left, right = read_calibration_messages(source, survey, (topics[0], topics[1]), decoder)
     rectified = is_rectified(choice.left)
     sent = f"{left.topic} and {right.topic}"
     if gives_baseline(left, right):
-        return FoundRig(rig_from_messages(file.path, left, right, rectified), f"{sent}, baseline from P")
+        return FoundRig(rig_from_messages(source.path, left, right, rectified), f"{sent}, baseline from P")
     frames = (left.frame_id, right.frame_id)
-    right_from_left = (
-        fixed_transform(file, survey, right.frame_id, left.frame_id) if len(set(frames)) == 2 else None
-    )
+    right_from_left = fixed_transform(source, survey, frames[1], frames[0]) if len(set(frames)) == 2 else None
     if right_from_left is None:
-        raise LogError(
-            f"{file.path}: the baseline is not known: P of topics {left.topic} and {right.topic} gives none, and no "
-            f"fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}; {CURE}",
-            hint=("calibration",),
+        raise calibration_error(
+            f"{source.path}: the baseline is not known: P of topics {left.topic} and {right.topic} gives none, and "
+            f"no fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}"
         )
-    rig = rig_from_messages(file.path, left, right, rectified, right_from_left)
+    rig = rig_from_messages(source.path, left, right, rectified, right_from_left)
     return FoundRig(rig, f"{sent}, baseline from the transform between {frames[0]} and {frames[1]}")

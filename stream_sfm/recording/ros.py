@@ -1,4 +1,4 @@
-"""Decoding of ROS messages from the definition that the log carries: ROS 1, ROS 2 with msg or with IDL."""
+"""Decodes ROS messages by the definition that the log carries: ROS 1, ROS 2 with msg or with IDL."""
 
 import re
 from collections.abc import Callable
@@ -11,13 +11,13 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from .message_limits import bounded
 
-_RULE = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # stands between the definitions of a type and of its parts
-_NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines, as #include
-# rosbags makes Python code of a definition, so a hostile one could ask for any amount of it, or for endless loops.
-_MAX_DEFINITION_BYTES = 2**15
-_MAX_ELEMENTS = 64
-_WIDE_SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")
-_READ = (
+_SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
+_NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
+# rosbags generates Python code from a definition, so a hostile one could ask for any amount of it, or endless loops.
+_MAX_DEFINITION_BYTES = 2**15  # nav_msgs/Odometry, the longest that is read, has 8 kB with all comments
+_MAX_ELEMENTS = 64  # of an array of messages or strings; those of a camera, a pose or a transform have none
+_WIDE_SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")  # a shift by three digits or by an expression
+_SUPPORTED = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2),
     (MessageEncoding.CDR, SchemaEncoding.ROS2IDL),
     (MessageEncoding.ROS1, SchemaEncoding.ROS1),
@@ -28,55 +28,61 @@ _READ = (
 def ros_decoder(
     message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes
 ) -> Callable[[bytes], Any] | None:
-    """A function from the bytes of one message to an object with its fields; None where it is not of ROS.
+    """A function from the bytes of one message to an object with its fields; None for messages that are not ROS's.
 
     Raises what rosbags raises where the definition cannot be read, and so does the function on bytes that do not
     fit.
     """
-    if (message_encoding, schema_encoding) not in _READ:
+    if (message_encoding, schema_encoding) not in _SUPPORTED:
         return None
     if len(definition) > _MAX_DEFINITION_BYTES:
         raise ValueError(f"a definition of {len(definition)} bytes")
     text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
-    types: dict[str, Any] = {}
-    if schema_encoding == SchemaEncoding.ROS2IDL:
-        if _WIDE_SHIFT.search(text):
-            raise ValueError("a constant that would fill the memory")
-        for part in _RULE.split(text):
-            if idl := _NOT_IDL.sub("", part).strip():
-                types |= get_types_from_idl(idl)
-    else:
-        types = get_types_from_msg(_RULE.sub("=" * 80, text), schema_name)  # recorders differ in the rule's length
+    types = _parse_types(text, schema_name, idl=schema_encoding == SchemaEncoding.ROS2IDL)
     _refuse_endless(types)
     store = get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
     package, *_, short_name = schema_name.split("/")
     name = f"{package}/msg/{short_name}"
-    store.get_msgdef(name)  # here, so that what is lacking is told of the schema, not of every message
+    store.get_msgdef(name)  # here, so that what is missing is reported for the schema, not for every message
     deserialise = store.deserialize_ros1 if message_encoding == MessageEncoding.ROS1 else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:
         return deserialise(data, name)
 
-    return bounded(decode) if _has_lists(types) else decode
+    return bounded(decode) if _has_repeated_parts(types) else decode
 
 
-def _has_lists(types: dict[str, Any]) -> bool:
-    """Whether a type has a list of parts or of strings; numbers become one array."""
+def _parse_types(text: str, schema_name: str, idl: bool) -> dict[str, Any]:
+    if not idl:
+        return dict(
+            get_types_from_msg(_SEPARATOR.sub("=" * 80, text), schema_name)
+        )  # recorders differ in its length
+    if _WIDE_SHIFT.search(text):
+        raise ValueError("a constant that would fill the memory")
+    types: dict[str, Any] = {}
+    for part in _SEPARATOR.split(text):
+        if source := _NOT_IDL.sub("", part).strip():
+            types |= get_types_from_idl(source)
+    return types
+
+
+def _has_repeated_parts(types: dict[str, Any]) -> bool:
+    """Whether a type has a list of messages or of strings; a list of numbers becomes one array."""
     return any(
-        kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and not _plain(*of[0])
+        kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and not _is_number(*of[0])
         for _, fields in types.values()
         for _, (kind, of) in fields
     )
 
 
-def _plain(element: Nodetype, what: Any) -> bool:
+def _is_number(element: Nodetype, what: Any) -> bool:
     """Whether the elements of a list are numbers."""
-    return element == Nodetype.BASE and what[0] != "string"
+    return bool(element == Nodetype.BASE and what[0] != "string")
 
 
 def _refuse_endless(types: dict[str, Any]) -> None:
-    """Raises ValueError where rosbags would write a line for each of very many elements, or read elements of no bytes.
+    """Raise ValueError where rosbags would write code for very many elements, or read elements of no bytes.
 
     No ROS message of a camera, a pose or a transform has such a type.
     """
@@ -87,5 +93,5 @@ def _refuse_endless(types: dict[str, Any]) -> None:
             if kind != Nodetype.ARRAY:
                 continue
             (element, what), length = of
-            if length == 0 or (length > _MAX_ELEMENTS and not _plain(element, what)):
+            if length == 0 or (length > _MAX_ELEMENTS and not _is_number(element, what)):
                 raise ValueError(f"field {field} of type {name} has {length} elements")

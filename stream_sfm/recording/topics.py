@@ -1,8 +1,8 @@
-"""Which topics are the left and the right camera, and which calibration belongs to each.
+"""Chooses the topics of the left and the right camera, and the calibration that belongs to each.
 
 By schema first, then by name. Two names make a pair when they differ in the side only: left/right, l/r,
-cam0/cam1, infra1/infra2 and the like. Of several pairs that are one camera pair in several forms we take, in
-this order: rectified before raw images (the vendor's rectification fits the images even where R and D are
+cam0/cam1, infra1/infra2 and the like. Of several pairs that are one camera pair in several forms the order of
+preference is: rectified before raw images (the vendor's rectification fits the images even where R and D are
 missing), grey before colour, uncompressed before compressed. Anything else is the user's choice.
 """
 
@@ -34,7 +34,7 @@ _COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
 
 @dataclass(frozen=True, slots=True)
 class PairChoice:
-    """The topics taken for the two cameras, and why."""
+    """The topics chosen for the two cameras, and the reason."""
 
     left: str
     right: str
@@ -42,17 +42,17 @@ class PairChoice:
 
 
 def is_rectified(topic: str) -> bool:
-    """True where the name says, as ROS does, that the images are rectified (`image_rect`, `rect_color` …)."""
+    """Whether the name says, as ROS names do, that the images are rectified (`image_rect`, `rect_color` …)."""
     return _RECTIFIED.search(topic) is not None
 
 
 def is_camera(topic: str) -> bool:
-    """False for depth, disparity, masks and pictures drawn for people, which also come as image messages."""
+    """Whether the images are a camera's: depth, disparity, masks and drawings also come as image messages."""
     return _NOT_A_CAMERA.search(topic) is None
 
 
 def side_keys(topic: str, side: int) -> dict[int, str]:
-    """Rule number -> the topic with its side (0 left, 1 right) replaced by `*`, for each rule that fits."""
+    """Rule number -> the topic with its side (0 left, 1 right) replaced by `*`, for each rule that matches."""
     keys = {}
     for rule, patterns in enumerate(_SIDES):
         key, found = patterns[side].subn(lambda m: f"{m.group(1) if m.re.groups else ''}*", topic)
@@ -80,13 +80,60 @@ def possible_pairs(topics: Iterable[str]) -> list[tuple[str, str]]:
 def choose_pair(
     path: Path, image_topics: Mapping[str, int | None], left: str | None = None, right: str | None = None
 ) -> PairChoice:
-    """The pair to use among `image_topics` (topic -> number of messages, None unknown).
+    """Choose the pair among `image_topics` (topic -> number of messages, None unknown).
 
-    Raises LogError, listing the candidates, where there is none or where the choice is the user's.
+    Raises LogError, listing the candidates, where there is none or where the user has to choose.
     """
-    listed = ", ".join(sorted(image_topics)) or "none"
+    _check_named(path, image_topics, left, right)
+    if left is not None and right is not None:
+        return PairChoice(left, right, "named by the user")
+    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+    if not cameras:
+        empty = [t for t in image_topics if is_camera(t)]
+        more = f" (without any message: {', '.join(sorted(empty))})" if empty else ""
+        raise LogError(f"{path} holds no camera images{more}; image topics are: {_listed(image_topics)}")
+    pairs = possible_pairs(cameras)
+    named = left if left is not None else right
+    if named is not None:
+        side = 0 if left is not None else 1
+        pairs = [p for p in pairs if named in p]
+        others = [t for t in cameras if t != named]
+        if not pairs and len(others) == 1:
+            pair = (named, others[0]) if side == 0 else (others[0], named)
+            return PairChoice(*pair, "one topic named by the user, the other is the only one left")
+        if pairs and named != pairs[0][side]:
+            pairs = [(pairs[0][1], pairs[0][0])]
+    return _choose_among(path, pairs, cameras, image_topics)
+
+
+def _choose_among(
+    path: Path, pairs: list[tuple[str, str]], cameras: list[str], image_topics: Iterable[str]
+) -> PairChoice:
+    if len(cameras) == 1 and not pairs:
+        raise LogError(
+            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; a replay with one camera is "
+            f"possible, without scale; image topics are: {_listed(image_topics)}",
+            hint=("mono",),
+        )
+    if not pairs:
+        raise LogError(
+            f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
+            f"image topics are: {_listed(cameras)}",
+            hint=("left", "right"),
+        )
+    if len(pairs) == 1:
+        return PairChoice(*pairs[0], "their names differ only in the side")
+    if len({_device(l) for l, _ in pairs}) == 1:  # one camera pair in several forms
+        best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
+        return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
+    candidates = "; ".join(f"{l} and {r}" for l, r in pairs)
+    raise LogError(f"{path} holds several stereo pairs, name one: {candidates}", hint=("left", "right"))
+
+
+def _check_named(path: Path, image_topics: Iterable[str], left: str | None, right: str | None) -> None:
     for side, topic in (("left", left), ("right", right)):
         if topic is not None and topic not in image_topics:
+            listed = _listed(image_topics)
             raise LogError(
                 f"{path}: {topic} is not an image topic of this log; image topics are: {listed}", hint=(side,)
             )
@@ -94,49 +141,17 @@ def choose_pair(
         raise LogError(
             f"{path}: left and right are both {left}: a stereo pair needs two topics", hint=("left", "right")
         )
-    if left is not None and right is not None:
-        return PairChoice(left, right, "named by the user")
-    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
-    if not cameras:
-        empty = [t for t in image_topics if is_camera(t)]
-        more = f" (without any message: {', '.join(sorted(empty))})" if empty else ""
-        raise LogError(f"{path} holds no camera images{more}; image topics are: {listed}")
-    pairs = possible_pairs(cameras)
-    given = left if left is not None else right
-    if given is not None:
-        pairs = [p for p in pairs if given in p]
-        if left is None or right is None:
-            others = [t for t in cameras if t != given]
-            if not pairs and len(others) == 1:
-                pair = (given, others[0]) if left is not None else (others[0], given)
-                return PairChoice(*pair, "one topic named by the user, the other is the only one left")
-            if pairs and given != pairs[0][0 if left is not None else 1]:
-                pairs = [(pairs[0][1], pairs[0][0])]
-    if len(cameras) == 1 and not pairs:
-        raise LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; a replay with one camera is "
-            f"possible, without scale; image topics are: {listed}",
-            hint=("mono",),
-        )
-    if not pairs:
-        raise LogError(
-            f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
-            f"image topics are: {', '.join(sorted(cameras))}",
-            hint=("left", "right"),
-        )
-    if len(pairs) == 1:
-        return PairChoice(*pairs[0], "their names differ in the side alone")
-    # One camera pair in several forms?
-    if len({_device(l) for l, _ in pairs}) == 1:
-        best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
-        return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
-    listed = "; ".join(f"{l} and {r}" for l, r in pairs)
-    raise LogError(f"{path} holds several stereo pairs, name one: {listed}", hint=("left", "right"))
+
+
+def _listed(topics: Iterable[str]) -> str:
+    return ", ".join(sorted(topics)) or "none"
 
 
 def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:
-    """The one camera to use, as a pair of twice the same topic: the one named, the left one of the pair that
-    `choose_pair` would take, or the only one. Raises LogError as `choose_pair`."""
+    """Choose one camera, as a pair of twice the same topic. Raises LogError as `choose_pair`.
+
+    It is the one named, the only one, or the left one of the pair that `choose_pair` would choose.
+    """
     cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
     if left is not None and left in image_topics:
         return PairChoice(left, left, "named by the user")
@@ -151,19 +166,19 @@ def _form_rank(topic: str) -> tuple[bool, bool, bool]:
 
 
 def _device(left_topic: str) -> tuple[str, ...]:
-    """What remains of a left topic without the words that name the form of the images."""
+    """What remains of a left topic without the words for the form of the images."""
     words = re.split(r"[/_]+", _FORM.sub("", left_topic))
     return tuple(w for w in words if w)
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:
-    """The calibration topic of an image topic: of the same side, and closest by name. None: there is none."""
+    """The calibration topic of an image topic: of the same side, and closest by name; None where there is none."""
     sided = set(side_keys(image_topic, side))
     image_words = _words(image_topic)
     ranked = []
     for topic in calibration_topics:
         if sided and not sided & set(side_keys(topic, side)):
-            continue  # of the other camera, or of a third one
+            continue  # the other camera's, or a third one's
         words = _words(topic)
         shared = len(set(image_words) & set(words))
         common = next((i for i, (a, b) in enumerate(zip(image_words, words, strict=False)) if a != b), len(words))

@@ -10,7 +10,8 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..mcap_file.log_file import Damage, LogFile
+from ..mcap_file.damage import Damage
+from ..mcap_file.log_file import LogFile
 from ..types import Trajectory
 from .estimates_writer import POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord

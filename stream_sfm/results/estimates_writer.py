@@ -40,7 +40,7 @@ from ..errors import OutputError
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.summary_order import reordered
+from ..mcap_file.summary_order import reorder_summary
 from ..types import FrameEstimate
 from . import ros as odometry
 from .schema import SCHEMA_VERSION, EstimateRecord, TimingRecord, estimate_record, json_schema
@@ -155,7 +155,7 @@ class EstimatesWriter:
         offset = self._stream.tell()
         tail = self._stream.hold()
         self._writer.finish()
-        self._file.write(reordered(tail.getvalue(), offset))
+        self._file.write(reorder_summary(tail.getvalue(), offset))
 
     def _add(self, estimate: FrameEstimate, topic: str, data: bytes) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned

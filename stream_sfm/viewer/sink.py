@@ -16,7 +16,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, OutputError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..recording.images import sniff_format
+from ..sources.image_header import image_format
 from ..types import FrameEstimate, Status, Trajectory
 from . import layout
 
@@ -216,7 +216,7 @@ def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
     if isinstance(picture, bytes):
-        kind = sniff_format(picture)
+        kind = image_format(picture)
         return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")
     return rr.Image(picture, color_model="L")
 

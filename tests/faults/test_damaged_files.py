@@ -10,7 +10,8 @@ import pytest
 from mcap.opcode import Opcode
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.log_file import Damage, LogFile
+from stream_sfm.mcap_file.damage import Damage
+from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.pipeline.replay import replay
 from tests.faults.mutations import BASES, FRAMES, Base, make_base
 from tests.helpers.stereo_logs import (
@@ -117,7 +118,7 @@ def test_an_index_with_a_wrong_checksum_is_not_used_and_nothing_is_lost(path: Pa
     assert LogFile(path).index is None
     found, warnings, complete = read(path)
     assert found == list(base.frame_ends) and complete
-    assert warnings == [f"{path}: its index is not used: its checksum does not fit its content"]
+    assert warnings == [f"{path}: its index is not used: its checksum does not match its content"]
 
 
 def test_records_of_gigabytes_are_passed_over_unread(path: Path):
@@ -134,7 +135,7 @@ def test_records_of_gigabytes_are_passed_over_unread(path: Path):
         stream.write(data[head:])
     found, warnings, complete = read(path)
     assert len(found) == 12 and not complete
-    assert sum("a record of 4096 MiB is passed over" in w for w in warnings) == 3
+    assert sum("a record of 4096 MiB was skipped" in w for w in warnings) == 3
 
 
 def test_chunks_that_inflate_to_a_hundred_megabytes_each_do_not_add_up(path: Path):

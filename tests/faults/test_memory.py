@@ -28,7 +28,8 @@ import stream_sfm as sfm
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.ground_truth import read_truth
 from stream_sfm.recording.topics import possible_pairs
-from stream_sfm.recording.transforms import _still
+from stream_sfm.recording.transforms import fixed_edges
+from stream_sfm.sources.recognise import open_source
 from tests.helpers.stereo_logs import (
     CONTAINERS,
     PERIOD_NS,
@@ -263,14 +264,14 @@ def transforms(children: Iterable[str]) -> bytes:
 def test_frames_of_reference_by_the_thousand_are_not_all_kept(tmp_path: Path):
     path = tmp_path / "log.mcap"
     transforms_log(path, [transforms(str(n) for n in range(first, first + 500)) for first in range(0, 6000, 500)])
-    edges = _still(LogFile(path), frozenset(["/tf"]))
+    edges = fixed_edges(open_source(path), frozenset(["/tf"]))
     assert ("a", "0") in edges and len(edges) < 5000
 
 
 def test_a_message_of_very_many_transforms_is_passed_over(tmp_path: Path):
     path = tmp_path / "log.mcap"
     transforms_log(path, [transforms(["b"] * 15_000), transforms(["c"])])
-    assert list(_still(LogFile(path), frozenset(["/tf"]))) == [("a", "c")]
+    assert list(fixed_edges(open_source(path), frozenset(["/tf"]))) == [("a", "c")]
 
 
 def test_damaged_depth_images_are_told_once(tmp_path: Path):
@@ -306,8 +307,8 @@ def test_ground_truth_takes_little_a_pose(tmp_path: Path):
         pose.timestamp.FromNanoseconds(START_NS + n * 1000)
         data.append(message(1000, pose.SerializeToString()))
     insert(path, [chunk(said), *(chunk(b"".join(data[n : n + 1000])) for n in range(0, count, 1000))])
-    file = LogFile(path)
-    assert peak_mib(lambda: read_truth(file, "/gt/pose", "left", [])) * MIB / count < 500  # bytes; objects: 800
+    source = open_source(path)
+    assert peak_mib(lambda: read_truth(source, "/gt/pose", "left", [])) * MIB / count < 500  # bytes; objects: 800
 
 
 def test_an_index_that_lists_a_million_channels_is_not_unfolded(tmp_path: Path):

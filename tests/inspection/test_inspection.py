@@ -54,7 +54,7 @@ def test_a_sound_log(path, frames):
     assert check["median_disparity_px"] == pytest.approx(260 * 0.2 / 3.0, abs=2.5)
     assert found["rig"]["baseline_m"] == pytest.approx(0.2)
     assert found["frames"]["rate_hz"] == pytest.approx(10) and found["frames"]["gap_count"] == 0
-    assert found["pair"]["left"] == LEFT and "side alone" in found["pair"]["reason"]
+    assert found["pair"]["left"] == LEFT and "only in the side" in found["pair"]["reason"]
 
 
 def test_swapped_cameras(path, frames, tmp_path):

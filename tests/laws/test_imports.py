@@ -17,8 +17,9 @@ LAYERS = (
     ("camera",),
     ("types", "config"),
     ("frontend", "estimators", "evaluation", "mcap_file"),
-    ("observer", "recording"),
-    ("engine", "results", "inspection", "importers", "simulation"),
+    ("observer", "sources"),
+    ("engine", "recording"),
+    ("results", "inspection", "importers", "simulation"),
     ("pipeline", "dense"),
     ("report", "viewer"),
     ("comparison", "batch"),
@@ -28,7 +29,7 @@ LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # Packages that cost time or memory to import, or that only one room should know: where they may be.
 HOMES = {
     "cv2": ("camera", "frontend", "dense", "recording", "importers", "inspection", "report", "evaluation"),
-    "mcap": ("mcap_file", "recording", "results", "importers"),
+    "mcap": ("mcap_file", "sources", "recording", "results"),
     "mcap_protobuf": ("recording", "results"),
     "google": ("recording", "results"),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("recording", "results"),
@@ -39,8 +40,8 @@ HOMES = {
     "jinja2": ("report",),
     "markupsafe": ("report",),
     "rich": ("cli",),
-    "lz4": ("mcap_file", "recording"),
-    "zstandard": ("mcap_file", "recording"),
+    "lz4": ("mcap_file",),
+    "zstandard": ("mcap_file",),
     "distributed": ("executors.py",),
 }
 EVERYWHERE = {"stream_sfm", "numpy", "scipy", "msgspec"}

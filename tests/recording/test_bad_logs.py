@@ -56,7 +56,7 @@ def test_a_chunk_that_inflates_without_end_is_refused(path):
     path.write_bytes(data[:at] + struct.pack("<BQ", 6, len(body)) + body + data[at:])
     log = open_log(path)
     assert len(list(log.frames())) == 12
-    assert any("claims to inflate" in warning for warning in log.stats.warnings)
+    assert any("it declares" in warning for warning in log.stats.warnings)
 
 
 def log_of(**spec):
@@ -78,7 +78,7 @@ BAD: dict[str, tuple] = {
     "no baseline": (log_of(infos=(Calib(), Calib())), ["baseline", "/camera/right/calibration"]),
     "wrong sign": (log_of(infos=(right_calib(), Calib())), ["sign of P[3]", "swapped"]),
     "no rotation": (log_of(infos=(Calib(R=2 * np.eye(3)), right_calib())), ["R is not a rotation"]),
-    "model": (log_of(infos=(Calib(model="mei", D=(1.0,)), right_calib())), ["'mei'", "known"]),
+    "model": (log_of(infos=(Calib(model="mei", D=(1.0,)), right_calib())), ["'mei'", "supported"]),
     "other size": (log_of(size=(48, 32)), ["48×32", "96×64", "/camera/left/image"]),
     "encoding": (log_of(encoding="32FC1"), ["'32FC1'", "/camera/left/image", "mono8"]),
     "video": (video, ["compressed video", "/camera/left/image", "jpeg"]),
@@ -89,7 +89,7 @@ BAD: dict[str, tuple] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_named_with_its_cure(path, name):
+def test_bad_input_is_named_with_its_remedy(path, name):
     make, words = BAD[name]
     make(path)
     with pytest.raises(LogError) as caught:

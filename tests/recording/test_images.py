@@ -65,7 +65,7 @@ def test_rows_may_be_padded_and_the_last_one_cut_short():
     padded = np.pad(grey, ((0, 0), (0, 9))).tobytes()[:-9]
     message = ImageMessage("/c", 0, "c", False, "mono8", padded, grey.shape[1], grey.shape[0], grey.shape[1] + 9)
     np.testing.assert_array_equal(decode_grey(message), grey)
-    with pytest.raises(UndecodableImage, match="bytes a row"):
+    with pytest.raises(UndecodableImage, match="bytes per row"):
         decode_grey(ImageMessage("/c", 0, "c", False, "mono8", padded[:-1], *grey.shape[::-1], grey.shape[1] + 9))
 
 

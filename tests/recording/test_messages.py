@@ -1,18 +1,16 @@
 """Dialects at their edges: broken definitions, foreign encodings, video of every make."""
 
 import pytest
-from mcap.records import Channel, Schema
 
 from stream_sfm import LogError
-from stream_sfm.mcap_file.log_file import LogMessage
 from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
+from stream_sfm.sources.source import Channel, Message
 from tests.helpers import idl
 from tests.helpers.stereo_logs import ROS1, ROS2
 
 
-def message(name: str, schema_encoding: str, definition: str, encoding: str, data: bytes = b"") -> LogMessage:
-    schema = Schema(1, definition.encode(), schema_encoding, name)
-    return LogMessage(Channel(1, "/left/image", encoding, {}, 1), schema, 0, data)
+def message(name: str, schema_encoding: str, definition: str, encoding: str, data: bytes = b"") -> Message:
+    return Message(Channel("/left/image", encoding, name, schema_encoding, definition.encode()), 0, data)
 
 
 @pytest.mark.parametrize(
@@ -30,7 +28,7 @@ def message(name: str, schema_encoding: str, definition: str, encoding: str, dat
     ],
 )
 def test_kinds_are_told_by_package_and_name(name, kind):
-    assert kind_of(Schema(1, b"", "ros2msg", name)) == kind
+    assert kind_of(name) == kind
 
 
 IMAGE2, IMAGE1 = "sensor_msgs/msg/Image", "sensor_msgs/Image"
@@ -58,7 +56,9 @@ def test_a_definition_that_cannot_be_read_is_named(broken):
     ("encoding", "schema_encoding"), [("cbor", ""), ("flatbuffer", "flatbuffer"), ("cdr", "omgidl")]
 )
 def test_other_encodings_are_named_with_what_is_read(encoding, schema_encoding):
-    with pytest.raises(LogError, match="are not read; read are protobuf, json, cdr with ros2msg or ros2idl"):
+    with pytest.raises(
+        LogError, match="are not supported; supported are protobuf, json, cdr with ros2msg or ros2idl"
+    ):
         MessageDecoder("log.mcap").image(message("foxglove.RawImage", schema_encoding, "", encoding))
 
 

@@ -48,7 +48,7 @@ def test_coefficients_filled_up_or_left_out(path, model, sent, read_model, read)
     [
         ("rational_polynomial", (0.1,) * 12, "12 distortion coefficients are not supported, only the first 8"),
         ("equidistant", (0.1,) * 5, "only the first 4 of equidistant"),
-        ("inverse_brown_conrady", (0.1,) * 5, "'inverse_brown_conrady' is not known"),
+        ("inverse_brown_conrady", (0.1,) * 5, "'inverse_brown_conrady' is not supported"),
     ],
 )
 def test_lenses_that_are_not_known_are_refused(path, model, sent, words):

@@ -1,0 +1,75 @@
+"""Decodes the pairs of a log to frames, left and right in parallel and one frame ahead of the consumer."""
+
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from ..camera.rig import MonoRig, StereoRig
+from ..errors import LogError
+from ..types import StereoFrame
+from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
+from .pair_reader import StereoPair
+
+_Pending = tuple[StereoPair, list[Future[Grey]]]
+
+
+class FrameDecoder:
+    """Decodes the images of one reading; pairs that cannot be decoded are skipped.
+
+    The first images decide whether the sizes fit the calibration at all. `skipped`: pairs; `problem`: of the first.
+    """
+
+    def __init__(self, path: Path, rig: StereoRig | MonoRig) -> None:
+        self._path = path
+        self._cameras = list(rig.cameras.values())
+        self._scaler = GreyScaler()
+        self._sizes_fit = False
+        self.skipped = 0
+        self.problem = ""
+
+    def frames(self, pairs: Iterator[StereoPair]) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
+        """Yield each pair with its frame. Raises LogError where images have another size than the calibration."""
+        with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
+            pending: _Pending | None = None
+            for pair in pairs:
+                if not self._fits(pair):
+                    continue
+                submitted = (pair, [pool.submit(decode_grey, m) for m in pair.images[: len(self._cameras)]])
+                if pending is not None and (frame := self._frame(*pending)) is not None:
+                    yield pending[0], frame
+                pending = submitted
+            if pending is not None and (frame := self._frame(*pending)) is not None:
+                yield pending[0], frame
+
+    def _fits(self, pair: StereoPair) -> bool:
+        """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
+        for message, camera in zip(pair.images, self._cameras, strict=False):
+            size = image_size(message)
+            if size is None:
+                self._skip(f"{message.topic}: the header of an image is damaged")
+                return False
+            if size != (camera.width, camera.height):
+                text = (
+                    f"topic {message.topic}: images are {size[0]}×{size[1]}, the calibration is for "
+                    f"{camera.width}×{camera.height}"
+                )
+                if not self._sizes_fit:
+                    raise LogError(
+                        f"{self._path}: {text}: give the calibration of these images", hint=("calibration",)
+                    )
+                self._skip(text)
+                return False
+        self._sizes_fit = True
+        return True
+
+    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> StereoFrame | None:
+        try:
+            decoded = self._scaler.to_uint8(*[image.result() for image in images])
+        except UndecodableImage as error:
+            self._skip(str(error))
+            return None
+        return StereoFrame(pair.stamp_ns, decoded[0], decoded[-1])
+
+    def _skip(self, problem: str) -> None:
+        self.skipped += 1
+        self.problem = self.problem or problem

@@ -1,0 +1,75 @@
+"""The protocol of a source: messages by topic, attachments, and what is known without reading."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from ..mcap_file.damage import Damage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """What describes the bytes of a message: its topic, its encoding and its schema.
+
+    Encodings have the names of the MCAP specification ("cdr" with "ros2msg", "protobuf" with "protobuf", …).
+    `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
+    of several publishers, has several.
+    """
+
+    topic: str
+    message_encoding: str
+    schema_name: str
+    schema_encoding: str
+    definition: bytes
+
+
+class Message(NamedTuple):
+    """One message as stored; `log_time_ns` is the recorder's clock."""
+
+    channel: Channel
+    log_time_ns: int
+    data: bytes
+
+
+class Attachment(NamedTuple):
+    """A file that was put into the recording."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(slots=True)
+class Contents:
+    """What an index tells: each channel with its number of messages (None: not told), and the span of log times."""
+
+    channels: list[tuple[Channel, int | None]] = field(default_factory=list)
+    start_ns: int = 0
+    end_ns: int = 0
+
+
+class Source(Protocol):
+    """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other."""
+
+    path: Path
+    size_bytes: int
+
+    def contents(self) -> Contents | None:
+        """What the recording holds, where that is known without reading it; None: it has to be read."""
+        ...
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all), about in order of time; what is lost is added to `damage`."""
+        ...
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """Yield the files attached to the recording, of at most 1 MiB each."""
+        ...
+
+    def description(self) -> dict[str, Any]:
+        """Facts about the container, for people: `format`, `profile`, `library`, `indexed`; None where not known."""
+        ...
+
+    def drop_unverified_index(self) -> bool:
+        """Read without an index that carries no checksum from now on; False where there was none in use."""
+        ...
