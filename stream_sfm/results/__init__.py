@@ -1,1 +1,1 @@
-"""Results of a run: written and read back."""
+"""The results of a run: `estimates.mcap` and trajectories as text, written and read back."""

@@ -1,4 +1,4 @@
-"""Reading `estimates.mcap` back, whole or as a killed run left it (`estimates.mcap.part`)."""
+"""Reads `estimates.mcap` back, whole or as a killed run left it (`estimates.mcap.part`)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from .schema import SCHEMA_VERSION, EstimateRecord
 
 @dataclass(frozen=True, slots=True)
 class Cloud:
-    """Points of one message: `track_ids` (n,), `points` (n, 3) m, `cov_points` (n, 3, 3) m², float32 as stored."""
+    """The points of one message: `track_ids` (n,), `points` (n, 3) m, `cov_points` (n, 3, 3) m², float32 as stored."""
 
     stamp_ns: int
     frame_id: str
@@ -29,7 +29,7 @@ class Cloud:
 
 
 def read_estimates(path: str | Path) -> Iterator[EstimateRecord]:
-    """The records in order; a file that breaks off gives all whole chunks. Raises LogError."""
+    """Yield the records in order; a file that is cut off gives those of all whole chunks. Raises LogError."""
     for message in LogFile(path).messages(Damage(), frozenset(["/stream_sfm/estimate"])):
         try:
             record = msgspec.json.decode(message.data, type=EstimateRecord)
@@ -41,7 +41,7 @@ def read_estimates(path: str | Path) -> Iterator[EstimateRecord]:
 
 
 def read_trajectory(path: str | Path) -> Trajectory:
-    """Stamps, poses and covariances of all frames, to the last bit. Raises LogError."""
+    """Read stamps, poses and covariances of all frames, exact to the last bit. Raises LogError."""
     stamps, poses, covs = [], [], []
     for record in read_estimates(path):
         stamps.append(record.stamp_ns)
@@ -53,7 +53,7 @@ def read_trajectory(path: str | Path) -> Trajectory:
 
 
 def read_clouds(path: str | Path, topic: str = "/stream_sfm/points") -> Iterator[Cloud]:
-    """The point clouds of one topic, in order. Raises LogError."""
+    """Yield the point clouds of one topic, in order. Raises LogError."""
     for message in LogFile(path).messages(Damage(), frozenset([topic])):
         cloud = PointCloud.FromString(message.data)
         rows = np.frombuffer(cloud.data, POINT_DTYPE)

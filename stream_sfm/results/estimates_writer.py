@@ -1,14 +1,14 @@
-"""Writing `estimates.mcap`: everything a run finds, for Foxglove, Rerun, ROS and evo.
+"""Writes `estimates.mcap`: everything a run estimates, for Foxglove, Rerun, ROS and evo.
 
 | topic | schema | content |
 |---|---|---|
 | /stream_sfm/pose | foxglove.PoseInFrame | the left camera in `world` |
 | /stream_sfm/odometry | ROS 2 nav_msgs/msg/Odometry | the same with its covariance in ROS's convention |
 | /tf | foxglove.FrameTransform | `world` to `left_camera` |
-| /stream_sfm/points | foxglove.PointCloud | CC local structure in `left_camera`, one message a frame |
+| /stream_sfm/points | foxglove.PointCloud | CC local structure in `left_camera`, one message per frame |
 | /stream_sfm/map | foxglove.PointCloud | WC structure in `world`: points that left the estimator, each once |
 | /stream_sfm/estimate | JSON, `EstimateRecord` | status, pose, covariance, window, counts |
-| /stream_sfm/timing | JSON, `TimingRecord` | milliseconds a stage |
+| /stream_sfm/timing | JSON, `TimingRecord` | milliseconds per stage |
 
 The profile is `ros2`, without which rosbags and evo refuse a file; `summary_order` says what else they need.
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
@@ -47,8 +47,9 @@ from .schema import SCHEMA_VERSION, EstimateRecord, TimingRecord, estimate_recor
 
 WORLD_FRAME = "world"
 CAMERA_FRAME = "left_camera"
-_CHUNK_NS = 500_000_000
-_CHUNK_FRAMES = 20
+_CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
+_CHUNK_FRAMES = 20  # and after this many frames, at the latest
+_CHUNK_BYTES = 4 * 2**20  # and at this size; never reached by 20 frames of 200 points
 _UPPER = np.triu_indices(3)
 
 # the layout of one point in both clouds: sigma_m is the square root of the covariance's trace
@@ -62,12 +63,12 @@ POINT_DTYPE = np.dtype(
 
 
 class EstimatesWriter:
-    """A sink of estimates. Raises OutputError where the file cannot be written."""
+    """A sink that writes estimates. Raises OutputError where the file cannot be written."""
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
         self._file = PartFile(path)
         self._stream = _Stream(self._file)
-        self._writer = Writer(cast(IO[Any], self._stream), chunk_size=4 * 2**20, use_summary_offsets=False)
+        self._writer = Writer(cast(IO[Any], self._stream), chunk_size=_CHUNK_BYTES, use_summary_offsets=False)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         self._writer.add_metadata(
             "stream_sfm",
@@ -142,7 +143,7 @@ class EstimatesWriter:
         try:
             self._finish()
         except OutputError:
-            self._file.close()  # which says the same
+            self._file.close()  # raises the same error
             raise
         self._file.close()
 
@@ -163,7 +164,7 @@ class EstimatesWriter:
 
 
 class _Stream:
-    """Passes on what the MCAP writer writes, until told to hold it back."""
+    """Passes on what the MCAP writer writes, until it is told to hold it back."""
 
     def __init__(self, file: PartFile) -> None:
         self._file = file

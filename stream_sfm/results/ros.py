@@ -17,7 +17,7 @@ SCHEMA_NAME = "nav_msgs/msg/Odometry"
 
 
 def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
-    """Σ_ros (6, 6) of a pose with rotation (3, 3) and our covariance (6, 6); all NaN where that is not finite."""
+    """ROS's covariance (6, 6) of a pose with rotation (3, 3) and our covariance (6, 6); NaN if that is not finite."""
     if not np.isfinite(cov_pose).all():
         return np.full((6, 6), np.nan)
     b = np.zeros((6, 6))
@@ -26,14 +26,14 @@ def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
 
 
 def body_covariance(rotation: Array, cov_fixed_axis: Array) -> Array:
-    """Our covariance (6, 6) of ROS's; the inverse of `fixed_axis_covariance`."""
+    """Our covariance (6, 6) of ROS's: the inverse of `fixed_axis_covariance`."""
     return fixed_axis_covariance(rotation.T, cov_fixed_axis)
 
 
 def encode_odometry(
     stamp_ns: int, frame_id: str, child_frame_id: str, world_from_cam: Array, cov_pose: Array
 ) -> bytes:
-    """The message in little-endian CDR. The twist is not estimated: zero, its covariance begins with −1."""
+    """Encode the message in little-endian CDR. The twist is not estimated: zero, its covariance begins with −1."""
     rotation = world_from_cam[:3, :3]
     pose = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(rotation)]
     twist_covariance = np.zeros(36)

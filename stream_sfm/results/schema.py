@@ -1,4 +1,4 @@
-"""The JSON messages of `estimates.mcap`: what is in them, and the schema that says so."""
+"""The JSON messages of `estimates.mcap`: their fields, and the schema that describes them."""
 
 from typing import Annotated, Any
 
@@ -12,8 +12,10 @@ Matrix = list[list[float | None]]
 
 
 class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One frame of /stream_sfm/estimate. Points are in /stream_sfm/points and /stream_sfm/map. A number that is
-    not finite is null."""
+    """One frame of /stream_sfm/estimate; numbers that are not finite are null.
+
+    The points are in /stream_sfm/points and /stream_sfm/map.
+    """
 
     schema_version: Annotated[int, Meta(description="raised when a field changes its meaning")] = SCHEMA_VERSION
     frame_index: Annotated[int, Meta(description="counts the frames given to the engine, from 0")]
@@ -32,7 +34,7 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
     window_world_from_cam: Annotated[list[Matrix], Meta(description="their poses as re-estimated now, each 4×4")]
     counts: Annotated[dict[str, int], Meta(description="points tracked, new, used, rejected")]
     unscaled: Annotated[
-        bool, Meta(description="of one camera: lengths are in units of the first baseline, not in metres")
+        bool, Meta(description="with one camera: lengths are in units of the first baseline, not in metres")
     ] = False
     nis: Annotated[float | None, Meta(description="whitened squared innovation of the accepted views")]
     nis_dof: Annotated[
@@ -50,7 +52,7 @@ class TimingRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
-    """The record of an estimate."""
+    """Make the record of an estimate."""
     return EstimateRecord(
         frame_index=estimate.frame_index,
         stamp_ns=estimate.stamp_ns,
@@ -68,7 +70,7 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
 
 
 def json_schema(kind: type[msgspec.Struct]) -> bytes:
-    """The JSON schema of a record, its root an object as viewers expect."""
+    """The JSON schema of a record, with an object at its root as viewers expect."""
     schema: dict[str, Any] = msgspec.json.schema(kind)
     root = schema["$defs"][kind.__name__]
     return msgspec.json.encode({"$schema": "https://json-schema.org/draft/2020-12/schema", **root})

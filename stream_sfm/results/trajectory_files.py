@@ -1,8 +1,8 @@
-"""Trajectories as text: TUM (`t x y z qx qy qz qw`) and KITTI (twelve numbers of the 3×4 pose a row).
+"""Trajectories as text: TUM (`t x y z qx qy qz qw`) and KITTI (one row per frame, the twelve numbers of a 3×4 pose).
 
-Both hold `world_from_cam` of the left camera, metres; of one camera, units of the first baseline, which TUM's format
-lets a comment say. Lines are written as estimates come, under a temporary name
-that `close` moves into place.
+Both contain `world_from_cam` of the left camera in metres; with one camera in units of the first baseline, which a
+comment in the TUM file says. Lines are written as estimates come, under a temporary name; `close` moves the file into
+place.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from ..types import FrameEstimate, Trajectory
 
 
 class TumWriter:
-    """`trajectory.tum`: seconds with nine decimals, taken from the integer stamp without passing a float."""
+    """Writes `trajectory.tum`; seconds have nine decimals, taken from the integer stamp without a float between."""
 
     def __init__(self, path: str | Path, comment: str = "") -> None:
         self._file = PartFile(path)
@@ -35,7 +35,7 @@ class TumWriter:
 
 
 class KittiWriter:
-    """`trajectory.kitti`: one row a frame, row-major, no stamps."""
+    """Writes `trajectory.kitti`: one row per frame, row-major, no stamps."""
 
     def __init__(self, path: str | Path) -> None:
         self._file = PartFile(path)
@@ -51,19 +51,19 @@ class KittiWriter:
 
 
 def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
-    """`t x y z qx qy qz qw` of a pose (4, 4)."""
+    """The line `t x y z qx qy qz qw` of a pose (4, 4)."""
     numbers = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])]
     sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{ns // 10**9}.{ns % 10**9:09d} " + " ".join(f"{x:.12g}" for x in numbers)
 
 
 def kitti_line(world_from_cam: Array) -> str:
-    """The upper three rows of a pose (4, 4)."""
+    """The line with the upper three rows of a pose (4, 4)."""
     return " ".join(f"{x:.12g}" for x in world_from_cam[:3].ravel())
 
 
 def read_tum(path: str | Path) -> Trajectory:
-    """A TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
+    """Read a TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
     stamps, poses = [], []
     try:
         text = Path(path).read_text(encoding="utf-8")
