@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera.rectification import MonoRectifier, Rectifier
+from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
 from .config import Config
 from .errors import ConfigError, FrameError
+from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import Image, PreparedImages
@@ -40,18 +41,11 @@ class Observer:
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
         _check_arguments(rig, config)
-        self.rig: StereoRig | MonoRig
-        self.rectifier: Rectifier | MonoRectifier
-        self._frontend: StereoFrontEnd | MonoFrontEnd
-        if config.mono:
-            self.rig, self.rectifier = MonoRig(rig.left), MonoRectifier(rig.left)
-            self._frontend = MonoFrontEnd(self.rectifier.projection, config, self.rectifier.valid)
-        elif isinstance(rig, StereoRig):
-            self.rig, self.rectifier = rig, Rectifier(rig)
-            self._frontend = StereoFrontEnd(self.rectifier.projection, config, self.rectifier.valid)
-        else:
-            raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
+        self.rig = _used_cameras(rig, config)
+        self.rectifier = Rectifier(self.rig)
         self.projection: StereoProjection = self.rectifier.projection
+        front_end = MonoFrontEnd if self.rig.unscaled else StereoFrontEnd
+        self._frontend: FrontEnd = front_end(self.projection, config, self.rectifier.valid)
         self._axes = _Axes(self.rectifier.rect_from_cam)
         self._next_index = 0
         self._last_stamp_ns: int | None = None
@@ -131,7 +125,7 @@ class Observer:
             nis=solution.nis,
             nis_dof=solution.nis_dof,
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
-            unscaled=self.rectifier.unscaled,
+            unscaled=self.rig.unscaled,
         )
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
@@ -178,6 +172,15 @@ class Observer:
                 f"{where} (stamp {frame.stamp_ns} ns): stamps must grow, the last frame had {self._last_stamp_ns} ns; "
                 "drop this frame"
             )
+
+
+def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
+    """The rig that is estimated with. Here alone `Config.mono` decides; all that follows goes by this rig."""
+    if config.mono:
+        return MonoRig(rig.left)
+    if rig.unscaled:
+        raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
+    return rig
 
 
 def _check_arguments(rig: object, config: object) -> None:

@@ -19,34 +19,48 @@ from .rig import MonoRig, StereoRig
 # Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count; as a
 # length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first scene.
 VIRTUAL_BASELINE = 10.0
-# A wider view than the lens centre's own scale is bought with resolution; not below this share of it.
-_MIN_FOCAL_SHARE = 0.9
+# The focal length is that at which the whole image fits, so that a lens that bends keeps its corners; but at least this
+# fraction of the lens's own, chosen by hand: a wider view is bought with resolution in the middle.
+_MIN_FOCAL_FRACTION = 0.9
+_SAME_FOCAL_FRACTION = (
+    0.999  # of the lens's own, which is kept then: images that are rectified already stay as they are
+)
+_MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: below, a third of the views' noise floor, it is left out
+# Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the rectified
+# camera, as with a lens of 180°.
+_MIN_RAY_DEPTH = 0.2
+_EXCHANGED = -0.5  # x of the direction from left to right camera: within 60° of exactly left, no such pair is meant
 
 
-class _Remapping:
-    """Cameras to pinholes of one focal length and one row, in axes turned by `rotations`.
+class Rectifier:
+    """Rectification of a rig's images: to pinholes of one focal length and one row, the baseline along +x.
 
-    `valid` (h, w): pixels of the first rectified image that hold picture. Raises RigError for an impossible lens.
+    `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
+    the physical left camera's; `valid` (h, w): pixels of the rectified left image that hold picture. Raises RigError
+    where left and right are exchanged, or where the calibration leaves no image.
     """
 
-    def __init__(self, cameras: Sequence[Camera], rotations: Sequence[Array]) -> None:
+    def __init__(self, rig: StereoRig | MonoRig) -> None:
+        cameras, rotations = list(rig.cameras.values()), _rectifying_rotations(rig)
         width, height = cameras[0].width, cameras[0].height
         self.rect_from_cam: Array = rotations[0]
         extents, spans = _extents(cameras, rotations)
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
-        self._f = f_lens if f_fit > 0.999 * f_lens else max(f_fit, _MIN_FOCAL_SHARE * f_lens)
+        f = f_lens if f_fit > _SAME_FOCAL_FRACTION * f_lens else max(f_fit, _MIN_FOCAL_FRACTION * f_lens)
         middle = [(e[0] + e[1]) / 2 for e in extents]
-        self._cx = [(width - 1) / 2 - self._f * m[0] for m in middle]
-        self._cy = (height - 1) / 2 - self._f * float(np.mean([m[1] for m in middle]))
-        self._maps = [
-            _maps(c, r, self._f, cx, self._cy) for c, r, cx in zip(cameras, rotations, self._cx, strict=True)
-        ]
+        cx = [(width - 1) / 2 - f * m[0] for m in middle]
+        cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
+        baseline = VIRTUAL_BASELINE if isinstance(rig, MonoRig) else rig.baseline_m
+        self.projection = StereoProjection(
+            f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled
+        )
+        self._maps = [_maps(c, r, f, x, cy) for c, r, x in zip(cameras, rotations, cx, strict=True)]
         self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
         self.valid &= self._rectified(np.full((height, width), 255, np.uint8), 0) == 255
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """An image (h, w) uint8 of each camera, rectified; the same array where nothing has to move."""
+        """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
@@ -54,47 +68,19 @@ class _Remapping:
         return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
 
 
-class Rectifier(_Remapping):
-    """`projection` of the rectified pair; `rect_from_cam` (3, 3): its axes from the physical left camera's.
-
-    Raises RigError where left and right are exchanged, or where the calibration leaves no image.
-    """
-
-    unscaled = False
-
-    def __init__(self, rig: StereoRig) -> None:
-        super().__init__((rig.left, rig.right), _rectifying_rotations(rig))
-        cx_left, cx_right = self._cx
-        self.projection = StereoProjection(
-            self._f, cx_left, cx_right, self._cy, rig.baseline_m, rig.left.width, rig.left.height
-        )
-
-
-class MonoRectifier(_Remapping):
-    """`projection` of one camera without its distortion, and of a right one that does not exist."""
-
-    unscaled = True
-
-    def __init__(self, camera: Camera) -> None:
-        super().__init__((camera,), (np.eye(3),))
-        cx = self._cx[0]
-        self.projection = StereoProjection(self._f, cx, cx, self._cy, VIRTUAL_BASELINE, camera.width, camera.height)
-
-
 def check_rectifiable(rig: StereoRig | MonoRig) -> None:
     """Raise the RigError that a rectifier of this rig would raise, without computing its maps."""
-    if isinstance(rig, StereoRig):
-        _extents((rig.left, rig.right), _rectifying_rotations(rig))
-    else:
-        _extents((rig.left,), (np.eye(3),))
+    _extents(list(rig.cameras.values()), _rectifying_rotations(rig))
 
 
-def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
-    """Rotations (3, 3) of left and right camera axes into the rectified ones. Raises RigError for exchanged sides."""
+def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
+    """Rotations (3, 3) of each camera's axes into the rectified ones. Raises RigError for exchanged sides."""
+    if isinstance(rig, MonoRig):
+        return (np.eye(3),)
     rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
     right_in_left = -rotation.T @ translation
     x = right_in_left / np.linalg.norm(right_in_left)
-    if x[0] < -0.5:
+    if x[0] < _EXCHANGED:
         raise RigError(
             f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
             "exchange left and right, or the sign of the baseline in the calibration",
@@ -133,8 +119,8 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
     with np.errstate(invalid="ignore"):  # where the lens model has no answer, the caller says so
         rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
-    # a lens of 180° and more reaches behind the rectified plane; the focal share bounds what is kept of it
-    rays = rays[:, :2] / np.maximum(rays[:, 2:], 0.2)
+    # a lens of 180° and more reaches behind the rectified plane; the focal length bounds what is kept of it
+    rays = rays[:, :2] / np.maximum(rays[:, 2:], _MIN_RAY_DEPTH)
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
 
 
@@ -146,6 +132,6 @@ def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tu
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k, size, cv2.CV_32FC1)
     # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
     grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
-    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < 1e-2:
+    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < _MAX_SHIFT_PX:
         return None
     return cv2.convertMaps(u, v, cv2.CV_16SC2)

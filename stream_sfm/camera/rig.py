@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,24 +12,29 @@ from ..geometry.se3 import Array
 from .calibration import read_file, toml_file
 from .models import Camera
 
+_MAX_POSE = 1e6  # metres, of any element: more is a damaged file
+_MAX_SKEW = 1e-3  # of a rotation's products from those of an exact one: three decimals are enough in a file
+_MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline, not a pair
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    Raises ConfigError where the pair cannot be a stereo pair.
+    `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a stereo pair.
     """
 
+    unscaled: ClassVar[bool] = False
     left: Camera
     right: Camera
     right_from_left: Array
 
     def __post_init__(self) -> None:
         pose = np.array(self.right_from_left, dtype=float)
-        if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # false for NaN too
+        if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
             raise ConfigError(f"right_from_left must be a 4×4 pose in metres, got {pose.tolist()}")
         r = pose[:3, :3]
-        if not np.allclose(r @ r.T, np.eye(3), atol=1e-3) or np.linalg.det(r) < 0:
+        if not np.allclose(r @ r.T, np.eye(3), atol=_MAX_SKEW) or np.linalg.det(r) < 0:
             raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")
         object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
@@ -36,7 +42,7 @@ class StereoRig:
                 f"left images are {self.left.width}×{self.left.height}, right ones "
                 f"{self.right.width}×{self.right.height}: both must have one size"
             )
-        if self.baseline_m < 1e-4:
+        if self.baseline_m < _MIN_BASELINE_M:
             raise ConfigError(
                 f"the baseline is {self.baseline_m:g} m: give right_from_left in metres; in a ROS calibration it "
                 "is −P[3]/P[0] of the right camera, which must not be zero"
@@ -78,6 +84,7 @@ class StereoRig:
 class MonoRig:
     """One camera: the scale of what it sees is not observable (`Config.mono`)."""
 
+    unscaled: ClassVar[bool] = True
     left: Camera
 
     @property

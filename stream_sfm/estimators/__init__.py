@@ -27,7 +27,7 @@ METHODS: dict[str, tuple[str, str]] = {
 
 def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
     """A fresh estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
-    if config.mono:
+    if projection.virtual_right:
         from .cross_frame.mono import CrossFrameMono
 
         return CrossFrameMono(projection, config)

@@ -20,7 +20,8 @@ MIN_DEPTH = 1e-3
 class StereoProjection:
     """Projection of a rectified pair. Pixels; `baseline_m` > 0.
 
-    `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common view so.
+    `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common view so. `virtual_right`: there is
+    one camera only, and `baseline_m` is in units of its first motion.
     """
 
     f_px: float
@@ -30,6 +31,7 @@ class StereoProjection:
     baseline_m: float
     width: int
     height: int
+    virtual_right: bool = False
 
     def project(self, points_in_cam: Array) -> Array:
         """z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""

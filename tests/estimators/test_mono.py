@@ -27,7 +27,9 @@ def left_only(o: Observations, rows: np.ndarray, **changed) -> Observations:
 
 def run(scene: Sequence) -> tuple[list[Solution], float]:
     """Solutions of frames 1 …, the map begun by the first two frames; and its unit: depths there over true ones."""
-    p = replace(scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=VIRTUAL_BASELINE)
+    p = replace(
+        scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=VIRTUAL_BASELINE, virtual_right=True
+    )
     first, second, *later = scene.observations
     ids, a, b = np.intersect1d(first.track_ids, second.track_ids, return_indices=True)
     found = two_view_motion(p.rays(first.z_px[a]), p.rays(second.z_px[b]), 2**0.5 * STD_PX / p.f_px)
