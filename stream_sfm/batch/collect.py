@@ -1,4 +1,4 @@
-"""All logs of a batch: their jobs to an executor, their outcomes into batch.json and one page."""
+"""Run the jobs of all logs on an executor, and collect their results in batch.json and one page."""
 
 import time
 from collections import Counter
@@ -16,12 +16,12 @@ from ..estimators import METHODS
 from ..files import json_bytes, write_whole
 from ..interrupts import signals_noted
 from ..report.batch_page import render_batch
-from .job import Job, Outcome, read_summary, run_job
+from .job import Job, JobResult, read_summary, run_job
 from .logs import names_for
 
 SCHEMA_VERSION = 1
 RECORD, PAGE, STOP = "batch.json", "report.html", "stop"
-_POLL_S = 0.2
+_POLL_S = 0.2  # how soon a Ctrl-C is passed on to the jobs
 
 
 def run_batch(
@@ -32,14 +32,15 @@ def run_batch(
     *,
     options: Sequence[str] = (),
     calibration: Path | None = None,
-    patience_s: float = 600.0,
-    on_done: Callable[[Outcome], None] | None = None,
+    timeout_s: float = 600.0,
+    on_done: Callable[[JobResult], None] | None = None,
 ) -> dict[str, Any]:
-    """Replay each log into `out`/<name>; returns the content of batch.json.
+    """Replay each log into `out`/<name> and return the content of batch.json.
 
-    `logs` as `find_logs` gives them; `options` are further arguments of `replay`; a log that gives no frame for
-    `patience_s` is given up. With the first Ctrl-C or SIGTERM the logs in hand are ended after their present frame,
-    and the rest is not begun. Raises ConfigError and OutputError before anything is begun.
+    `logs` as `find_logs` returns them; `options` are further arguments of `replay`; a log that delivers no frame for
+    `timeout_s` is stopped; `on_done` is called with the result of each log. On the first Ctrl-C or SIGTERM the
+    running replays end after their current frame, and no further one is started. Raises ConfigError and OutputError
+    before any replay is started.
     """
     if config.method not in METHODS:
         raise ConfigError(f"method {config.method!r} is not known; known are {', '.join(METHODS)}")
@@ -50,39 +51,45 @@ def run_batch(
         stop.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {out}: {error.strerror}") from None
-    began = time.monotonic()
+    started_s = time.monotonic()
     toml = config_to_toml(config)
     jobs = [
-        Job(name, log, out / name, toml, tuple(options), calibration, patience_s, stop)
+        Job(name, log, out / name, toml, tuple(options), calibration, timeout_s, stop)
         for log, name in names_for(logs, reserved=(RECORD, PAGE, STOP)).items()
     ]
-    outcomes, interrupted = _through(executor, jobs, on_done)
-    content = {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
+    results, interrupted = _run_jobs(executor, jobs, on_done)
+    content = _content(jobs, results) | {
         "method": config.method,
-        "complete": all(outcome.status == "done" for outcome in outcomes),
         "interrupted": interrupted,
-        "counts": dict(Counter(outcome.status for outcome in outcomes)),
-        "reused": sum(outcome.reused for outcome in outcomes),
-        "wall_s": time.monotonic() - began,
+        "wall_s": time.monotonic() - started_s,
         "configuration": toml,
         "options": list(options),
-        "logs": [
-            msgspec.to_builtins(outcome) | {"summary": read_summary(job.folder) if outcome.key else None}
-            for job, outcome in zip(jobs, outcomes, strict=True)
-        ],
     }
     write_whole(out / RECORD, json_bytes(content))
     write_whole(out / PAGE, render_batch(content, out).encode())
     return content
 
 
-def _through(
-    executor: Executor, jobs: Sequence[Job], on_done: Callable[[Outcome], None] | None
-) -> tuple[list[Outcome], bool]:
-    """The outcomes, in the order of the jobs, and whether a signal has ended the batch."""
-    outcomes: dict[str, Outcome] = {}
+def _content(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any]:
+    """The part of batch.json that follows from the results of the jobs."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "complete": all(result.status == "done" for result in results),
+        "counts": dict(Counter(result.status for result in results)),
+        "reused": sum(result.reused for result in results),
+        "logs": [
+            msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+            for job, result in zip(jobs, results, strict=True)
+        ],
+    }
+
+
+def _run_jobs(
+    executor: Executor, jobs: Sequence[Job], on_done: Callable[[JobResult], None] | None
+) -> tuple[list[JobResult], bool]:
+    """The results in the order of the jobs, and whether a signal ended the batch."""
+    results: dict[str, JobResult] = {}
     with signals_noted() as signals:
         futures = {executor.submit(run_job, job): job for job in jobs}
         waiting = set(futures)
@@ -91,24 +98,24 @@ def _through(
                 ended, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
                 for future in ended:
                     job = futures[future]
-                    outcomes[job.name] = _result(future, job)
+                    results[job.name] = _result(future, job)
                     if on_done is not None:
-                        on_done(outcomes[job.name])
+                        on_done(results[job.name])
                 if signals:
                     jobs[0].stop.touch()
-        except BaseException:  # a second Ctrl-C: nobody waits any more
+        except BaseException:  # a second Ctrl-C: no job is waited for any longer
             jobs[0].stop.touch()
             for future in waiting:
                 future.cancel()
             raise
     if jobs:
         jobs[0].stop.unlink(missing_ok=True)
-    return [outcomes[job.name] for job in jobs], bool(signals)
+    return [results[job.name] for job in jobs], bool(signals)
 
 
-def _result(future: Future[Outcome], job: Job) -> Outcome:
+def _result(future: Future[JobResult], job: Job) -> JobResult:
     try:
         return future.result()
     except Exception as error:  # the worker itself was lost, or cannot write
         reason = f"{type(error).__name__}: {error}"
-        return Outcome(name=job.name, log=str(job.log), status="failed", reason=reason)
+        return JobResult(name=job.name, log=str(job.log), status="failed", reason=reason)

@@ -1,4 +1,4 @@
-"""Which logs the user means by files, folders and patterns, and a name for each."""
+"""Find the logs that files, folders and patterns stand for, and give each a name."""
 
 import glob
 import os
@@ -8,16 +8,16 @@ from pathlib import Path
 
 from ..errors import LogError
 
-_OURS = "estimates.mcap"  # what a replay writes: a log, but not a stereo log
+_RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log
 
 
 def find_logs(arguments: Sequence[str]) -> dict[Path, int]:
-    """Absolute paths in the order given, each once, and how many parts of the path make its name.
+    """Absolute paths in the given order, each once, with the number of parts of the path that make its name.
 
-    A folder stands for all *.mcap files in it and below, apart from hidden ones and results (estimates.mcap); they
-    are named from that folder on, so that a name stays the same when the folder grows. A pattern that no shell has
-    expanded is expanded here, `**` for any depth. Raises LogError where a folder holds no log; a file that is not
-    there is kept, and reported when its turn comes.
+    A folder stands for all *.mcap files in it and below, except hidden ones and results (estimates.mcap); they are
+    named relative to that folder, so that a name stays the same when the folder grows. A pattern that no shell has
+    expanded is expanded here, `**` for any depth. Raises LogError where a folder holds no log; a file that does not
+    exist is kept, and reported when it is its turn.
     """
     found: dict[Path, int] = {}
     for argument in arguments:
@@ -26,7 +26,7 @@ def find_logs(arguments: Sequence[str]) -> dict[Path, int]:
             if not path.is_dir():
                 found.setdefault(path, 1)
                 continue
-            below = list(_below(path))
+            below = list(_logs_below(path))
             if not below:
                 raise LogError(f"the folder {path} holds no log (*.mcap)")
             for log in below:
@@ -34,18 +34,18 @@ def find_logs(arguments: Sequence[str]) -> dict[Path, int]:
     return found
 
 
-def _below(folder: Path) -> Iterator[Path]:
+def _logs_below(folder: Path) -> Iterator[Path]:
     for path in sorted(folder.rglob("*.mcap")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if not hidden and path.name != _OURS and path.is_file():
+        if not hidden and path.name != _RESULT and path.is_file():
             yield path
 
 
 def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Path, str]:
-    """A name a log, from `find_logs`: its file name without the suffix, after so many parent folders as tell it
-    from the others.
+    """A unique name for each log: its file name without the suffix, after as many parent folders as needed.
 
-    Upper and lower case count as the same, as for some file systems; what is still the same gets a number.
+    `logs` as `find_logs` returns them. Upper and lower case count as equal, as in some file systems; names that are
+    still equal get a number.
     """
     depths = dict(logs)
     while True:
@@ -57,10 +57,10 @@ def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Pa
         for log in clashing:
             depths[log] += 1
     taken = {name.casefold() for name in reserved}
-    return {log: _free(name, taken) for log, name in names.items()}
+    return {log: _unused(name, taken) for log, name in names.items()}
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _unused(name: str, taken: set[str]) -> str:
     candidate, number = name, 1
     while candidate.casefold() in taken:
         number += 1

@@ -3,46 +3,113 @@
 import argparse
 import math
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..config import Config
 
+# The names of `estimators.METHODS`, which a parser must know without importing the estimators.
+METHODS = (
+    "cross-frame",
+    "cross-frame-wc",
+    "cross-frame-cc",
+    "cross-frame-cc-literal",
+    "ekf",
+    "ekf-cv",
+    "frame-to-frame",
+    "depth-filter",
+)
 _SELECTION = {"left": None, "right": None, "start": None, "end": None, "max_frames": None, "stride": 1}
 
 
+def add_command(
+    subparsers: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int] | None,
+    *,
+    summary: str,
+    description: str,
+    usage: str,
+    parent: str = "",
+) -> argparse.ArgumentParser:
+    """A parser for one command, without any arguments; `summary` appears in the list of commands.
+
+    `run` is None for a command that only has commands of its own; those name it as their `parent`.
+    """
+    prog = " ".join(filter(None, ("stream-sfm", parent, name)))
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        name, help=summary, description=description, prog=prog, usage=f"{prog} {usage}"
+    )
+    if run is not None:
+        parser.set_defaults(run=run)
+    return parser
+
+
+def add_general(
+    parser: argparse.ArgumentParser, *, json: str = "", quiet: bool = False, verbose: bool = False
+) -> None:
+    """The options that mean the same in every command; `json` is what a command prints with --json."""
+    group = parser.add_argument_group("general")
+    if json:
+        group.add_argument("--json", action="store_true", help=f"print {json} and nothing else")
+    if quiet:
+        group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+    if verbose:
+        group.add_argument(
+            "-v", "--verbose", action="store_true", help="report every change of status, and the time per stage"
+        )
+    add_debug(group, default=argparse.SUPPRESS)
+    group.add_argument("-h", "--help", action="help", help="show this help and exit")
+
+
+def add_debug(group: Any, default: Any = False) -> None:
+    """The option --debug, which is accepted before and after the command."""
+    group.add_argument(
+        "--debug", action="store_true", default=default, help="print the traceback of an error as well"
+    )
+
+
 def add_log(parser: argparse.ArgumentParser) -> None:
-    """LOG and how its cameras are found."""
+    """The log to read."""
     parser.add_argument("log", metavar="LOG", help="a stereo log (MCAP)")
-    add_cameras(parser)
 
 
-def add_cameras(parser: argparse.ArgumentParser) -> None:
+def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """How the cameras of a log are found."""
-    parser.add_argument("--left", metavar="TOPIC", help="topic of the left images, if it is not found by itself")
-    parser.add_argument("--right", metavar="TOPIC", help="topic of the right images")
-    parser.add_argument("--calibration", metavar="FILE", help="calibration (TOML) instead of the log's own")
+    group = parser.add_argument_group("cameras")
+    group.add_argument("--left", metavar="TOPIC", help="topic of the left images (default: found automatically)")
+    group.add_argument("--right", metavar="TOPIC", help="topic of the right images (default: found automatically)")
+    group.add_argument("--calibration", metavar="FILE", help="use this calibration (TOML) instead of the log's own")
+    return group
 
 
-def add_selection(parser: argparse.ArgumentParser) -> None:
-    """Which frames."""
-    parser.add_argument("--start", type=seconds, metavar="S", help="seconds from the first frame")
-    parser.add_argument("--end", type=seconds, metavar="S", help="seconds from the first frame")
-    parser.add_argument("--max-frames", type=positive, metavar="N", help="at most so many frames")
-    parser.add_argument("--stride", type=positive, default=1, metavar="N", help="every N-th frame")
+def add_selection(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Which frames of a log are read."""
+    group = parser.add_argument_group("frames")
+    group.add_argument("--start", type=seconds, metavar="S", help="begin S seconds after the first frame")
+    group.add_argument("--end", type=seconds, metavar="S", help="end S seconds after the first frame")
+    group.add_argument("--max-frames", type=positive, metavar="N", help="read at most N frames")
+    group.add_argument("--stride", type=positive, default=1, metavar="N", help="read every N-th frame")
+    return group
 
 
-def add_method(parser: argparse.ArgumentParser) -> None:
-    """Which estimator."""
-    parser.add_argument("--method", metavar="NAME", help="cross-frame (default), ekf, frame-to-frame")
-
-
-def add_configuration(parser: argparse.ArgumentParser) -> None:
-    """Settings."""
-    parser.add_argument("--config", metavar="FILE", help="settings (TOML); `stream-sfm config` prints all")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, as in window.frames=12"
+def add_settings(parser: argparse.ArgumentParser, *, method: bool = True) -> None:
+    """The estimator (`method`) and all other settings."""
+    group = parser.add_argument_group("settings")
+    if method:
+        group.add_argument(
+            "--method", metavar="NAME", help=f"the estimator: {METHODS[0]} (default), {', '.join(METHODS[1:])}"
+        )
+    group.add_argument(
+        "--config", metavar="FILE", help="read settings from this file (`stream-sfm config` prints them all)"
+    )
+    group.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one setting, for example window.frames=12; may be repeated",
     )
 
 
@@ -50,24 +117,24 @@ def read_settings(args: argparse.Namespace, further: Sequence[str] = ()) -> "Con
     """The configuration of --config, --set, --method and `further` settings. Raises ConfigError."""
     from ..config import read_config
 
-    method = [f'method="{args.method}"'] if args.method else []
+    method = [f'method="{args.method}"'] if getattr(args, "method", None) else []
     return read_config(args.config, [*args.set, *method, *further])
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Where work runs in parallel."""
-    where = parser.add_mutually_exclusive_group()
+    where = parser.add_argument_group("parallel work").add_mutually_exclusive_group()
     where.add_argument(
         "--workers",
         type=positive,
-        default=str(os.cpu_count() or 1),  # a text: argparse takes a value that is the default for not given
+        default=str(os.cpu_count() or 1),  # text, so that argparse can tell the default from a value that equals it
         metavar="N",
-        help="processes of this machine (default: one a core)",
+        help="number of processes on this machine (default: one per CPU core)",
     )
     where.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="a Dask cluster instead, as in tcp://127.0.0.1:8786 (extra `cluster`)",
+        help="use a Dask cluster instead, for example tcp://127.0.0.1:8786 (needs stream-sfm[cluster])",
     )
 
 
@@ -77,23 +144,55 @@ def selection_options(args: argparse.Namespace) -> list[str]:
     return [f"--{name.replace('_', '-')}={value}" for name, value in chosen.items() if value != _SELECTION[name]]
 
 
+def frames_to_read(in_log: int | None, args: argparse.Namespace) -> int | None:
+    """How many frames a command will read of a log that has `in_log`; None where that is not known."""
+    if args.start is not None or args.end is not None or in_log is None:
+        return int(args.max_frames) if args.max_frames else None
+    frames = -(-in_log // int(args.stride))
+    frames = min(frames, args.max_frames or frames)
+    return 2 * frames - 1 if getattr(args, "there_and_back", False) is True else frames
+
+
 def positive(text: str) -> int:
     """A whole number of at least 1."""
+    return _whole(text, 1)
+
+
+def not_negative(text: str) -> int:
+    """A whole number of at least 0."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
     try:
         value = int(text)
     except ValueError:
-        value = 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+        value = least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least {least}")
     return value
 
 
 def seconds(text: str) -> float:
     """A finite number of at least 0."""
+    value = _number(text)
+    if not value >= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds (0 or more)")
+    return value
+
+
+def degrees(text: str) -> float:
+    """An angle of at most a full turn."""
+    value = _number(text)
+    if not abs(value) <= 360:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an angle in degrees (-360 to 360)")
+    return value
+
+
+def _number(text: str) -> float:
+    """A finite number, NaN for anything else."""
     try:
         value = float(text)
     except ValueError:
-        value = math.nan
-    if not (value >= 0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds, 0 or more")
-    return value
+        return math.nan
+    return value if math.isfinite(value) else math.nan

@@ -1,80 +1,65 @@
 """`stream-sfm compare`: every method on the same observations, and the drift report."""
 
 import argparse
-import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ExitCode
 from . import arguments
 
+if TYPE_CHECKING:
+    from ..recording import StereoLog
+    from ..report.records import Comparison
+
+# The names of `comparison.COMPARED`, which the help lists without importing the estimators.
+DEFAULT_METHODS = "cross-frame,cross-frame-wc,cross-frame-cc,ekf,ekf-cv,frame-to-frame"
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the command to the parser of `stream-sfm`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = arguments.add_command(
+        subparsers,
         "compare",
-        help="how the EKF and the cross-frame method drift on a log: an HTML report",
-        description="Run the cross-frame method (joint, per-point WC, per-point CC), the EKF and frame-to-frame on "
-        "the same observations. Writes report.html (one file, no network), report.json, and a folder a method as "
-        "`replay` does.",
+        run,
+        summary="compare the drift of the cross-frame method and the EKF in an HTML report",
+        description="Run several methods on the same observations: by default the cross-frame method (joint, "
+        "per-point WC and per-point CC), the EKF and frame-to-frame estimation. Writes report.html (a single file), "
+        "report.json, and one result folder per method, as `replay` does.",
+        usage="LOG [options]",
     )
     arguments.add_log(parser)
-    parser.add_argument("--out", metavar="DIR", help="folder of the results (default runs/<log>-<time>)")
-    parser.add_argument(
-        "--methods",
-        metavar="NAME,…",
-        help="default cross-frame,cross-frame-wc,cross-frame-cc,ekf,ekf-cv,frame-to-frame",
-    )
-    parser.add_argument(
+    arguments.add_cameras(parser)
+    frames = arguments.add_selection(parser)
+    frames.add_argument(
         "--there-and-back",
         choices=("auto", "yes", "no"),
         default="auto",
-        help="feed the frames backwards as well (auto: where the log has no ground truth)",
+        help="read the frames forwards, then backwards: yes, no, or auto (default: where the log has no ground truth)",
     )
-    arguments.add_selection(parser)
-    arguments.add_configuration(parser)
-    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
-    parser.add_argument("-q", "--quiet", action="store_true", help="print errors only")
-    parser.set_defaults(run=run)
+    arguments.add_settings(parser, method=False)
+    results = parser.add_argument_group("results")
+    results.add_argument(
+        "--methods",
+        metavar="NAME,…",
+        help=f"the methods, separated by commas (default: {DEFAULT_METHODS.replace(',', ', ')})",
+    )
+    results.add_argument("--out", metavar="DIR", help="result folder (default: runs/LOG-TIME)")
+    arguments.add_general(parser, json="report.json", quiet=True)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare, print a table, and say by the exit code whether all of the log and all methods went through."""
-    from ..comparison.compare import COMPARED, Selection
-    from ..comparison.files import compare_into
-    from ..config import read_config
-    from ..inspection import inspect_log
+    """Compare, print a table, and return whether the whole log and all methods were processed."""
     from ..pipeline.replay import check_selection, new_run_folder, point_latest_to
     from ..recording import open_log
-    from . import output
 
-    methods = (
-        tuple(dict.fromkeys(m.strip() for m in args.methods.split(",") if m.strip())) if args.methods else COMPARED
-    )
-    config = read_config(args.config, args.set)
+    config = arguments.read_settings(args)
     check_selection(args.start, args.end)
     log = open_log(args.log, args.left, args.right, args.calibration)
-    health = inspect_log(args.log, args.left, args.right, args.calibration)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
-    chosen = Selection(args.start, args.end, args.max_frames, args.stride)
-    with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
-        comparison, content = compare_into(
-            log,
-            folder,
-            config,
-            methods,
-            None if chosen == Selection() else chosen,
-            there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
-            health=health,
-            on_frame=tell,
-        )
+    comparison, content = _compare(log, folder, config, args)
     if not args.out:
         point_latest_to(folder)
-    if args.json:
-        output.print_json(content)
-    elif not args.quiet:
-        output.print_notes("warning", comparison.warnings)
-        _print(content, folder)
+    _print(comparison, content, folder, args)
     if comparison.interrupted:
         return ExitCode.INTERRUPTED
     if any(r.failure for r in comparison.runs):
@@ -82,26 +67,40 @@ def run(args: argparse.Namespace) -> int:
     return ExitCode.DONE if comparison.complete else ExitCode.INPUT
 
 
-def _print(content: dict[str, Any], folder: Path) -> None:
-    from rich.console import Console
-    from rich.table import Column, Table
+def _compare(
+    log: "StereoLog", folder: Path, config: Any, args: argparse.Namespace
+) -> tuple["Comparison", dict[str, Any]]:
+    from ..comparison.compare import Selection
+    from ..comparison.files import compare_into
+    from ..inspection import inspect_log
+    from .progress import frame_progress
 
-    from ..report.numbers import verdict
+    names = (name.strip() for name in (args.methods or DEFAULT_METHODS).split(","))
+    chosen = Selection(args.start, args.end, args.max_frames, args.stride)
+    there_and_back = {"auto": None, "yes": True, "no": False}[args.there_and_back]
+    total = arguments.frames_to_read(log.expected_frames, args)
+    with frame_progress("compare", total, args.quiet) as on_frame:
+        return compare_into(
+            log,
+            folder,
+            config,
+            tuple(dict.fromkeys(name for name in names if name)),
+            None if chosen == Selection() else chosen,
+            there_and_back=there_and_back,
+            inspection=inspect_log(args.log, args.left, args.right, args.calibration),
+            on_frame=on_frame,
+        )
 
-    columns = {
-        "ate_rmse_aligned_m": "ATE aligned, m",
-        "final_drift_percent": "final drift, %",
-        "t_rel_percent": "t_rel, %",
-        "r_rel_deg_per_100m": "r_rel, °/100 m",
-        "nees_pose_mean": "NEES",
-        "growth_exponent": "growth",
-        "ms_per_frame_p50": "ms a frame",
-    }
-    table = Table(*(Column(name, no_wrap=True) for name in ("method", *columns.values())))
-    for key, figures in content["methods"].items():
-        cells = ("–" if figures[c] is None else f"{figures[c]:.4g}" for c in columns)
-        table.add_row(key.replace("_", "-"), *cells)
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    console.print(table)
-    print(verdict(content, bool(content["frames_with_ground_truth"] > 1))[1])
-    print(folder / "report.html")
+
+def _print(comparison: "Comparison", content: dict[str, Any], folder: Path, args: argparse.Namespace) -> None:
+    from ..report.numbers import conclusion
+    from .comparison_table import print_comparison
+    from .printing import print_json, print_notes
+
+    if args.json:
+        print_json(content)
+    elif not args.quiet:
+        print_notes("warning", comparison.warnings)
+        print_comparison(content)
+        print(conclusion(content, bool(content["frames_with_ground_truth"] > 1))[1])
+        print(folder / "report.html")

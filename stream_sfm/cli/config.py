@@ -9,18 +9,21 @@ from . import arguments
 
 def add_parser(subparsers: Any) -> None:
     """Add the command to the parser of `stream-sfm`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = arguments.add_command(
+        subparsers,
         "config",
-        help="print all settings with their defaults as commented TOML",
-        description="Print all settings as commented TOML: the defaults, or what --config and --set make of them.",
+        run,
+        summary="print all settings as commented TOML",
+        description="Print all settings as commented TOML: the defaults, changed by --config and --set.",
+        usage="[options]",
     )
-    arguments.add_configuration(parser)
-    parser.set_defaults(run=run)
+    arguments.add_settings(parser, method=False)
+    arguments.add_general(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the configuration."""
-    from ..config import config_to_toml, read_config
+    from ..config import config_to_toml
 
-    print(config_to_toml(read_config(args.config, args.set)), end="")
+    print(config_to_toml(arguments.read_settings(args)), end="")
     return ExitCode.DONE

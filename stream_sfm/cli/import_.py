@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExitCode
+from . import arguments
 
 if TYPE_CHECKING:
     from ..importers import Imported
@@ -11,65 +12,113 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Add the command to the parser of `stream-sfm`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = arguments.add_command(
+        subparsers,
         "import",
-        help="make a log of a KITTI or EuRoC recording, or of folders of images",
-        description="Write a log (MCAP) that replay, Foxglove and Rerun read. Image bytes are kept as they are.",
+        None,
+        summary="convert a KITTI or EuRoC recording, or folders of images, to a log",
+        description="Write a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged.",
+        usage="KIND ... OUT.mcap [options]",
     )
     kinds = parser.add_subparsers(title="kinds", metavar="KIND", dest="kind", required=True)
-    kitti = kinds.add_parser("kitti", help="one sequence of KITTI odometry")
-    kitti.add_argument("folder", metavar="DIR", help="with calib.txt, times.txt, image_0 and image_1")
-    kitti.add_argument("out", metavar="OUT.mcap")
-    kitti.add_argument(
-        "--poses", metavar="FILE", help="ground truth, 12 numbers a row (found by itself in its usual place)"
+    _add_kitti(kinds)
+    _add_euroc(kinds)
+    _add_images(kinds)
+    arguments.add_general(parser)
+
+
+def _add_kitti(kinds: Any) -> None:
+    parser = arguments.add_command(
+        kinds,
+        "kitti",
+        _kitti,
+        summary="one sequence of KITTI odometry",
+        description="Convert one sequence of the KITTI odometry benchmark.",
+        usage="DIR OUT.mcap [options]",
+        parent="import",
     )
-    kitti.set_defaults(run=_kitti)
-    euroc = kinds.add_parser("euroc", help="one EuRoC recording")
-    euroc.add_argument("folder", metavar="DIR", help="mav0, or the folder that holds it")
-    euroc.add_argument("out", metavar="OUT.mcap")
-    euroc.set_defaults(run=_euroc)
-    images = kinds.add_parser("images", help="two sets of image files and a calibration")
-    images.add_argument(
-        "--left", metavar="GLOB", nargs="+", required=True, help="the left images: a glob, a folder, or files"
+    parser.add_argument(
+        "folder", metavar="DIR", help="the sequence, with calib.txt, times.txt, image_0 and image_1"
     )
-    images.add_argument("--right", metavar="GLOB", nargs="+", required=True, help="the right images")
-    images.add_argument("--calibration", metavar="FILE", required=True, help="calibration of the pair (TOML)")
-    images.add_argument("--stamps", metavar="FILE", help="one time a line: seconds, or whole nanoseconds")
-    images.add_argument(
-        "--rate", metavar="HZ", type=float, default=10.0, help="frames a second without --stamps (10)"
+    _add_out(parser)
+    parser.add_argument_group("ground truth").add_argument(
+        "--poses", metavar="FILE", help="poses, 12 numbers per line (default: poses/SEQUENCE.txt beside sequences/)"
     )
-    images.add_argument("out", metavar="OUT.mcap")
-    images.set_defaults(run=_images)
-    for kind in (kitti, euroc, images):
-        kind.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    _add_general(parser)
+
+
+def _add_euroc(kinds: Any) -> None:
+    parser = arguments.add_command(
+        kinds,
+        "euroc",
+        _euroc,
+        summary="one EuRoC recording",
+        description="Convert one recording in the format of the EuRoC MAV data set.",
+        usage="DIR OUT.mcap [options]",
+        parent="import",
+    )
+    parser.add_argument("folder", metavar="DIR", help="the folder mav0, or the folder that contains it")
+    _add_out(parser)
+    _add_general(parser)
+
+
+def _add_images(kinds: Any) -> None:
+    parser = arguments.add_command(
+        kinds,
+        "images",
+        _images,
+        summary="two sets of image files with a calibration",
+        description="Convert left and right image files, paired in the order of their names. FILES is a folder, a "
+        "glob such as 'left/*.png', or several files.",
+        usage="--left FILES --right FILES --calibration FILE OUT.mcap [options]",
+        parent="import",
+    )
+    _add_out(parser)
+    group = parser.add_argument_group("images")
+    group.add_argument("--left", metavar="FILES", nargs="+", required=True, help="the left images")
+    group.add_argument("--right", metavar="FILES", nargs="+", required=True, help="the right images")
+    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair (TOML)")
+    group.add_argument("--stamps", metavar="FILE", help="one time stamp per line: seconds, or integer nanoseconds")
+    group.add_argument(
+        "--rate", metavar="HZ", type=float, default=10.0, help="frames per second without --stamps (default: 10)"
+    )
+    _add_general(parser)
+
+
+def _add_out(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", metavar="OUT.mcap", help="the log to write")
+
+
+def _add_general(parser: argparse.ArgumentParser) -> None:
+    arguments.add_general(parser, json="what was imported, as one JSON object,")
 
 
 def _kitti(args: argparse.Namespace) -> int:
     from ..importers import import_kitti
 
-    return _tell(import_kitti(args.folder, args.out, args.poses), args)
+    return _report(import_kitti(args.folder, args.out, args.poses), args)
 
 
 def _euroc(args: argparse.Namespace) -> int:
     from ..importers import import_euroc
 
-    return _tell(import_euroc(args.folder, args.out), args)
+    return _report(import_euroc(args.folder, args.out), args)
 
 
 def _images(args: argparse.Namespace) -> int:
     from ..importers import import_images
 
     found = import_images(args.left, args.right, args.calibration, args.out, args.stamps, args.rate)
-    return _tell(found, args)
+    return _report(found, args)
 
 
-def _tell(imported: "Imported", args: argparse.Namespace) -> int:
-    from . import output
+def _report(imported: "Imported", args: argparse.Namespace) -> int:
+    from .printing import print_json, print_notes
 
-    output.print_notes("warning", imported.warnings)
+    print_notes("warning", imported.warnings)
     if args.json:
         counts = {"left": imported.left, "right": imported.right, "poses": imported.poses}
-        output.print_json({"out": str(imported.path), **counts, "warnings": imported.warnings})
+        print_json({"out": str(imported.path), **counts, "warnings": imported.warnings})
     else:
         print(f"{imported.path}: {imported.left} left and {imported.right} right images, {imported.poses} poses")
     return ExitCode.DONE

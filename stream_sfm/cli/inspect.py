@@ -1,4 +1,4 @@
-"""`stream-sfm inspect`: what is in a log, and whether it can be replayed."""
+"""`stream-sfm inspect`: what a log contains, and whether it can be replayed."""
 
 import argparse
 from typing import Any
@@ -9,25 +9,30 @@ from . import arguments
 
 def add_parser(subparsers: Any) -> None:
     """Add the command to the parser of `stream-sfm`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = arguments.add_command(
+        subparsers,
         "inspect",
-        help="say what is in a log and whether it can be replayed",
-        description="Topics, the stereo pair that would be used and why, rate, gaps, calibration and a check of "
-        "it. Exit code 3 where a replay could not work, with what to change.",
+        run,
+        summary="show what a log contains and check whether it can be replayed",
+        description="Show the topics of a log, the stereo pair that would be used and why, frame rate, gaps and "
+        "calibration, and check the calibration against the images. If a replay cannot work, the exit code is 3 and "
+        "the output says what to change.",
+        usage="LOG [options]",
     )
     arguments.add_log(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
-    parser.set_defaults(run=run)
+    arguments.add_cameras(parser)
+    arguments.add_general(parser, json="the description as one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """Inspect and print."""
     from ..inspection import inspect_log
-    from . import output
+    from .inspection_tables import print_inspection
+    from .printing import print_json
 
     found = inspect_log(args.log, args.left, args.right, args.calibration)
     if args.json:
-        output.print_json(found)
+        print_json(found)
     else:
-        output.print_inspection(found)
+        print_inspection(found)
     return ExitCode.INPUT if found["problems"] else ExitCode.DONE

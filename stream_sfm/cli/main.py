@@ -1,4 +1,4 @@
-"""`stream-sfm`: parse, call, and turn errors into exit codes; the commands are modules beside this one.
+"""`stream-sfm`: parse, call, and turn errors into exit codes; each command is a module beside this one.
 
 The exit codes are in `errors.py`. Heavy imports happen in the commands, so that `--help` answers at once.
 """
@@ -12,44 +12,58 @@ from collections.abc import Sequence
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from . import batch, compare, config, import_, inspect, replay, simulate, surface
+from .arguments import add_debug
 from .hints import hint
+from .parser import Parser
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, simulate, config)
-_DEBUG_HELP = "show the traceback of an error"
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The parser with all commands."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="stream-sfm",
-        description="Stereo odometry and local structure from recorded stereo logs, with covariances.",
-        epilog="exit codes: 0 done; 1 a defect of stream-sfm; 2 usage or configuration; 3 input unreadable, "
-        "unsuitable or only partly read; 130 interrupted, with everything so far written",
+        usage="stream-sfm COMMAND [options]",
+        description="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
+        epilog="Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; "
+        "3 input unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written.",
     )
-    parser.add_argument("--version", action="version", version=f"stream-sfm {__version__}")
-    parser.add_argument("--debug", action="store_true", help=_DEBUG_HELP)
-    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for command in COMMANDS:
         command.add_parser(subparsers)
-    for name, subparser in subparsers.choices.items():
-        subparser.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=_DEBUG_HELP)
-        subparser.prog = f"stream-sfm {name}"
+    general = parser.add_argument_group("general")
+    add_debug(general)
+    general.add_argument(
+        "--version", action="version", version=f"stream-sfm {__version__}", help="print the version"
+    )
+    general.add_argument("-h", "--help", action="help", help="show this help and exit")
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code."""
+    """Run one command and return its exit code."""
     # One thread for small matrices and some hundred small patches: waiting threads cost more than they save, and the
     # numbers are the same on every machine. Left and right are decoded in threads of their own.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
-    for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show σ, or a name that is no text, ends no run
+    for stream in (
+        sys.stdout,
+        sys.stderr,
+    ):  # a terminal without σ, or a file name that is not text, must not end a run
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    parser = build_parser()
     try:
-        args = build_parser().parse_args(argv)
+        args = parser.parse_args(argv)
     except SystemExit as stop:  # --help, --version and usage errors, already printed
-        return stop.code if isinstance(stop.code, int) else 0
+        return stop.code if isinstance(stop.code, int) else ExitCode.DONE
+    if args.command is None:
+        parser.print_help(sys.stderr)
+        return ExitCode.USAGE
+    return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         code: int = args.run(args)
         sys.stdout.flush()

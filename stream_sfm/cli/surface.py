@@ -1,7 +1,6 @@
 """`stream-sfm surface`: the dense, textured surface that one frame or a whole log shows."""
 
 import argparse
-import math
 import os
 import time
 from pathlib import Path
@@ -16,64 +15,79 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Add the command to the parser of `stream-sfm`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = arguments.add_command(
+        subparsers,
         "surface",
-        help="the dense, textured surface of one frame or of a whole log, as a mesh with σ",
-        description="Dense stereo into a textured mesh: a binary PLY with colour, normal and std_m (σ along the "
-        "viewing ray, metres) of each vertex. One frame in the axes of its left camera, or all frames fused in the "
-        "world (the first left camera) by the estimated poses.",
+        run,
+        summary="reconstruct a dense, textured surface from one frame or from a whole log",
+        description="Reconstruct a textured mesh by dense stereo: a binary PLY file with the colour, the normal and "
+        "std_m of each vertex (σ along the viewing ray, metres). The mesh of one frame is in the axes of its left "
+        "camera; all frames are fused in the world frame (the first left camera) by the estimated poses.",
+        usage="LOG --out FILE.ply [options]",
     )
     arguments.add_log(parser)
-    parser.add_argument("--out", metavar="FILE.ply", required=True, help="the mesh")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--frame", type=_number, default=0, metavar="N", help="of this frame, from 0 (default 0)")
-    which.add_argument("--all", action="store_true", help="of all frames, fused")
-    arguments.add_method(parser)
-    arguments.add_selection(parser)
-    arguments.add_configuration(parser)
-    parser.add_argument("--preview", metavar="FILE.png", help="also a picture of it")
-    parser.add_argument(
+    _add_results(parser)
+    arguments.add_cameras(parser)
+    frames = arguments.add_selection(parser)
+    which = frames.add_mutually_exclusive_group()
+    which.add_argument(
+        "--frame", type=arguments.not_negative, default=0, metavar="N", help="use frame N, from 0 (default: 0)"
+    )
+    which.add_argument("--all", action="store_true", help="fuse all frames")
+    arguments.add_settings(parser)
+    arguments.add_general(parser, json="the figures of the surface, as one JSON object,", quiet=True)
+
+
+def _add_results(parser: argparse.ArgumentParser) -> None:
+    results = parser.add_argument_group("results")
+    results.add_argument("--out", metavar="FILE.ply", required=True, help="the mesh to write")
+    results.add_argument("--preview", metavar="FILE.png", help="also render a picture of the mesh")
+    results.add_argument(
         "--viewpoint",
         nargs=2,
-        type=_degrees,
+        type=arguments.degrees,
         default=(20.0, 20.0),
         metavar=("RIGHT", "UP"),
-        help="where the picture is taken from: degrees around the surface (default 20 20; 0 0 is the first camera's "
-        "side)",
+        help="direction from which the picture is taken, in degrees to the right of the first camera and above it "
+        "(default: 20 20)",
     )
-    parser.add_argument("--rrd", metavar="FILE", help="also a recording for the Rerun viewer")
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
-    parser.add_argument("-q", "--quiet", action="store_true", help="print errors only")
-    parser.set_defaults(run=run)
+    results.add_argument("--rrd", metavar="FILE", help="also write a recording for the Rerun viewer")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reconstruct, write, print, and say by the exit code whether the log was read whole."""
+    """Reconstruct, write, print, and return whether the log was read to its end."""
+    from .printing import print_json, print_notes
+
+    started_s = time.process_time()
+    surface = _reconstruct(args)
+    _write(surface, args)
+    if not args.quiet:
+        print_notes("warning", surface.warnings)
+    figures = _figures(surface, args) | {"cpu_s": time.process_time() - started_s}
+    if args.json:
+        print_json(figures)
+    elif not args.quiet:
+        _print(figures)
+    if surface.interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE if surface.complete else ExitCode.INPUT
+
+
+def _reconstruct(args: argparse.Namespace) -> "Surface":
     from ..dense.surface import surface_of_frame, surface_of_log
     from ..pipeline.replay import check_selection
     from ..recording import open_log
-    from . import output
+    from .progress import frame_progress
 
-    began_s = time.process_time()
     config = arguments.read_settings(args)
     check_selection(args.start, args.end)
     _check_files(args)
     log = open_log(args.log, args.left, args.right, args.calibration)
     frames = log.decoded(args.start, args.end, args.max_frames, args.stride)
-    if args.all:
-        with output.progress(output.frames_to_come(log.expected_frames, args), args.quiet) as tell:
-            surface = surface_of_log(log, frames, config, tell)
-    else:
-        surface = surface_of_frame(log, frames, args.frame, config)
-    _write(surface, args)
-    if not args.quiet:
-        output.print_notes("warning", surface.warnings)
-    if not args.quiet or args.json:
-        figures = _figures(surface, args) | {"cpu_s": time.process_time() - began_s}
-        output.print_json(figures) if args.json else _print(figures)
-    if surface.interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.DONE if surface.complete else ExitCode.INPUT
+    if not args.all:
+        return surface_of_frame(log, frames, args.frame, config)
+    with frame_progress("surface", arguments.frames_to_read(log.expected_frames, args), args.quiet) as on_frame:
+        return surface_of_log(log, frames, config, on_frame)
 
 
 def _check_files(args: argparse.Namespace) -> None:
@@ -86,20 +100,22 @@ def _check_files(args: argparse.Namespace) -> None:
             continue
         path = Path(name)
         if path.suffix.lower() != ending:
-            raise ConfigError(f"--{option} {name}: give a name that ends in {ending}")
+            raise ConfigError(f"--{option} {name}: the name must end in {ending}")
         if path.is_dir():
             raise OutputError(f"cannot write {name}: it is a folder")
         if not path.parent.is_dir():
-            raise OutputError(f"cannot write {name}: there is no folder {path.parent}")
+            raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
         if not os.access(path.parent, os.W_OK):
-            raise OutputError(f"cannot write {name}: no permission to write into {path.parent}")
+            raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
 
 
 def _write(surface: "Surface", args: argparse.Namespace) -> None:
     from ..dense.ply import write_ply
 
-    of = "all frames, world: the first left camera" if args.all else f"frame {args.frame}, axes of its left camera"
-    write_ply(args.out, surface.mesh, f"{Path(args.log).name}: {of}; x right, y down, z forward")
+    axes = (
+        "all frames, world: the first left camera" if args.all else f"frame {args.frame}, axes of its left camera"
+    )
+    write_ply(args.out, surface.mesh, f"{Path(args.log).name}: {axes}; x right, y down, z forward")
     if args.preview:
         from ..dense.preview import preview, write_png
 
@@ -107,7 +123,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
     if args.rrd:
         from ..viewer.surface import write_surface
 
-        write_surface(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {of}")
+        write_surface(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
 
 
 def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
@@ -133,27 +149,7 @@ def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
 
 def _print(figures: dict[str, Any]) -> None:
     std = figures["std_m"]
-    of = f"frame {figures['frame']}" if figures["frame"] is not None else f"{figures['frames']['used']} frames"
+    frames = f"frame {figures['frame']}" if figures["frame"] is not None else f"{figures['frames']['used']} frames"
     voxel = f", voxels of {1e3 * figures['voxel_m']:.1f} mm" if figures["voxel_m"] else ""
-    print(f"{figures['out']}: {figures['vertices']} vertices, {figures['faces']} triangles of {of}{voxel}")
+    print(f"{figures['out']}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames}{voxel}")
     print(f"σ {1e3 * std['p50']:.1f} mm (median), {1e3 * std['p5']:.1f} to {1e3 * std['p95']:.1f} mm (5 to 95 %)")
-
-
-def _number(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a frame number, 0 or more")
-    return value
-
-
-def _degrees(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= 360:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of degrees")
-    return value

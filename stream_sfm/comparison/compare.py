@@ -67,7 +67,7 @@ def compare(
     selection: Selection | None = None,
     there_and_back: bool | None = None,
     make_sink: Callable[[str], list[Sink]] | None = None,
-    health: dict[str, Any] | None = None,
+    inspection: dict[str, Any] | None = None,
     on_frame: Callable[[FrameEstimate], None] | None = None,
 ) -> Comparison:
     """Run `methods` on the log.
@@ -113,7 +113,7 @@ def compare(
         runs=[r.run for r in pass_.runners],
         front=pass_.front,
         truth=truth,
-        health=health or {},
+        inspection=inspection or {},
         local_difference=pass_.local_difference,
         warnings=list(dict.fromkeys([*log.stats.warnings, *problems])),
         complete=log.stats.complete and not problems,

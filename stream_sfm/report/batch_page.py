@@ -1,4 +1,4 @@
-"""The page of a batch: all its logs side by side, in one HTML file with everything inside."""
+"""The page of a batch: all its logs side by side, in one self-contained HTML file."""
 
 from pathlib import Path
 from statistics import median
@@ -17,15 +17,15 @@ _PERCENT = ("final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m", "scale
 
 
 def render_batch(content: dict[str, Any], folder: Path) -> str:
-    """The HTML of what batch.json says; the paths come from the folders of the logs."""
+    """Render the content of batch.json as HTML; the paths are read from the result folders of the logs."""
     estimated = [log for log in content["logs"] if log["summary"]]
     truths = [log["summary"]["ground_truth"] for log in estimated if "ground_truth" in log["summary"]]
     slowest = max((_stages_ms(log["summary"]) for log in estimated), default=0.0)
     return template("batch.html.j2").render(
         n=content,
-        verdict=verdict(content),
+        conclusion=conclusion(content),
         estimated=estimated,
-        troubled=[log for log in content["logs"] if log["status"] != "done"],
+        unfinished=[log for log in content["logs"] if log["status"] != "done"],
         medians={name: _median([truth[name] for truth in truths]) for name in _PERCENT} if truths else None,
         truths=len(truths),
         statuses=[status.value for status in Status],
@@ -39,19 +39,19 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     )
 
 
-def verdict(content: dict[str, Any]) -> str:
-    """How many logs came to what end, as a sentence."""
+def conclusion(content: dict[str, Any]) -> str:
+    """A sentence that says how many logs were completed, and what became of the others."""
     logs, counts = len(content["logs"]), content["counts"]
     parts = [f"{counts.get('done', 0)} of {logs} {'log' if logs == 1 else 'logs'} done"]
     for status, words in (
-        ("incomplete", "read in part only"),
+        ("incomplete", "only partly read"),
         ("failed", "failed"),
-        ("interrupted", "interrupted or not begun"),
+        ("interrupted", "interrupted or not started"),
     ):
         if counts.get(status):
             parts.append(f"{counts[status]} {words}")
     if content["reused"]:
-        parts.append(f"{content['reused']} taken over from an earlier batch")
+        parts.append(f"{content['reused']} reused from an earlier batch")
     return ", ".join(parts) + "."
 
 
@@ -65,7 +65,7 @@ def _median(values: list[float | None]) -> float | None:
 
 
 def _path(name: str, folder: Path) -> Markup:
-    """The path from above; nothing where its file could not be written."""
+    """The path seen from above, empty where there is no file of it."""
     try:
         t = read_tum(folder / name / "trajectory.tum").world_from_cam[:, :3, 3]
     except InputError:

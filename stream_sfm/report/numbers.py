@@ -1,4 +1,4 @@
-"""report.json: every figure of the page. Figures are made of all frames; only drawing thins them."""
+"""The content of report.json: every figure of the page, computed from all frames."""
 
 from collections import Counter
 from typing import Any
@@ -46,11 +46,11 @@ _FIGURES = (
     "straight",
     "turning",
 )
-_TURN_SPAN = 10
+_TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 
 
 def numbers(comparison: Comparison) -> dict[str, Any]:
-    """The content of report.json; a figure that is not defined on this log is None."""
+    """Compute the content of report.json; a figure that is not defined for this log is None."""
     c = comparison
     frames = len(c.front.tracked)
     truth_frames = 0
@@ -81,15 +81,15 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
                 ("frontend", c.front.frontend_ms),
             )
         },
-        "health": c.health,
+        "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
 
 
 def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
-    """The figures of one method. Those against ground truth are None when it stopped before the last frame."""
+    """The figures of one method; those against ground truth are None when it stopped before the last frame."""
     figures: dict[str, Any] = dict.fromkeys(_FIGURES)
-    if c.truth is not None and _arrived(run, c):
+    if c.truth is not None and _complete(run, c):
         figures |= evaluate(run.trajectory(), c.truth, run.structure)
         figures |= _relative(run.trajectory(), c.truth)
     shared = np.array(c.front.rectify_ms) + np.array(c.front.frontend_ms)
@@ -120,13 +120,13 @@ def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
     }
 
 
-def _arrived(run: MethodRun, c: Comparison) -> bool:
-    """Whether the method went through all frames of the way there; one that failed on the way back did."""
+def _complete(run: MethodRun, c: Comparison) -> bool:
+    """Whether the method processed all frames of the forward pass; it may have failed on the reversed one."""
     return 0 < len(run.poses) == len(c.front.tracked)
 
 
 def quantiles(values: Any) -> dict[str, float] | None:
-    """p50, p95 and max, milliseconds."""
+    """Median, 95th percentile and maximum of some values; None where there are none."""
     if not len(values):
         return None
     p50, p95 = np.quantile(values, [0.5, 0.95])
@@ -134,7 +134,7 @@ def quantiles(values: Any) -> dict[str, float] | None:
 
 
 def interval(found: Exponent | Ratio) -> list[float]:
-    """Low and high end."""
+    """The low and the high end of an interval."""
     return [found.low, found.high]
 
 
@@ -145,7 +145,7 @@ def _median(values: Any) -> float | None:
 
 
 def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
-    """RPE, growth and the split by turning; over rows with a truth, which must follow each other."""
+    """RPE, growth, and errors of straight and turning spans; empty unless the frames with a truth are consecutive."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
         return {}
@@ -177,8 +177,8 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
 
 
 def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
-    """RMS relative error of each method over that of cross-frame, geometric mean over spans, 95 % intervals."""
-    by_name = {r.name: r for r in c.runs if _arrived(r, c)}
+    """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
+    by_name = {r.name: r for r in c.runs if _complete(r, c)}
     reference = by_name.pop("cross-frame", None)
     if c.truth is None or reference is None:
         return {}
@@ -198,7 +198,7 @@ def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
 
 def _divergence(c: Comparison) -> dict[str, float]:
     """RMS distance of each method's positions from cross-frame's (or the first method's), metres."""
-    runs = [r for r in c.runs if _arrived(r, c)]
+    runs = [r for r in c.runs if _complete(r, c)]
     if not runs:
         return {}
     reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
@@ -222,38 +222,43 @@ def _tracks(c: Comparison) -> dict[str, Any]:
     }
 
 
-def verdict(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
-    """What the log says about EKF against cross-frame: a word for the style, and a plain sentence."""
+def conclusion(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
+    """What the log shows about the EKF and the cross-frame method: a style class, and a sentence."""
     if not has_truth:
         return "open", (
-            "This log has no ground truth: nobody can say from it which method is right. What follows shows how "
-            "far the methods come back to their start when the frames are fed backwards, and how far they part "
-            "from each other."
+            "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each "
+            "method ends from its start when the frames are processed forwards and then in reverse order, and how "
+            "far the methods diverge from each other."
         )
     ratio = content["ekf_over_cross_frame"]
-    stopped = [f"{k.replace('_', '-')} {v['failure']}" for k, v in content["methods"].items() if v["failure"]]
     if ratio is None:
+        stopped = [f"{k.replace('_', '-')} {v['failure']}" for k, v in content["methods"].items() if v["failure"]]
         why = "; ".join(stopped) or (
-            "fewer than 24 consecutive frames with ground truth, or one of the two methods was not selected"
+            "fewer than 24 consecutive frames have ground truth, or one of the two methods was not selected"
         )
         return "open", f"The EKF and the cross-frame method cannot be compared on this log: {why}."
-    words = []
-    sides = []
-    for name, figures in ratio.items():
-        low, high = figures["ci95"]
-        words.append(f"{name} error ×{figures['value']:.2f} [{low:.2f}, {high:.2f}]")
-        sides.append(1 if low > 1 else -1 if high < 1 else 0)
-    ahead = [
+    intervals = {name: figures["ci95"] for name, figures in ratio.items()}
+    sides = [1 if low > 1 else -1 if high < 1 else 0 for low, high in intervals.values()]
+    style, text = "open", "On this log position and rotation disagree on which method drifts more."
+    if sides == [0, 0]:
+        text = "On this log the drift of the EKF and of the cross-frame method does not differ significantly."
+    elif min(sides) >= 0:
+        style, text = "larger", "On this log the EKF drifts more than the cross-frame method."
+    elif max(sides) <= 0:
+        style, text = "smaller", "On this log the EKF drifts less than the cross-frame method."
+    ratios = [f"{k} ×{ratio[k]['value']:.2f} [{low:.2f}, {high:.2f}]" for k, (low, high) in intervals.items()]
+    detail = (
+        "RMS relative error of the EKF over that of the cross-frame method, for spans up to a quarter of the log: "
+        f"{', '.join(ratios)} (95 % intervals)."
+    )
+    return style, " ".join([text, detail, *_better(content["error_over_cross_frame"])])
+
+
+def _better(ratios: dict[str, dict[str, Any]]) -> list[str]:
+    """A sentence that names the methods with smaller errors than cross-frame, where there are any."""
+    better = [
         key.replace("_", "-")
-        for key, found in content["error_over_cross_frame"].items()
+        for key, found in ratios.items()
         if all(figures["ci95"][1] < 1 for figures in found.values())
     ]
-    also = f" Ahead of the cross-frame method here: {', '.join(ahead)}." if ahead else ""
-    detail = f"EKF over cross-frame, RMS over spans up to a quarter of the log: {', '.join(words)} (95 %).{also}"
-    if min(sides) >= 0 and max(sides) == 1:
-        return "larger", f"On this log the EKF drifts more than the cross-frame method. {detail}"
-    if max(sides) <= 0 and min(sides) == -1:
-        return "smaller", f"On this log the EKF drifts less than the cross-frame method. {detail}"
-    if sides == [0, 0]:
-        return "open", f"On this log the two methods' drift cannot be told apart. {detail}"
-    return "open", f"On this log position and rotation disagree on which method drifts more. {detail}"
+    return [f"More accurate than the cross-frame method here: {', '.join(better)}."] if better else []

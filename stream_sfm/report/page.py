@@ -1,18 +1,20 @@
-"""The page: one HTML file with everything inside, and report.json beside it."""
+"""The drift report: one self-contained HTML file, and report.json beside it."""
 
 from pathlib import Path
 from typing import Any
 
 from ..files import json_bytes, write_whole
-from . import charts, pictures
-from .numbers import numbers, verdict
+from . import accuracy_charts, consistency_charts, pictures
+from .accuracy_charts import Traces
+from .methods import label, style
+from .numbers import conclusion, numbers
 from .records import Comparison
 from .template import inline, template
 from .traces import trace
 
 
 def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
-    """Write report.html and report.json to the folder; returns the content of the latter. Raises OutputError."""
+    """Write report.html and report.json to a folder and return the content of report.json. Raises OutputError."""
     content = numbers(comparison)
     write_whole(folder / "report.json", json_bytes(content))
     write_whole(folder / "report.html", render(comparison, content).encode())
@@ -20,111 +22,126 @@ def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
 
 
 def render(c: Comparison, content: dict[str, Any]) -> str:
-    """The HTML of a comparison and its figures."""
-    traces = {}
-    if c.truth is not None:
-        whole = [r for r in c.runs if len(r.poses) > 1]
-        traces = {r.name: t for r in whole if (t := trace(r, c.truth)) is not None}
+    """Render a comparison and its figures, the content of report.json, as HTML."""
+    traces = _traces(c)
     truth = bool(traces)
-    marks = c.front.gaps
     methods = content["methods"]
     returned = any(m["there_and_back"] for m in methods.values())
-    health = {"warnings": [], "problems": [], "topics": []} | content["health"]
+    log_check = {"warnings": [], "problems": [], "topics": []} | content["health"]
     split = next((m for m in methods.values() if m["straight"] or m["turning"]), None)
     lengths = next((m["segment_lengths_m"] for m in methods.values() if m["segment_lengths_m"]), None)
-    path_m = next(iter(traces.values())).distance_m[-1] if truth else None
-    if path_m is None:
-        path_m = next((m["path_length_m"] for m in methods.values()), None)
-    sections = [("summary", "Summary"), ("path", "Path")]
-    if truth:
-        sections += [("errors", "Error"), ("drift", "Drift"), ("axes", "Axes")]
-    sections += [
-        ("consistency", "Consistency"),
-        ("agreement", "There and back" if returned else "Agreement"),
-        ("structure", "Structure"),
-        ("images", "Pictures"),
-        ("work", "Status and time"),
-        ("health", "Log health"),
-        ("configuration", "Configuration"),
-    ]
     return template("page.html.j2").render(
         c=c,
         n=content,
         css=inline("page.css"),
         js=inline("page.js"),
-        label=charts.label,
-        style=charts.style,
+        label=label,
+        style=style,
         truth=truth,
         returned=returned,
-        verdict=verdict(content, truth),
+        conclusion=conclusion(content, truth),
         notes=_notes(c, content),
-        sections=sections,
-        path_m=path_m,
+        sections=_sections(truth, returned),
+        path_m=_path_length_m(traces, methods),
         lengths=_lengths(lengths),
         grown=any(m["growth_exponent"] is not None for m in methods.values()),
         banded=any(t.sigma is not None for t in traces.values()),
         turns=[(split[k] or {"spans": 0})["spans"] for k in ("straight", "turning")] if split else None,
         depth=any(r.depth_rows for r in c.runs),
-        charts={
-            "paths": charts.paths(c.runs, traces),
-            "errors": charts.errors(traces, marks),
-            "drift": charts.drift(traces),
-            "axes": [(name, charts.axes(t, name)) for name, t in traces.items()],
-            "consistency": charts.consistency(traces, c.runs, marks),
-            "without": charts.without_truth(c.runs, marks),
-            "structure": charts.structure(c),
-            "work": charts.work(c),
-        },
-        pictures={
+        charts=_charts(c, traces),
+        images={
             "stereo": pictures.stereo_frames(c.front),
             "needles": pictures.needles(c.front),
             "lives": pictures.lives(c.front),
             "timeline": pictures.timeline(c),
         },
-        stages=[
-            *content["timing_ms"].items(),
-            *((charts.label(r.name), methods[r.key]["estimator_ms"]) for r in c.runs),
-        ],
-        health=health,
-        all_warnings=list(dict.fromkeys([*health["warnings"], *content["warnings"]])),
-        health_facts=_health_facts(health),
+        stages=[*content["timing_ms"].items(), *((label(r.name), methods[r.key]["estimator_ms"]) for r in c.runs)],
+        log_check=log_check,
+        all_warnings=list(dict.fromkeys([*log_check["warnings"], *content["warnings"]])),
+        log_check_facts=_log_check_facts(log_check),
     )
 
 
+def _traces(c: Comparison) -> Traces:
+    """The traces of the methods that can be compared with ground truth."""
+    if c.truth is None:
+        return {}
+    found = ((run.name, trace(run, c.truth)) for run in c.runs if len(run.poses) > 1)
+    return {name: t for name, t in found if t is not None}
+
+
+def _charts(c: Comparison, traces: Traces) -> dict[str, Any]:
+    gaps = c.front.gaps
+    return {
+        "paths": accuracy_charts.paths(c.runs, traces),
+        "errors": accuracy_charts.errors(traces, gaps),
+        "drift": accuracy_charts.drift(traces),
+        "axes": [(name, accuracy_charts.axes(t, name)) for name, t in traces.items()],
+        "consistency": consistency_charts.consistency(traces, c.runs, gaps),
+        "agreement": consistency_charts.agreement(c.runs, gaps),
+        "structure": consistency_charts.structure(c),
+        "work": consistency_charts.work(c),
+    }
+
+
+def _sections(truth: bool, returned: bool) -> list[tuple[str, str]]:
+    """Anchor and title of each section."""
+    accuracy = [("errors", "Error"), ("drift", "Drift"), ("axes", "Axes")] if truth else []
+    return [
+        ("summary", "Summary"),
+        ("path", "Path"),
+        *accuracy,
+        ("consistency", "Consistency"),
+        ("agreement", "There and back" if returned else "Agreement"),
+        ("structure", "Structure"),
+        ("images", "Images"),
+        ("work", "Status and time"),
+        ("log-check", "Log check"),
+        ("configuration", "Configuration"),
+    ]
+
+
+def _path_length_m(traces: Traces, methods: dict[str, Any]) -> float | None:
+    """The length of the true path, else of the first method's."""
+    if traces:
+        return float(next(iter(traces.values())).distance_m[-1])
+    return next((m["path_length_m"] for m in methods.values()), None)
+
+
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
-    """What a reader must know before the figures."""
+    """What a reader must know before looking at the figures."""
     notes = []
     frames, known = content["frames"], content["frames_with_ground_truth"]
     if frames < 24:
-        notes.append(f"The log has {frames} frames: too few for growth, segments and intervals to mean anything.")
+        notes.append(f"The log has only {frames} frames: growth, segment errors and intervals are not meaningful.")
     if c.truth is not None and known < frames:
         if known:
-            notes.append(f"Ground truth covers {known} of {frames} frames; errors are those of these frames alone.")
+            notes.append(f"Ground truth covers {known} of {frames} frames; all errors refer to these frames only.")
         else:
-            notes.append("The log has ground truth, but at the stamp of no frame.")
+            notes.append("The log has ground truth, but none at the time stamp of any frame.")
     if c.front.gaps:
         where = ", ".join(str(g) for g in c.front.gaps[:8])
-        notes.append(f"Time jumps before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
+        notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
     if not c.complete:
-        notes.append(f"Not all of the log is in this report{': ' + c.warnings[-1] if c.warnings else ''}.")
-    notes += [f"{charts.label(r.name)}: {r.failure}." for r in c.runs if r.failure]
+        notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
+    notes += [f"{label(r.name)}: {r.failure}." for r in c.runs if r.failure]
     for run in c.runs:
         lost = run.statuses.count("lost")
         if lost:
-            notes.append(f"{charts.label(run.name)}: tracking was lost in {lost} of {len(run.statuses)} frames.")
+            notes.append(f"{label(run.name)}: tracking was lost in {lost} of {len(run.statuses)} frames.")
     return notes
 
 
 def _lengths(lengths: list[float] | None) -> str:
     if not lengths:
-        return "no length: the path is too short"
+        return "no length (the path is too short)"
     return ", ".join(f"{x:.3g}" for x in lengths) + " m"
 
 
-def _health_facts(health: dict[str, Any]) -> list[tuple[str, str]]:
+def _log_check_facts(log_check: dict[str, Any]) -> list[tuple[str, str]]:
     facts = []
     for section in ("pair", "frames", "rig", "calibration_check"):
-        for name, value in (health.get(section) or {}).items():
+        for name, value in (log_check.get(section) or {}).items():
             if name in ("gaps", "right_from_left") or value is None:
                 continue
             text = f"{value:.5g}" if isinstance(value, float) else str(value)

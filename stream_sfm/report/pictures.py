@@ -1,4 +1,4 @@
-"""The paper's pictures for this log: stereo frames (Figure 2), tracks (3), needles (4), statuses."""
+"""The paper's pictures for this log: stereo frames (Figure 2), tracks (3), displacements (4); and the statuses."""
 
 import base64
 from collections.abc import Sequence
@@ -7,16 +7,16 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ..types import Status
-from .charts import label
+from .methods import label
 from .records import Comparison, FrontRecord, MethodRun, Snapshot
 from .svg import WIDTH
 
-_MOST_LIVES = 1200
-_MOST_NEEDLES = 220
+_MOST_LIVES = 1200  # lines; more cannot be told apart at the height of the figure
+_MOST_NEEDLES = 220  # more would cover the image
 
 
 def stereo_frames(front: FrontRecord) -> list[Markup]:
-    """Left and right image of a few frames, rectified."""
+    """The rectified left and right image of a few frames."""
     return [
         Markup('<figure class="pair"><figcaption>Frame {}: left, right</figcaption>{}{}</figure>').format(
             s.frame_index, _image(s.left_jpeg, f"frame {s.frame_index}, left"),
@@ -27,17 +27,21 @@ def stereo_frames(front: FrontRecord) -> list[Markup]:
 
 
 def needles(front: FrontRecord) -> list[Markup]:
-    """Stereo and temporal needles on the left image of a few frames."""
+    """Displacements of the points, from right to left image and since the previous frame, in a few frames."""
     out = []
     for s in _few([s for s in front.snapshots if len(s.temporal)] or front.snapshots, 2):
         stereo = np.column_stack([s.stereo[:, 2:], s.stereo[:, :2]])  # from the right position to the point
         for kind, lines in (
-            ("stereo: from the position in the right image", stereo),
-            ("temporal: from the frame before", s.temporal),
+            ("stereo: displacement from the right image", stereo),
+            ("temporal: displacement since the previous frame", s.temporal),
         ):
             if len(lines):
                 out.append(_needles(s, kind, lines))
     return out
+
+
+def _ordinal(n: int) -> str:
+    return {2: "second", 3: "third"}.get(n, f"{n}th")
 
 
 def _needles(s: Snapshot, kind: str, lines: np.ndarray) -> Markup:
@@ -56,7 +60,7 @@ def _needles(s: Snapshot, kind: str, lines: np.ndarray) -> Markup:
 
 
 def lives(front: FrontRecord) -> Markup:
-    """Figure 3: a line per point from its first to its last frame, in order of birth."""
+    """Figure 3: one line per point from its first to its last frame, in order of the first frame."""
     spans = list(front.lives.values())
     if not spans:
         return Markup('<p class="none">No point was tracked.</p>')
@@ -77,12 +81,13 @@ def lives(front: FrontRecord) -> Markup:
         f'<text x="{left - 6}" y="{top + h * k / 4 + 4:.0f}" class="tick end">{round(len(spans) * k / 4)}</text>'
         for k in range(5)
     )
-    note = f"{len(spans)} points" + (f", every {every}th drawn" if every > 1 else "")
+    note = f"{len(spans)} points" + (f", every {_ordinal(every)} drawn" if every > 1 else "")
     return Markup(
-        '<figure class="wide"><figcaption><b>Record of tracking</b> <span>{}; a line from a point’s first to its '
-        'last frame</span></figcaption><svg viewBox="0 0 {} {}" role="img"><path class="lives" d="{}" '
+        '<figure class="wide"><figcaption><b>Track lifetimes</b> <span>{}; one line per point, from its first to '
+        'its last frame</span></figcaption><svg viewBox="0 0 {} {}" role="img"><path class="lives" d="{}" '
         'style="stroke-width:{}"/>{}{}<text x="{}" y="{}" class="label mid">frame</text>'
-        '<text x="13" y="{}" transform="rotate(-90 13 {})" class="label mid">points, by birth</text></svg></figure>'
+        '<text x="13" y="{}" transform="rotate(-90 13 {})" class="label mid">points, by first frame</text></svg>'
+        "</figure>"
     ).format(
         note, WIDTH * 2, height, path, f"{max(0.5, min(2.0, 0.8 * step)):.2f}", Markup(ticks), Markup(rows),
         left + w // 2, height - 5, top + h // 2, top + h // 2,
@@ -90,7 +95,7 @@ def lives(front: FrontRecord) -> Markup:
 
 
 def timeline(c: Comparison) -> Markup:
-    """The status of every frame, a bar a method; jumps in time are marked."""
+    """The status of every frame, one bar per method; time gaps are marked."""
     n, row, left, w = max(len(c.front.tracked), 1), 22, 150, WIDTH * 2 - 162
     out = []
     for k, run in enumerate(c.runs):
@@ -114,7 +119,7 @@ def timeline(c: Comparison) -> Markup:
         Markup('<span class="key"><i class="s-{}"></i>{}</span>').format(s.value, s.value) for s in Status
     )
     return Markup(
-        '<figure class="wide"><figcaption><b>Status of every frame</b></figcaption><div class="legend">{}</div>'
+        '<figure class="wide"><figcaption><b>Status per frame</b></figcaption><div class="legend">{}</div>'
         '<svg viewBox="0 0 {} {}" role="img">{}</svg></figure>'
     ).format(keys, WIDTH * 2, height + 20, Markup("".join(out)))
 

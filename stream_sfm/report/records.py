@@ -1,4 +1,4 @@
-"""What one comparison collects as the frames go by: small numbers, and a few small pictures."""
+"""What a comparison records of each frame for its report: small numbers, and a few small images."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,16 +11,16 @@ from ..evaluation.structure import StructureComparison
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Observations, Trajectory
 
-MAX_SNAPSHOTS = 6
+MAX_SNAPSHOTS = 6  # kept, of which three are shown; a report stays below a few megabytes
 
 
 @dataclass(slots=True)
 class MethodRun:
-    """One method over all frames; lists have one entry a frame unless said.
+    """The results of one method; a list has one entry per frame unless stated otherwise.
 
-    `estimator_ms`; `reprojection_px`: RMS of the views used; `depth_rows`: (frame, RMS depth error, RMS claimed σ)
-    where the log has depth; `sigma_local_m`: median claimed σ of the local points along their viewing rays; `back`:
-    poses of the way back, from the last but one frame to the first; `failure`: why the method stopped early.
+    `reprojection_px`: RMS over the views used; `depth_rows`: (frame, RMS depth error, RMS estimated σ), for frames
+    with a depth image; `sigma_local_m`: median estimated σ of the local points along their viewing rays; `back`:
+    poses of the reversed pass, from the last but one frame to the first; `failure`: why the method stopped early.
     """
 
     name: str
@@ -43,11 +43,11 @@ class MethodRun:
 
     @property
     def key(self) -> str:
-        """The method's name as a JSON key."""
+        """The name of the method as a JSON key."""
         return self.name.replace("-", "_")
 
     def add(self, estimate: FrameEstimate) -> None:
-        """Keep what the report draws of one frame."""
+        """Record what the report shows of one frame."""
         self.stamps_ns.append(estimate.stamp_ns)
         self.poses.append(estimate.world_from_cam)
         self.covs.append(estimate.cov_pose)
@@ -81,9 +81,9 @@ def _median_sigma(estimate: FrameEstimate) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A stereo frame as small JPEGs of the rectified images, with needles in full-size pixels.
+    """A stereo frame as small JPEGs of the rectified images, with displacements in full-size pixels.
 
-    `stereo` (n, 4) u_left, v_left, u_right, v_right; `temporal` (m, 4) from (u, v) in the frame before to now.
+    `stereo` (n, 4) u_left, v_left, u_right, v_right; `temporal` (m, 4) from (u, v) in the previous frame to now.
     """
 
     frame_index: int
@@ -96,7 +96,10 @@ class Snapshot:
 
 @dataclass(slots=True)
 class FrontRecord:
-    """What all methods share. `lives`: track id -> [first frame, last frame]; times in ms, one entry a frame."""
+    """What all methods share: observations and times, one entry per frame unless stated otherwise.
+
+    `lives`: track id -> [first frame, last frame]; `gaps`: frames that follow a gap in time.
+    """
 
     decode_ms: list[float] = field(default_factory=list)
     rectify_ms: list[float] = field(default_factory=list)
@@ -106,10 +109,10 @@ class FrontRecord:
     lives: dict[int, list[int]] = field(default_factory=dict)
     snapshots: list[Snapshot] = field(default_factory=list)
     snapshot_stride: int = 1
-    gaps: list[int] = field(default_factory=list)  # frames that come after a jump in time
+    gaps: list[int] = field(default_factory=list)
 
     def add(self, observations: Observations) -> None:
-        """Counts and the record of tracking of one frame."""
+        """Record the observations of one frame."""
         frame = observations.frame_index
         self.tracked.append(len(observations.track_ids) - observations.n_new)
         self.new.append(observations.n_new)
@@ -117,11 +120,11 @@ class FrontRecord:
             self.lives.setdefault(track, [frame, frame])[1] = frame
 
     def wants_snapshot(self, frame_index: int) -> bool:
-        """Whether this frame is one of the few that are shown, evenly spread however long the log is."""
+        """Whether this frame is one of the few that are shown, evenly spread over a log of any length."""
         return frame_index % self.snapshot_stride == 0
 
     def keep(self, snapshot: Snapshot) -> None:
-        """Add a snapshot; when there are too many, every second goes and the stride doubles."""
+        """Add a snapshot; when there are too many, every second one is dropped and the stride doubles."""
         self.snapshots.append(snapshot)
         if len(self.snapshots) > MAX_SNAPSHOTS:
             self.snapshots = self.snapshots[::2]
@@ -130,7 +133,12 @@ class FrontRecord:
 
 @dataclass(slots=True)
 class Comparison:
-    """All that a report is made of. `return_note`: whether the frames were also fed backwards, or why not."""
+    """Everything that a report is made from.
+
+    `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
+    WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
+    not.
+    """
 
     log: str
     rig: StereoRig
@@ -138,8 +146,8 @@ class Comparison:
     runs: list[MethodRun]
     front: FrontRecord
     truth: Trajectory | None
-    health: dict[str, Any]
-    local_difference: list[tuple[int, float]] = field(default_factory=list)  # frame, RMS CC − WC local points, m
+    inspection: dict[str, Any]
+    local_difference: list[tuple[int, float]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
     interrupted: bool = False

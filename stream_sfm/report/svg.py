@@ -1,7 +1,8 @@
-"""Charts as inline SVG: axes, lines, bands, points. Colours are CSS classes, so that light, dark and print follow.
+"""Charts as inline SVG: axes, lines, bands and points.
 
-A chart is drawn once, on the server side of the page; the script in the page only reads the points back to show
-values under the pointer. Long series are thinned for drawing by keeping the extremes of each bin.
+Colours are CSS classes, so that one chart serves light mode, dark mode and print. A chart is drawn once, when the
+page is written; the script in the page only reads the points back to show the values under the pointer. Long series
+are thinned for drawing; the extremes of each bin are kept.
 """
 
 import math
@@ -22,7 +23,11 @@ MAX_POINTS = 500
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A line: `style` is its CSS class; NaN breaks it. `band` (2, n): low and high, shaded around it."""
+    """One line of a chart; NaN breaks it.
+
+    `style` is its CSS class; `band` (2, n) are the low and high edge of a shaded area around it; `dots` marks each
+    point.
+    """
 
     name: str
     x: NDArray[Any]
@@ -34,7 +39,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """One chart. `levels`: (y, text) horizontal reference lines; `marks`: x of vertical ones."""
+    """One chart: `levels` (y, text) are horizontal reference lines, `marks` (x) vertical ones."""
 
     title: str
     x_label: str
@@ -54,7 +59,7 @@ class Chart:
 
 
 def thinned(x: NDArray[Any], y: NDArray[Any], most: int = MAX_POINTS) -> NDArray[np.intp]:
-    """Indices of at most about `most` points that keep each bin's extremes, the ends, and breaks (NaN)."""
+    """Indices of about `most` points at most, with the extremes of each bin, both ends and all breaks (NaN)."""
     n = len(x)
     if n <= most:
         return np.arange(n)
@@ -69,8 +74,19 @@ def thinned(x: NDArray[Any], y: NDArray[Any], most: int = MAX_POINTS) -> NDArray
     return np.array(sorted(keep))
 
 
+def smoothed(y: NDArray[Any], frames: int = 5) -> Array:
+    """The running mean over some frames; short series are returned as they are, NaN is left out."""
+    if len(y) < 3 * frames:
+        return y
+    good = np.isfinite(y)
+    kernel = np.ones(frames)
+    weight = np.convolve(good, kernel, "same")
+    total = np.convolve(np.where(good, y, 0.0), kernel, "same")
+    return np.where(weight > 0, total / np.maximum(weight, 1), np.nan)
+
+
 class _Axis:
-    """Data to pixels on one axis, with ticks at round values."""
+    """Maps data to pixels on one axis, and chooses ticks at round values."""
 
     def __init__(self, values: Array, log: bool, low_px: float, high_px: float, zero: bool, pad: float) -> None:
         values = values[np.isfinite(values)]
@@ -128,13 +144,13 @@ def _nice(step: float) -> float:
 
 
 def draw(chart: Chart) -> Markup:
-    """A `<figure>` with the chart; with a sentence instead where there is nothing to draw."""
+    """A `<figure>` with the chart, or with a sentence where there is no data."""
     usable = [s for s in chart.series if np.isfinite(np.asarray(s.y, float)).any()]
     head = Markup("<figcaption><b>{}</b>{}</figcaption>").format(
         chart.title, Markup(" <span>{}</span>").format(chart.note) if chart.note else ""
     )
     if not usable:
-        return Markup('<figure class="chart">{}<p class="none">Nothing to draw.</p></figure>').format(head)
+        return Markup('<figure class="chart">{}<p class="none">No data.</p></figure>').format(head)
     width, height = chart.width, chart.height
     xs = np.concatenate([np.asarray(s.x, float) for s in usable])
     ys = np.concatenate(

@@ -1,4 +1,4 @@
-"""The templates and the files that go into a page as they are."""
+"""The templates, style sheets and scripts of the pages."""
 
 from importlib.resources import files
 
@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 
 def template(name: str) -> Template:
-    """A template of this room; what is put into it is escaped, and a name it does not know is an error."""
+    """A template of this folder; inserted text is escaped, and an unknown name in the template is an error."""
     environment = Environment(
         loader=PackageLoader("stream_sfm.report", "."),
         autoescape=True,
@@ -19,5 +19,5 @@ def template(name: str) -> Template:
 
 
 def inline(name: str) -> Markup:
-    """A style sheet or script of this room."""
+    """The text of a style sheet or script of this folder, to be inserted unescaped."""
     return Markup(files(__package__).joinpath(name).read_text(encoding="utf-8"))

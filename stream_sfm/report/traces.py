@@ -1,4 +1,4 @@
-"""Errors frame by frame, as they are drawn; the figures themselves come from `evaluation`."""
+"""The errors of every frame, as they are drawn; the figures themselves come from `evaluation`."""
 
 from dataclasses import dataclass
 
@@ -17,10 +17,10 @@ from .records import MethodRun
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One method against ground truth, rows (k,) with a truth only, first poses aligned.
+    """One method against ground truth, in the k frames that have one, first poses aligned.
 
-    `xi` (k, 6): truth = estimate·Exp(ξ), metres and radians; `sigma` (k, 6) its claimed standard deviations and
-    `nees` (k,), None where the truth does not begin with the first frame.
+    `xi` (k, 6): truth = estimate·Exp(ξ), metres and radians; `sigma` (k, 6) its estimated standard deviations and
+    `nees` (k,) are None where the ground truth does not begin with the first frame.
     """
 
     frames: NDArray[np.int64]
@@ -33,17 +33,17 @@ class Trace:
 
     @property
     def position_m(self) -> Array:
-        """Length of the position error."""
+        """Length (k,) of the position error, metres."""
         return np.linalg.norm(self.estimate[:, :3, 3] - self.truth[:, :3, 3], axis=1)
 
     @property
     def rotation_deg(self) -> Array:
-        """Angle of the rotation error."""
+        """Angle (k,) of the rotation error, degrees."""
         return np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1))
 
 
 def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
-    """The trace of a method; None with fewer than two frames that have a truth."""
+    """The trace of a method; None where fewer than two frames have a ground truth."""
     estimate = run.trajectory()
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
@@ -59,10 +59,10 @@ def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """There and back: the pose of each frame on the way back against the same frame on the way there.
+    """How far the pose of each frame on the second, reversed pass is from its pose on the first.
 
-    Rows from the turning point to the start: `frames`, `apart_m` travelled in between, `position_m`,
-    `rotation_deg`.
+    Rows from the turning point to the start: `frames`; `apart_m`, the distance travelled in between; the differences
+    `position_m` and `rotation_deg`.
     """
 
     frames: NDArray[np.int64]
@@ -72,7 +72,7 @@ class Closure:
 
 
 def closure(run: MethodRun) -> Closure | None:
-    """The closure of a method; None where it did not come back."""
+    """The closure of a method; None where it did not process all frames in reverse order."""
     n = len(run.poses)
     if n < 2 or len(run.back) != n - 1:
         return None
@@ -89,6 +89,6 @@ def closure(run: MethodRun) -> Closure | None:
 
 
 def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:
-    """The columns (k,) as floats with a NaN row where frames are missing in between; the frames come first."""
+    """Frames and columns (k,) as floats, with a NaN row wherever frames are missing in between."""
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1
     return [np.insert(np.asarray(c, float), cuts, np.nan) for c in (frames, *columns)]

@@ -108,8 +108,8 @@ def test_done_means_the_same_log_configuration_selection_and_software(
 
 
 def test_a_hanging_log_is_given_up(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "GRACE_S", 0.2)
-    victim = a_job(logs / "victim.mcap", tmp_path, patience_s=2.0)
+    monkeypatch.setattr(jobs, "SHUTDOWN_S", 0.2)
+    victim = a_job(logs / "victim.mcap", tmp_path, timeout_s=2.0)
 
     def stop() -> None:
         process = in_the_midst(victim.log, victim.folder)
@@ -118,7 +118,7 @@ def test_a_hanging_log_is_given_up(logs: Path, tmp_path: Path, monkeypatch: pyte
 
     with meanwhile(stop), ThreadPoolExecutor(2) as pool:
         hanging, good = pool.map(run_job, (victim, a_job(logs / "good0.mcap", tmp_path)))
-    assert hanging.status == "failed" and hanging.reason == "given up because no frame came for 2 s"
+    assert hanging.status == "failed" and hanging.reason == "stopped because it delivered no frame for 2 s"
     assert good.status == "done"
     assert process_of(victim.log) is None
 
@@ -140,7 +140,7 @@ def test_ctrl_c_keeps_what_is_done(logs: Path, tmp_path: Path) -> None:
     frames = found["victim"]["summary"]["frames"]["estimated"]
     assert len(np.loadtxt(out / "victim" / "trajectory.tum", ndmin=2)) == frames > 0
     assert found["victim"]["reason"] == f"after {frames} frames"
-    assert found["good1"]["reason"] == "not begun" and not (out / "good1").exists()
+    assert found["good1"]["reason"] == "not started" and not (out / "good1").exists()
     assert not (out / "stop").exists()
 
 

@@ -293,11 +293,11 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
     "arguments, code, says",
     [
         (["--frame", "12"], 2, "no frame 12, the last one is 11"),
-        (["--frame", "-1"], 2, "not a frame number"),
+        (["--frame", "-1"], 2, "not a whole number"),
         (["--frame", "1", "--all"], 2, "not allowed with"),
-        (["--out", "surface.obj"], 2, "ends in .ply"),
-        (["--out", "nowhere/surface.ply"], 3, "no folder nowhere"),
-        (["--preview", "nowhere/surface.png"], 3, "no folder nowhere"),
+        (["--out", "surface.obj"], 2, "must end in .ply"),
+        (["--out", "nowhere/surface.ply"], 3, "the folder nowhere does not exist"),
+        (["--preview", "nowhere/surface.png"], 3, "the folder nowhere does not exist"),
         (["--viewpoint", "left", "0"], 2, "degrees"),
     ],
 )

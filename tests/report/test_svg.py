@@ -24,7 +24,7 @@ def test_thinning_keeps_breaks() -> None:
 @pytest.mark.parametrize("y", [[], [np.nan, np.nan]])
 def test_nothing_to_draw_is_said(y: list[float]) -> None:
     text = draw(Chart("t", "x", "y", [Series("a", np.arange(len(y)), np.array(y), "m-ekf")]))
-    assert "Nothing to draw" in text and "<svg" not in text
+    assert "No data." in text and "<svg" not in text
 
 
 @pytest.mark.parametrize("log", [False, True])

@@ -1,22 +1,19 @@
 """`stream-sfm simulate` end to end, with few trials."""
 
-import argparse
 import dataclasses
 import json
 
 import pytest
 
 from stream_sfm.cli import simulate
+from stream_sfm.cli.main import main
 from stream_sfm.simulation import figure6, rates, studies
 from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
 
 
 def run(capsys, *arguments):
-    parser = argparse.ArgumentParser()
-    simulate.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["simulate", *arguments])
-    assert args.run(args) == 0
+    assert main(["simulate", *arguments]) == 0
     return capsys.readouterr()
 
 

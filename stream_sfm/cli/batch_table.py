@@ -1,0 +1,31 @@
+"""The main figures of a batch, one row per log."""
+
+from typing import Any
+
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from .printing import number, stdout_console
+
+_PIPED_WIDTH = 120  # columns: names of logs are long
+_TRUTH_COLUMNS = {"ate_rmse_aligned_m": "ATE\nm", "final_drift_percent": "drift\n%", "t_rel_percent": "t_rel\n%"}
+
+
+def print_batch(content: dict[str, Any]) -> None:
+    """Print the content of batch.json; it fits into 80 columns."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("log", overflow="fold", min_width=8)
+    table.add_column("status", no_wrap=True)
+    for heading in ("frames", "lost", "path\nm", *_TRUTH_COLUMNS.values(), "time\nms/frame"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for log in content["logs"]:
+        summary = log["summary"]
+        if summary is None:
+            table.add_row(escape(log["name"]), log["status"])
+            continue
+        frames, truth = summary["frames"], summary.get("ground_truth", {})
+        figures = [summary["path_length_m"], *map(truth.get, _TRUTH_COLUMNS), summary["timing_ms"]["total"]["p50"]]
+        cells = (number(figure, ".3g") for figure in figures)
+        table.add_row(escape(log["name"]), log["status"], str(frames["estimated"]), str(frames["lost"]), *cells)
+    stdout_console(_PIPED_WIDTH).print(table)

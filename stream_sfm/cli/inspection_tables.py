@@ -1,0 +1,99 @@
+"""The description of a log as tables: its topics, then what was found about the stereo pair."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from .printing import facts_table, number, print_notes, stdout_console
+
+_MAX_GAPS = 5  # listed; more would hide the rest of the table
+
+
+def print_inspection(found: dict[str, Any]) -> None:
+    """Print the description that `inspect_log` returns."""
+    console = stdout_console()
+    console.print(_topics(found, console))
+    facts = facts_table()
+    for label, text in _facts(found):
+        facts.add_row(label, escape(text))
+    console.print(facts)
+    print_notes("warning", found["warnings"], console)
+    print_notes("problem", found["problems"], console)
+    if not found["problems"]:
+        console.print("this log can be replayed")
+
+
+def _topics(found: dict[str, Any], console: Console) -> Table:
+    table = Table(title=escape(found["log"]), title_justify="left")
+    for heading in ("topic", "schema"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("kind", "messages", "rate"):
+        table.add_column(heading, justify="left" if heading == "kind" else "right", no_wrap=True)
+    width = max(16, (console.width - 44) // 2)  # 44: the other three columns and all borders
+    for t in found["topics"]:
+        rate = f"{t['rate_hz']:.1f} Hz" if t["rate_hz"] else ""
+        names = (escape(broken_at(text, "/._", width)) for text in (t["topic"], t["schema"] or "–"))
+        table.add_row(*names, t["kind"] or "", "" if t["count"] is None else str(t["count"]), rate)
+    return table
+
+
+def broken_at(name: str, separators: str, width: int) -> str:
+    """A long name in lines of at most `width` characters, broken before or after a separator where there is one."""
+    lines = []
+    while len(name) > width:
+        cut = max(name.rfind("/", 1, width + 1), *(name.rfind(s, 0, width) + 1 for s in separators if s != "/"))
+        cut = cut if cut > 0 else width
+        lines.append(name[:cut])
+        name = name[cut:]
+    return "\n".join([*lines, name])
+
+
+def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    whole = "complete" if found["complete"] else "damaged or cut off"
+    index = "indexed" if found["indexed"] else "without an index"
+    length = f", {found['duration_s']:.2f} s" if found["duration_s"] is not None else ""
+    yield "file", f"{found['size_bytes'] / 1e6:.2f} MB, {whole}, {index}{length}"
+    if pair := found["pair"]:
+        yield "stereo pair", f"{pair['left']} and {pair['right']}: {pair['reason']}"
+    if images := found["images"]:
+        kinds = (f"{'×'.join(map(str, i['size'] or '?'))} {i['encoding']}" for i in images.values())
+        yield "images", " and ".join(dict.fromkeys(kinds))
+    if found["frames"]:
+        yield from _frames(found["frames"])
+    if found["rig"]:
+        yield from _rig(found["rig"])
+    check = found["calibration_check"]
+    if check and check["vertical_px"] is not None:
+        yield (
+            "calibration check",
+            f"{check['matches']} matched corners: vertical difference {check['vertical_px']:+.2f} ± "
+            f"{check['vertical_spread_px']:.2f} px, median disparity {check['median_disparity_px']:.1f} px",
+        )
+    depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
+    yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
+
+
+def _frames(frames: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
+    offset = number(frames["median_offset_ms"])
+    yield (
+        "stereo frames",
+        f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
+    )
+    yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
+    gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:_MAX_GAPS]]
+    more = frames["gap_count"] - _MAX_GAPS
+    yield "gaps", "; ".join(gaps) + (f" and {more} more" if more > 0 else "") if gaps else "none"
+
+
+def _rig(rig: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    images = "rectified" if rig["rectified_images"] else "unrectified"
+    yield "calibration", f"{rig['source']}; for {images} images"
+    yield (
+        "rig",
+        f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
+        f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
+    )

@@ -1,0 +1,90 @@
+"""Progress on standard error: a bar on a terminal, elsewhere a line every ten seconds."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from ..types import FrameEstimate
+
+LINE_INTERVAL_S = 10.0  # without a terminal; often enough to see that a run is alive, rare enough for a log file
+
+
+class Advance(Protocol):
+    """Called with the number of things just finished, and with a line to print above the bar if there is one."""
+
+    def __call__(self, finished: int = 1, line: str = "") -> None: ...
+
+
+@contextmanager
+def counter(label: str, unit: str, total: int | None, quiet: bool = False) -> Iterator[Advance]:
+    """Shows how many of `total` (None: unknown) are finished, such as "simulate rates: 40 of 600 trials"."""
+    if quiet:
+        yield _silent
+    elif sys.stderr.isatty():
+        yield from _bar(label, unit, total)
+    else:
+        yield _lines(label, unit, total)
+
+
+@contextmanager
+def frame_progress(
+    label: str, total: int | None, quiet: bool, verbose: bool = False
+) -> Iterator[Callable[["FrameEstimate"], None]]:
+    """To be called with each estimate; `verbose` reports the changes of its status, too."""
+    with counter(label, "frames", total, quiet) as advance:
+        status = ""
+
+        def on_frame(estimate: "FrameEstimate") -> None:
+            nonlocal status
+            line = ""
+            if verbose and estimate.status != status:
+                line = f"frame {estimate.frame_index}: {estimate.status}"
+                line += f": {estimate.reason}" if estimate.reason else ""
+                status = estimate.status
+            advance(1, line)
+
+        yield on_frame
+
+
+def _silent(finished: int = 1, line: str = "") -> None:
+    """Nothing is shown."""
+
+
+def _bar(label: str, unit: str, total: int | None) -> Iterator[Advance]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+
+        def advance(finished: int = 1, line: str = "") -> None:
+            if line:
+                bar.console.print(line, markup=False, highlight=False)
+            bar.advance(task, finished)
+
+        yield advance
+
+
+def _lines(label: str, unit: str, total: int | None) -> Advance:
+    started_s = printed_s = time.monotonic()
+    done = 0
+
+    def advance(finished: int = 1, line: str = "") -> None:
+        nonlocal done, printed_s
+        done += finished
+        if line:
+            print(line, file=sys.stderr, flush=True)
+        now_s = time.monotonic()
+        if now_s - printed_s >= LINE_INTERVAL_S:
+            printed_s = now_s
+            elapsed_s = now_s - started_s
+            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if total and done else ""
+            count = f"{done} of {total}" if total else str(done)
+            print(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}", file=sys.stderr, flush=True)
+
+    return advance

@@ -1,0 +1,110 @@
+"""The results of the simulation studies as tables."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.table import Table
+
+from .printing import stdout_console
+
+_PIPED_WIDTH = 160  # columns: the table of rates has six, some of them sentences
+_QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
+
+
+def print_tables(experiment: str, report: dict[str, Any]) -> None:
+    """Print the tables of one experiment."""
+    console = stdout_console(_PIPED_WIDTH)
+    for table in _tables(experiment, report):
+        console.print(table)
+
+
+def _tables(experiment: str, report: dict[str, Any]) -> Iterator[Table]:
+    if experiment == "rates":
+        yield _growth(report)
+        yield _drift_over_span(report["drift_over_span"])
+        yield _structure_over_window(report["structure_over_window"])
+    elif experiment == "figure6":
+        yield _errors_at_the_end(report)
+    else:
+        for condition, part in report["conditions"].items():
+            if experiment == "consistency":
+                yield _normalised_errors(condition, part)
+            else:
+                yield from _variances(condition, part, report["reference"])
+
+
+def _errors_at_the_end(report: dict[str, Any]) -> Table:
+    rows = [
+        [label, f"{1e3 * c['rotation'][-1]:.2f}", *(f"{1e3 * c[q][-1]:.1f}" for q in _QUANTITIES[1:])]
+        for label, c in report["curves"].items()
+    ]
+    columns = ("rotation, mrad", "position, mm", "global structure, mm", "local structure, mm")
+    title = f"RMS errors at frame {report['frames'][-1]}, {report['trials']} trials"
+    return _table(title, ["estimator", *columns], rows)
+
+
+def _normalised_errors(condition: str, part: dict[str, Any]) -> Table:
+    entries = {
+        name: {k: v for k, v in entry.items() if isinstance(v, dict)} for name, entry in part["estimators"].items()
+    }
+    meaning = "mean normalised squared error (expected: pose 6, points 3)"
+    return _intervals(f"{condition}: {meaning}; {part['trials']} trials", entries)
+
+
+def _variances(condition: str, part: dict[str, Any], reference: str) -> Iterator[Table]:
+    meanings = {
+        "over_bound": "variance relative to the Cramér–Rao bound",
+        "over_reference": f"variance relative to {reference}, paired",
+    }
+    for key, meaning in meanings.items():
+        entries = {name: entry[key] for name, entry in part["estimators"].items() if key in entry}
+        if entries:
+            yield _intervals(f"{condition}: {meaning}; {part['trials']} trials", entries)
+
+
+def _intervals(title: str, entries: dict[str, dict[str, Any]]) -> Table:
+    """One row per estimator, one column per quantity, each with its interval."""
+    columns = list(next(iter(entries.values())))
+    rows = [[name, *(_interval(entry[c]) for c in columns)] for name, entry in entries.items()]
+    return _table(title, ["estimator", *(c.replace("_", " ") for c in columns)], rows)
+
+
+def _growth(report: dict[str, Any]) -> Table:
+    rows = [
+        [
+            row["title"],
+            row["quantity"].replace("_", " "),
+            f"{row['frames'][0]}–{row['frames'][1]}",
+            row["paper"],
+            "n^ " + _interval(row["measured_exponent"]),
+            f"n^ {row['bound_exponent']:.2f}; {row['theory']}",
+        ]
+        for row in report["table"]
+    ]
+    columns = ["sequence", "variance of", "frames", "paper", "measured", "exact theory (exponent of the bound)"]
+    return _table(f"Table 1: growth of error variance, {report['trials']} trials", columns, rows)
+
+
+def _drift_over_span(spans: dict[str, Any]) -> Table:
+    names = ("span_frames", "rotation_relative", "position_relative", "theory")
+    rows = [[str(n), *(f"{v:.4f}" for v in values)] for n, *values in zip(*(spans[k] for k in names), strict=True)]
+    title = f"Drift rate against track length L (bound); exponent {_interval(spans['exponent_rotation'])}"
+    return _table(title, ["L", "rotation", "position", "3/(L²−1)"], rows)
+
+
+def _structure_over_window(windows: dict[str, Any]) -> Table:
+    names = ("window_frames", "relative", "theory")
+    rows = [[str(b), _interval(v), f"{t:.3f}"] for b, v, t in zip(*(windows[k] for k in names), strict=True)]
+    title = "Local structure against window length b (bound), L = 16"
+    return _table(title, ["b", "variance relative to one view", "(1/L)(H_b + (L−b)/b)"], rows)
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(*columns, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _interval(v: dict[str, float]) -> str:
+    return f"{v['value']:.2f} \\[{v['low']:.2f}, {v['high']:.2f}]"

@@ -1,0 +1,126 @@
+"""Charts of the errors against ground truth: path, error, drift, and error per axis."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from markupsafe import Markup
+
+from ..evaluation.relative import mean_squares, spans_for
+from ..evaluation.segments import lengths_for_path, segment_errors
+from .lengths import in_readable_unit
+from .methods import label, style
+from .records import MethodRun
+from .svg import Chart, Series, draw
+from .traces import Trace, broken
+
+Traces = dict[str, Trace]
+_AXES = ("x (right)", "y (down)", "z (forward)", "about x (pitch)", "about y (yaw)", "about z (roll)")
+_MOST_SIGMA = 12.0  # a band wider than this many times the largest error is clipped: it would flatten the curve
+
+
+def paths(runs: Iterable[MethodRun], traces: Traces) -> list[Markup]:
+    """The paths seen from above and from the side."""
+    charts = []
+    for title, i, j, labels, flip in (
+        ("Path seen from above", 0, 2, ("x, m (right)", "z, m (forward)"), False),
+        ("Path seen from the side", 2, 1, ("z, m (forward)", "y, m (down)"), True),
+    ):
+        series = []
+        if traces:
+            t = next(iter(traces.values())).truth
+            series.append(Series("ground truth", t[:, i, 3], t[:, j, 3], "m-truth"))
+        for run in runs:
+            poses = traces[run.name].estimate if run.name in traces else np.array(run.poses).reshape(-1, 4, 4)
+            series.append(Series(label(run.name), poses[:, i, 3], poses[:, j, 3], style(run.name)))
+        charts.append(draw(Chart(title, *labels, series, equal=True, flip_y=flip, height=340)))
+    return charts
+
+
+def errors(traces: Traces, gaps: Sequence[int]) -> list[Markup]:
+    """Position and rotation error over the frames and over the distance travelled."""
+    return [
+        _error(traces, gaps, by_distance, rotation) for by_distance in (False, True) for rotation in (False, True)
+    ]
+
+
+def _error(traces: Traces, gaps: Sequence[int], by_distance: bool, rotation: bool) -> Markup:
+    series = []
+    for name, t in traces.items():
+        frames, distance, y = broken(t.frames, t.distance_m, t.rotation_deg if rotation else t.position_m)
+        series.append(Series(label(name), distance if by_distance else frames, y, style(name)))
+    what, unit = "Rotation", "degrees"
+    if not rotation:
+        what, (series, unit) = "Position", in_readable_unit(series)
+    return draw(
+        Chart(
+            f"{what} error over {'distance' if by_distance else 'frames'}",
+            "distance travelled, m" if by_distance else "frame",
+            f"error, {unit}",
+            series,
+            note="first poses aligned",
+            zero=True,
+            marks=() if by_distance else gaps,
+        )
+    )
+
+
+def drift(traces: Traces) -> list[Markup]:
+    """Segment errors as defined by KITTI, and relative errors over spans of frames."""
+    note = "mean over all segments of a length"
+    t_rel, r_rel = _segments(traces)
+    charts = [
+        draw(Chart("Position drift per distance", "segment length, m", "%", t_rel, note=note, zero=True)),
+        draw(Chart("Rotation drift per distance", "segment length, m", "° per 100 m", r_rel, note=note, zero=True)),
+    ]
+    note = "RMS over all starts; slope ½: random walk, 1: bias"
+    for title, unit, series in zip(
+        ("Relative position error", "Relative rotation error"), ("mm", "degrees"), _spans(traces), strict=True
+    ):
+        charts.append(draw(Chart(title, "span, frames", unit, series, note=note, log_x=True, log_y=True)))
+    return charts
+
+
+def _segments(traces: Traces) -> tuple[list[Series], list[Series]]:
+    """t_rel and r_rel against the length of the segments."""
+    t_rel, r_rel = [], []
+    for name, t in traces.items():
+        lengths, step = lengths_for_path(float(t.distance_m[-1]))
+        found = [(x, segment_errors(t.estimate, t.truth, (x,), step)) for x in lengths if x > 0]
+        found = [(x, s) for x, s in found if s.count]
+        x = np.array([x for x, _ in found])
+        for series, y in (
+            (t_rel, [s.t_rel_percent for _, s in found]),
+            (r_rel, [s.r_rel_deg_per_100m for _, s in found]),
+        ):
+            series.append(Series(label(name), x, np.array(y), style(name), dots=True))
+    return t_rel, r_rel
+
+
+def _spans(traces: Traces) -> tuple[list[Series], list[Series]]:
+    """RMS errors of relative motions, millimetres and degrees, against the span in frames."""
+    position, rotation = [], []
+    for name, t in traces.items():
+        consecutive = t.frames[-1] - t.frames[0] == len(t.frames) - 1
+        if consecutive and (spans := spans_for(len(t.frames))):
+            p2, q2 = mean_squares(t.estimate, t.truth, spans)
+            x = np.array(spans, float)
+            position.append(Series(label(name), x, 1e3 * np.sqrt(p2), style(name), dots=True))
+            rotation.append(Series(label(name), x, np.degrees(np.sqrt(q2)), style(name), dots=True))
+    return position, rotation
+
+
+def axes(t: Trace, name: str) -> list[Markup]:
+    """The six components of a method's error in the axes of the camera, with its estimated ±3σ."""
+    charts = []
+    for k, axis in enumerate(_AXES):
+        error = 1e3 * t.xi[:, k]  # millimetres, milliradians
+        columns = [error] if t.sigma is None else [error, 1e3 * 3 * t.sigma[:, k]]
+        frames, *columns = broken(t.frames, *columns)
+        band = None if t.sigma is None else np.stack([-columns[1], columns[1]])
+        if band is not None:
+            most = max(_MOST_SIGMA * np.nanmax(abs(columns[0])), 1e-6)
+            band = np.clip(band, -most, most)
+        series = [Series(label(name), frames, columns[0], style(name), band=band)]
+        kind, unit = ("Position", "mm") if k < 3 else ("Rotation", "mrad")
+        charts.append(draw(Chart(f"{kind} {axis}", "frame", unit, series, width=340, height=210)))
+    return charts

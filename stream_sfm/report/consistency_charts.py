@@ -1,0 +1,185 @@
+"""Charts that need no ground truth, or compare errors with estimated uncertainties."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from markupsafe import Markup
+from scipy.stats import chi2
+
+from .accuracy_charts import Traces
+from .lengths import in_readable_unit
+from .methods import label, style
+from .records import Comparison, MethodRun
+from .svg import Chart, Series, draw, smoothed
+from .traces import broken, closure
+
+_SMOOTHED = "mean over 5 frames"
+
+
+def consistency(traces: Traces, runs: Iterable[MethodRun], gaps: Sequence[int]) -> list[Markup]:
+    """NEES where there is ground truth, NIS in any case."""
+    nis = []
+    for run in runs:
+        dof = np.array(run.nis_dof, float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(dof > 0, np.array(run.nis) / dof, np.nan)
+        nis.append(Series(label(run.name), np.arange(len(ratio)), smoothed(ratio), style(run.name)))
+    innovations = Chart(
+        "Innovations (NIS per degree of freedom)",
+        "frame",
+        "NIS / dof",
+        nis,
+        note=f"1 if the noise is as modelled; {_SMOOTHED}",
+        levels=[(1.0, "")],
+        marks=gaps,
+        zero=True,
+    )
+    return [*([_nees(traces, gaps)] if traces else []), draw(innovations)]
+
+
+def _nees(traces: Traces, gaps: Sequence[int]) -> Markup:
+    low, high = chi2.ppf([0.025, 0.975], 6)
+    series = []
+    for name, t in traces.items():
+        if t.nees is not None and np.isfinite(t.nees).any():
+            frames, values = broken(t.frames, np.maximum(t.nees, 1e-3))
+            series.append(Series(label(name), frames, values, style(name)))
+    levels = [(float(low), ""), (float(high), f"95 %: {low:.1f} to {high:.1f}")]
+    return draw(
+        Chart(
+            "NEES of the pose",
+            "frame",
+            "NEES (expected: 6)",
+            series,
+            note="above the interval: overconfident",
+            log_y=True,
+            levels=levels if series else (),
+            marks=gaps,
+        )
+    )
+
+
+def agreement(runs: list[MethodRun], gaps: Sequence[int]) -> list[Markup]:
+    """Closure after there and back, distance between the methods, reprojection error."""
+    reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
+    apart, reprojection = [], []
+    for run in runs:
+        n = min(len(run.poses), len(reference.poses))
+        if run is not reference and n:
+            d = np.array(run.poses[:n])[:, :3, 3] - np.array(reference.poses[:n])[:, :3, 3]
+            apart.append(Series(label(run.name), np.arange(n), np.linalg.norm(d, axis=1), style(run.name)))
+        y = np.array(run.reprojection_px, float)
+        reprojection.append(Series(label(run.name), np.arange(len(y)), smoothed(y), style(run.name)))
+    apart, unit = in_readable_unit(apart)
+    title, note = f"Distance from {label(reference.name)}", "positions, without alignment"
+    return [
+        *_closures(runs),
+        draw(Chart(title, "frame", unit, apart, note=note, zero=True, marks=gaps)),
+        draw(
+            Chart(
+                "Reprojection error",
+                "frame",
+                "RMS, px",
+                reprojection,
+                note=f"accepted points, {_SMOOTHED}",
+                zero=True,
+                marks=gaps,
+            )
+        ),
+    ]
+
+
+def _closures(runs: list[MethodRun]) -> list[Markup]:
+    """Two charts, none where the frames were not processed in reverse order as well."""
+    position, rotation = [], []
+    for run in runs:
+        if (found := closure(run)) is not None:
+            position.append(Series(label(run.name), found.apart_m, found.position_m, style(run.name)))
+            rotation.append(Series(label(run.name), found.apart_m, found.rotation_deg, style(run.name)))
+    if not position:
+        return []
+    position, unit = in_readable_unit(position)
+    x, note = "distance travelled between the two visits, m", "difference between two visits of a frame"
+    return [
+        draw(Chart("There and back: position", x, unit, position, note=note, zero=True)),
+        draw(Chart("There and back: rotation", x, "degrees", rotation, note=note, zero=True)),
+    ]
+
+
+def structure(c: Comparison) -> list[Markup]:
+    """Local structure: error of its depths where the log has depth images, estimated σ, CC against WC."""
+    sigma = []
+    for run in c.runs:
+        y = 1e3 * np.array(run.sigma_local_m, float)
+        sigma.append(Series(label(run.name), np.arange(len(y)), y, style(run.name)))
+    note = "median of the points in view"
+    charts = [
+        *_depth_errors(c),
+        draw(
+            Chart(
+                "Estimated σ of the local structure", "frame", "σ along the ray, mm", sigma, note=note, log_y=True
+            )
+        ),
+    ]
+    rows = np.array(c.local_difference).reshape(-1, 2)
+    if len(rows):
+        series = [Series("CC and WC-derived", rows[:, 0], 1e3 * rows[:, 1], "m-cross-frame-cc")]
+        note = "median distance between equal points"
+        charts.append(
+            draw(Chart("Local structure: CC against WC-derived", "frame", "mm", series, note=note, zero=True))
+        )
+    return charts
+
+
+def _depth_errors(c: Comparison) -> list[Markup]:
+    """Error against depth images, in millimetres and over the estimated σ; none where the log has no depth."""
+    error, ratio = [], []
+    for run in c.runs:
+        rows = np.array(run.depth_rows).reshape(-1, 3)
+        if len(rows):
+            error.append(Series(label(run.name), rows[:, 0], 1e3 * rows[:, 1], style(run.name)))
+            over = rows[:, 1] / np.maximum(rows[:, 2], 1e-12)
+            ratio.append(Series(label(run.name), rows[:, 0], over, style(run.name)))
+    if not error:
+        return []
+    return [
+        draw(Chart("Depth error of the local structure", "frame", "RMS, mm", error, log_y=True)),
+        draw(
+            Chart(
+                "Depth error over estimated σ",
+                "frame",
+                "RMS error / RMS σ",
+                ratio,
+                note="above 1: overconfident",
+                levels=[(1.0, "")],
+                log_y=True,
+            )
+        ),
+    ]
+
+
+def work(c: Comparison) -> list[Markup]:
+    """Number of points and time per frame."""
+    n = np.arange(len(c.front.tracked))
+    points = [
+        Series("tracked from the previous frame", n, np.array(c.front.tracked, float), "m-cross-frame"),
+        Series("new", n, np.array(c.front.new, float), "m-ekf"),
+    ]
+    stages = [
+        Series("decode (waiting)", n, smoothed(np.array(c.front.decode_ms)), "m-truth"),
+        Series("rectify", n, smoothed(np.array(c.front.rectify_ms)), "m-ekf-cv"),
+        Series("front-end", n, smoothed(np.array(c.front.frontend_ms)), "m-cross-frame-wc"),
+    ]
+    rejected = [_per_frame(run, run.rejected) for run in c.runs]
+    estimators = [_per_frame(run, run.estimator_ms) for run in c.runs]
+    gaps = c.front.gaps
+    return [
+        draw(Chart("Points", "frame", "points", points, zero=True, marks=gaps)),
+        draw(Chart("Rejected views", "frame", "points", rejected, note=_SMOOTHED, zero=True, marks=gaps)),
+        draw(Chart("Time of the shared stages", "frame", "ms", stages, note=_SMOOTHED, zero=True)),
+        draw(Chart("Time of the estimators", "frame", "ms", estimators, note=_SMOOTHED, log_y=True)),
+    ]
+
+
+def _per_frame(run: MethodRun, values: Sequence[float]) -> Series:
+    return Series(label(run.name), np.arange(len(values)), smoothed(np.array(values, float)), style(run.name))
