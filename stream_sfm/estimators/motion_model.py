@@ -24,6 +24,7 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
+        self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
 
     @property
     def started(self) -> bool:
@@ -36,11 +37,14 @@ class MotionModel:
         if dt > 0:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
+            self._known_at_ns = stamp_ns
         self.restart(stamp_ns, world_from_cam, cov_pose)
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the pose at which a new map begins; the velocity stays as it is."""
+        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is."""
         self._pose, self._cov, self._stamp_ns = world_from_cam, cov_pose, stamp_ns
+        if self._known_at_ns is None:
+            self._known_at_ns = stamp_ns
 
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).
@@ -50,7 +54,7 @@ class MotionModel:
         dt = self._seconds_since(stamp_ns)
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
-        time = 0.5 * dt * dt if self._velocity_known else dt * (0.5 * dt + _BUILD_UP_S)
+        time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
         std = np.repeat(
             [
                 self._config.std_acceleration_m_s2 * time,
@@ -59,6 +63,13 @@ class MotionModel:
             3,
         )
         return se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
+
+    def _reach_s2(self, stamp_ns: int | None) -> float:
+        """Displacement that an acceleration of one has built up at a time since the velocity was last measured, s²."""
+        if stamp_ns is None or self._known_at_ns is None:
+            return 0.0
+        age_s = (stamp_ns - self._known_at_ns) / 1e9
+        return age_s * (0.5 * age_s + (0.0 if self._velocity_known else _BUILD_UP_S))
 
     def _seconds_since(self, stamp_ns: int) -> float:
         return 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) / 1e9

@@ -1,0 +1,51 @@
+"""The motion model: how uncertain a predicted pose is, whatever maps began and were lost on the way."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import MotionConfig
+from stream_sfm.estimators.motion_model import MotionModel
+from stream_sfm.geometry import se3
+
+FRAME_NS = 50_000_000
+CONFIG = MotionConfig(std_acceleration_m_s2=2.0, std_angular_acceleration_rad_s2=1.0)
+STILL = np.zeros((6, 6))
+
+
+def model(velocity: bool) -> MotionModel:
+    """Standing still, so that covariances are not turned by the motion."""
+    motion = MotionModel(CONFIG)
+    motion.restart(0, np.eye(4), STILL)
+    if velocity:
+        motion.record(FRAME_NS, np.eye(4), STILL)
+    return motion
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_maps_that_begin_and_are_lost_change_nothing(velocity: bool) -> None:
+    """A new map takes the predicted pose and measures no velocity: the uncertainty grows as if it had never begun."""
+    unbroken, broken = model(velocity), model(velocity)
+    for frame in range(2, 20):
+        stamp_ns = frame * FRAME_NS
+        expected = unbroken.predict(stamp_ns)[1]
+        pose, cov = broken.predict(stamp_ns)
+        np.testing.assert_allclose(cov, expected, rtol=1e-9)
+        if frame % 3 == 0:
+            broken.restart(stamp_ns, pose, cov)
+
+
+def test_a_measured_velocity_starts_the_clock_anew() -> None:
+    motion = model(velocity=True)
+    motion.record(10 * FRAME_NS, np.eye(4), STILL)
+    for frames in (1, 6):
+        std = np.sqrt(np.diag(motion.predict((10 + frames) * FRAME_NS)[1]))
+        half_square_s2 = 0.5 * (frames * FRAME_NS / 1e9) ** 2
+        np.testing.assert_allclose(std, half_square_s2 * np.repeat([2.0, 1.0], 3))
+
+
+def test_the_pose_follows_the_last_velocity() -> None:
+    step = se3.exp([0.1, 0, 0.02, 0, 0.03, 0])
+    motion = MotionModel(CONFIG)
+    motion.restart(0, np.eye(4), STILL)
+    motion.record(FRAME_NS, step, STILL)
+    np.testing.assert_allclose(motion.predict(3 * FRAME_NS)[0], step @ step @ step, atol=1e-12)
