@@ -23,7 +23,7 @@ class Candidates:
     """Tracks (n) whose patches should be in a new frame, as a rough motion predicts them.
 
     `before`: the tracks in the previous camera; `now`: the same in the new one. Alignment starts at `left_px` (n, 2)
-    and in column `right_u_px` (n,), with the warps `left_warps`, `right_warps` (n, 2, 2), anchor from now.
+    and in column `right_u_px` (n,), with the warps `left_warps`, `right_warps` (n, 3, 2), anchor from now.
     """
 
     before: Tracks
@@ -83,7 +83,7 @@ class TemplateAligner:
     def align_left(
         self, images: PreparedImages, slots: NDArray[np.intp], warps: Array, start_px: Array
     ) -> LeftViews:
-        """Find the templates of `slots` (n,), warped (n, 2, 2), in the left image near starts (n, 2)."""
+        """Find the templates of `slots` (n,), warped (n, 3, 2), in the left image near starts (n, 2)."""
         patches = self.atlas.warped(slots, warps)
         at_px, found, error_grey = patches.align(images.left_grey, start_px)
         near = np.linalg.norm(at_px - start_px, axis=1) < self.config.max_realignment_px

@@ -1,7 +1,6 @@
 """New points of a pair where tracks are missing: corners that are unique on their row and fit in both images."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from .prepared import PreparedImages
 from .slant import disparity_slopes
 from .stereo_matching import match_along_rows
 from .tracker import Tracker
+from .warps import facing, sheared
 
 # New points are sought in every second frame; in the others only where more than a fraction of the tracks is missing.
 # As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
@@ -103,7 +103,7 @@ class NewPoints:
     def _align_right(self, images: PreparedImages, left_px: NDArray[np.intp], start_px: Array) -> _Matches:
         """Cut the templates and find them in the right image, as if their surfaces faced the camera."""
         slots = self.aligner.cut(images, left_px, self.tracker.tracks.slots)
-        patches = self.aligner.atlas.warped(slots, _facing(len(slots)))
+        patches = self.aligner.atlas.warped(slots, facing(len(slots)))
         right_px, found, error_grey = patches.align(images.right_grey, start_px)
         tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * self.config.max_vertical_disparity_px)
         ok = found & (np.linalg.norm(right_px - start_px, axis=1) < tolerance_px)
@@ -125,9 +125,7 @@ class NewPoints:
             images.left_grey, images.right_grey, m.left_px, m.right_px, self.config.window_radius_px, _STD_GREY
         )
         slanted = slopes.any(axis=1)
-        shear = np.stack([slopes, np.zeros_like(slopes)], axis=1)
-        warps = np.asarray(np.linalg.inv(_facing(len(slopes)) - shear))[slanted]
-        patches = self.aligner.atlas.warped(m.slots[slanted], warps)
+        patches = self.aligner.atlas.warped(m.slots[slanted], sheared(slopes[slanted]))
         right_px, error_grey = m.right_px.copy(), m.error_grey.copy()
         right_px[slanted], found, error_grey[slanted] = patches.align(images.right_grey, right_px[slanted])
         good = error_grey < self.config.max_photometric_error
@@ -160,8 +158,3 @@ class NewPoints:
         new = self.tracker.add(m.slots[good], left_px[good], rho[good], var_rho[good], slopes)
         self.bias.learn(new.ids, m.apart_px[good])
         return z_px[good], cov_px[good]
-
-
-def _facing(n: int) -> NDArray[Any]:
-    """Warps (n, 2, 2) that change nothing."""
-    return np.broadcast_to(np.eye(2), (n, 2, 2))

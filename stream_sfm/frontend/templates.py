@@ -1,10 +1,10 @@
 """Anchored templates: every point is aligned against the patch of its first frame, never against the last one.
 
 A patch that is followed from frame to frame drifts towards zero motion under image noise, and no estimator repairs
-that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the affine
-map that pose and depth predict, then found by Gauss-Newton over its position and over gain and offset of its grey
-values together, inverse compositional (Baker and Matthews 2004): two cameras expose differently, and so does one from
-frame to frame. What lies towards the rim counts less: there the warp is less right, and other surfaces begin.
+that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the map that
+pose, depth and slope predict (`warps.py`), then found by Gauss-Newton over its position and over gain and offset of its
+grey values together, inverse compositional (Baker and Matthews 2004): two cameras expose differently, and so does one
+from frame to frame. What lies towards the rim counts less: there the warp is less right, and other surfaces begin.
 """
 
 from dataclasses import dataclass, replace
@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from .warps import facing
 
 Grey = NDArray[np.float32]
 _COLUMNS = 32  # patches beside each other in the atlas
@@ -24,6 +25,7 @@ _ITERATIONS = 20  # two or three do, more for an image that is more blurred than
 _SHRINKING = 0.7  # of each step over the last one, else it leads nowhere
 _CONVERGED_PX = 0.05  # a step leaves a tenth of itself
 _GAIN_RANGE = (0.1, 10.0)
+_MIN_AREA = 0.2  # of the template per area of the image: a patch blown up further has no detail to align
 _LEAST_EXPLAINED = 0.5  # of the image's variance, else it shows something else
 
 
@@ -147,19 +149,18 @@ class TemplateAtlas:
         self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = every[points_px[:, 1], points_px[:, 0]]
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
-        """Whether warps (n, 2, 2) stay inside the stored patches and do not blow them up beyond recognition."""
-        extent = np.abs(anchor_from_now).sum(axis=2).max(axis=1) * self.reach
-        area = np.abs(np.linalg.det(anchor_from_now))
-        return (extent < self.half) & (area > 0.2)
+        """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
+        reach = np.abs(anchor_from_now).sum(axis=2) * self.reach  # of W u, and of h·u, over the window
+        inside = reach[:, :2].max(axis=1) < self.half * (1 - reach[:, 2])
+        return inside & (np.abs(np.linalg.det(anchor_from_now[:, :2])) > _MIN_AREA)
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
-        """The templates of `slots` (n,) as today's image should show them; warps (n, 2, 2) of pixel offsets."""
+        """The templates of `slots` (n,) as today's image should show them; warps (n, 3, 2) of pixel offsets."""
         return Patches.of_grey(self._grey(slots, anchor_from_now, self.radius), _SPACING_PX)
 
     def inner(self, slots: NDArray[np.intp]) -> Patches:
         """The inner halves of templates as they were cut, of every pixel."""
-        facing = np.broadcast_to(np.eye(2), (len(slots), 2, 2))
-        return Patches.of_grey(self._grey(slots, facing, self.radius // 2), 1)
+        return Patches.of_grey(self._grey(slots, facing(len(slots)), self.radius // 2), 1)
 
     def _grey(self, slots: NDArray[np.intp], anchor_from_now: Array, radius: int) -> Grey:
         """Patches (n, 2r + 3, 2r + 3), one pixel of today's image between neighbours."""
@@ -170,5 +171,6 @@ class TemplateAtlas:
         grid = np.stack([np.tile(steps, side), np.repeat(steps, side)])
         w = anchor_from_now.astype(np.float32)
         centre = np.stack([slots % _COLUMNS, slots // _COLUMNS], axis=1) * self.side + self.half
-        x, y = (w[:, i] @ grid + centre[:, i, None].astype(np.float32) for i in (0, 1))
+        nearer = 1 + w[:, 2] @ grid
+        x, y = ((w[:, i] @ grid) / nearer + centre[:, i, None].astype(np.float32) for i in (0, 1))
         return np.asarray(cv2.remap(self.atlas, x, y, cv2.INTER_LINEAR), np.float32).reshape(-1, side, side)

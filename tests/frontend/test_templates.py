@@ -8,7 +8,7 @@ from stream_sfm.frontend.noise import _FLOOR_PX, ViewNoise
 from stream_sfm.frontend.templates import _CONVERGED_PX, Grey, Patches, TemplateAtlas
 
 RADIUS_PX, STD_GREY = 10, 3.0
-FACING = np.eye(2)
+FACING = np.eye(3, 2)
 
 
 FREQUENCIES = np.stack(np.meshgrid(np.fft.fftfreq(320), np.fft.fftfreq(240)))
@@ -109,7 +109,7 @@ def test_what_is_not_there_is_not_found() -> None:
 
 def test_no_patches_are_no_special_case() -> None:
     atlas = TemplateAtlas(64, RADIUS_PX)
-    patches = atlas.warped(np.empty(0, int), np.empty((0, 2, 2)))
+    patches = atlas.warped(np.empty(0, int), np.empty((0, 3, 2)))
     assert isinstance(patches, Patches)
     at, found, error = patches.align(np.zeros((50, 60), np.float32), np.empty((0, 2)))
     assert at.shape == (0, 2) and found.shape == error.shape == (0,)
