@@ -1,6 +1,6 @@
-"""MCAP files as a source: one file, or several that are one recording."""
+"""An MCAP file as a source."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,88 +13,54 @@ from .source import Attachment, Channel, Contents, Message
 
 
 class McapSource:
-    """The messages of MCAP files, one file after the other."""
+    """The messages of one MCAP file, in file order. Raises LogError as `LogFile`."""
 
-    def __init__(self, path: str | Path, files: Sequence[LogFile]) -> None:
-        """`path` names the recording; `files` are its parts in order of time."""
-        self.path = Path(path)
-        self._files = list(files)
-        self.size_bytes = sum(file.size for file in files)
+    def __init__(self, path: str | Path) -> None:
+        self._file = LogFile(path)
+        self.path = self._file.path
+        self.size_bytes = self._file.size
 
     def contents(self) -> Contents | None:
-        """From the indexes, where every file has one."""
-        contents = Contents()
-        spans = []
-        for file in self._files:
-            if (index := file.index) is None:
-                return None
-            for channel in index.channels.values():
-                count = index.counts.get(channel.id, 0) if index.counts else None
-                contents.channels.append((_described(channel, index.schemas.get(channel.schema_id)), count))
-            if any(index.counts.values()):
-                spans.append((index.start_ns, index.end_ns))
-        if spans:
-            contents.start_ns, contents.end_ns = min(s for s, _ in spans), max(e for _, e in spans)
+        """From the index, where there is one that can be trusted."""
+        if (index := self._file.index) is None:
+            return None
+        contents = Contents([], index.start_ns, index.end_ns)
+        for channel in index.channels.values():
+            count = index.counts.get(channel.id, 0) if index.counts else None
+            contents.channels.append((_described(channel, index.schemas.get(channel.schema_id)), count))
         return contents
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all), each file in its own order."""
-        for file, own, before in self._readings(damage):
-            channels = _Channels()
-            for channel, schema, log_time_ns, data in file.messages(own, topics):
-                damage.bytes_read = before + own.bytes_read
-                yield Message(channels.described(channel, schema), log_time_ns, data)
+        """Yield the messages of `topics` (None: all)."""
+        described: dict[int, tuple[McapChannel, Schema | None, Channel]] = {}
+        for channel, schema, log_time_ns, data in self._file.messages(damage, topics):
+            known = described.get(channel.id)
+            if known is None or known[0] is not channel or known[1] is not schema:  # a file may redefine a channel
+                known = described[channel.id] = channel, schema, _described(channel, schema)
+            yield Message(known[2], log_time_ns, data)
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """Yield the attachments of all files."""
-        for file, own, _ in self._readings(damage):
-            for attachment in file.attachments(own):
-                yield Attachment(attachment.name, attachment.data)
-
-    def _readings(self, damage: Damage) -> Iterator[tuple[LogFile, Damage, int]]:
-        """Yield each file with a record of its own damage and the bytes read before; `damage` gets the sum."""
-        before = 0
-        for file in self._files:
-            own = Damage(notes=damage.notes)  # one list, so that its limit is that of the whole reading
-            try:
-                yield file, own, before
-            finally:
-                damage.complete &= own.complete
-                damage.bytes_read = before + own.bytes_read
-            before += file.size
+        """Yield the attachments, in file order."""
+        for attachment in self._file.attachments(damage):
+            yield Attachment(attachment.name, attachment.data)
 
     def description(self) -> dict[str, Any]:
-        """The header of the first file."""
-        header = self._files[0].header()
+        """From the header of the file."""
+        header = self._file.header()
         return {
             "format": "MCAP",
             "profile": header.profile if header else None,
             "library": header.library if header else None,
-            "indexed": all(file.index is not None for file in self._files),
+            "indexed": self._file.index is not None,
         }
 
     def drop_unverified_index(self) -> bool:
-        """An index without a checksum may be what is wrong where a recording seems unusable."""
-        dropped = False
-        for file in self._files:
-            if file.index is not None and not file.index.checksummed:
-                file.index = None
-                file.index_problem = "it carries no checksum, and by it the recording cannot be used"
-                dropped = True
-        return dropped
-
-
-class _Channels:
-    """One `Channel` for each channel of a file, as long as the file does not describe it anew."""
-
-    def __init__(self) -> None:
-        self._described: dict[int, tuple[McapChannel, Schema | None, Channel]] = {}
-
-    def described(self, channel: McapChannel, schema: Schema | None) -> Channel:
-        known = self._described.get(channel.id)
-        if known is None or known[0] is not channel or known[1] is not schema:
-            known = self._described[channel.id] = channel, schema, _described(channel, schema)
-        return known[2]
+        """See `Source`: such an index may be what is wrong where a recording seems unusable."""
+        if self._file.index is None or self._file.index.checksummed:
+            return False
+        self._file.index = None
+        self._file.index_problem = "it carries no checksum, and by it the log cannot be used"
+        return True
 
 
 def _described(channel: McapChannel, schema: Schema | None) -> Channel:

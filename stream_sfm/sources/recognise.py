@@ -1,43 +1,63 @@
-"""What a path is, told by its content, and the source that reads it."""
+"""Finds out by its content what a path is, and opens the source that reads it."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import LogError
-from ..mcap_file.log_file import LogFile
+from ..mcap_file.records import MAGIC as MCAP_MAGIC
+from . import ros1_bag, sqlite_bag
 from .mcap import McapSource
+from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
 
-_START_BYTES = 16  # enough for every magic number below
+# The first bytes of the files that can be opened.
+_FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+    (MCAP_MAGIC, McapSource),
+    (b"#ROSBAG", ros1_bag.Ros1BagSource),
+    (sqlite_bag.MAGIC, sqlite_bag.SqliteBagSource),
+)
+_OTHER_FILES = (
+    ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
+    ((b"RRF",), "a Rerun recording: give the log that it was made from"),
+    ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
+)
+_START_BYTES = 16
+SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag"
 
 
 def open_source(path: str | Path) -> Source:
-    """The source for a path. Raises LogError where it cannot be read or is of a kind that is not supported."""
+    """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording."""
     path = Path(path)
     try:
         str(path).encode()
     except UnicodeEncodeError:  # it could not be named in any result
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
-    if path.is_dir():
-        raise LogError(
-            f"{path} is a folder: give a log (.mcap), or import its images into one", hint=("import_images",)
-        )
+    return _open_folder(path) if path.is_dir() else _open_file(path)
+
+
+def _open_file(path: Path) -> Source:
     try:
         with path.open("rb") as stream:
             start = stream.read(_START_BYTES)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None
-    if (kind := _other_format(start)) is not None:
-        raise LogError(f"{path} is not an MCAP file but {kind}; its first bytes are {start[:8]!r}")
-    return McapSource(path, [LogFile(path)])
+    for magic, source in _FILES:
+        if start.startswith(magic):
+            return source(path)
+    if path.name == METADATA:
+        return _open_folder(path.parent)
+    for magics, kind in _OTHER_FILES:
+        if start.startswith(magics):
+            raise LogError(f"{path} is {kind}", hint=("import_images",))
+    if not start:
+        raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
+    raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
 
 
-def _other_format(start: bytes) -> str | None:
-    if start.startswith(b"#ROSBAG"):
-        return "a ROS 1 bag: convert it with `mcap convert in.bag out.mcap`"
-    if start.startswith(b"SQLite"):
-        return "a ROS 2 SQLite bag: convert it with `ros2 bag convert` to storage id mcap"
-    if start.startswith((b"\x89PNG", b"\xff\xd8\xff")):
-        return "an image: import images into a log first"
-    if start.startswith(b"RRF"):
-        return "a Rerun recording"
-    return None
+def _open_folder(path: Path) -> Source:
+    try:
+        if (path / METADATA).is_file() or bag_files(path):
+            return open_rosbag2(path)
+    except OSError as error:
+        raise LogError(f"cannot read {path}: {error.strerror}") from None
+    raise LogError(f"{path} is a folder without a recording ({SUPPORTED})", hint=("import_images",))

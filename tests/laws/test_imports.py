@@ -33,15 +33,16 @@ HOMES = {
     "mcap_protobuf": ("recording", "results"),
     "google": ("recording", "results"),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("recording", "results"),
-    "rosbags": ("recording", "results"),
+    "rosbags": ("recording", "results", "sources"),
+    "ruamel": ("sources",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
     "matplotlib": ("simulation/figures.py",),
     "jinja2": ("report",),
     "markupsafe": ("report",),
     "rich": ("cli",),
-    "lz4": ("mcap_file",),
-    "zstandard": ("mcap_file",),
+    "lz4": ("mcap_file", "sources"),
+    "zstandard": ("mcap_file", "sources"),
     "distributed": ("executors.py",),
 }
 EVERYWHERE = {"stream_sfm", "numpy", "scipy", "msgspec"}

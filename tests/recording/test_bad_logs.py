@@ -66,8 +66,8 @@ def log_of(**spec):
 BAD: dict[str, tuple] = {
     "no such file": (lambda p: None, ["cannot read"]),
     "empty": (lambda p: p.write_bytes(b""), ["empty (0 bytes)"]),
-    "not mcap": (lambda p: p.write_bytes(b"hello world, no log"), ["not an MCAP file"]),
-    "a bag": (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), ["ROS 1 bag", "mcap convert"]),
+    "not mcap": (lambda p: p.write_bytes(b"hello world, no log"), ["not a recording", "ROS 2 bag"]),
+    "a bag": (lambda p: p.write_bytes(b"#ROSBAG V1.2\n"), ["another version", "rosbag migrate"]),
     "header only": (lambda p: p.write_bytes(b"\x89MCAP0\r\n"), ["no message"]),
     "no images": (log_of(left=(), right=()), ["holds no"]),
     "one camera": (log_of(right=()), ["one camera only", "/camera/left/image"]),

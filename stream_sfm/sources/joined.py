@@ -1,0 +1,101 @@
+"""Several files that are one recording: the splits of a bag, or files that were recorded at the same time."""
+
+import heapq
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..mcap_file.damage import Damage
+from .source import Attachment, Contents, Message, Source
+
+_Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
+
+
+class JoinedSource:
+    """The messages of several sources, merged by log time; a part is opened when its time has come.
+
+    `path` names the recording; `missing` says which parts could not be opened, `notes` what else to know about it.
+    """
+
+    def __init__(
+        self, path: str | Path, parts: Sequence[Source], missing: Sequence[str] = (), notes: Sequence[str] = ()
+    ) -> None:
+        self.path = Path(path)
+        self._missing, self._notes = list(missing), list(notes)
+        contents = [part.contents() for part in parts]
+        self._known = all(c is not None for c in contents)
+        starts = [0 if c is None else c.start_ns for c in contents]
+        if self._known:  # else the order given is all there is to go by
+            order = sorted(range(len(parts)), key=lambda n: starts[n])
+            parts, starts = [parts[n] for n in order], [starts[n] for n in order]
+        self._parts, self._starts_ns = list(parts), starts
+        self.size_bytes = sum(part.size_bytes for part in parts)
+
+    def contents(self) -> Contents | None:
+        """The sum over the parts, where every part knows its contents."""
+        if not self._known:
+            return None
+        joined = Contents()
+        spans = []
+        for part in self._parts:
+            if (contents := part.contents()) is None:
+                return None
+            joined.channels += contents.channels
+            if any(count != 0 for _, count in contents.channels):
+                spans.append((contents.start_ns, contents.end_ns))
+        if spans:
+            joined.start_ns, joined.end_ns = min(s for s, _ in spans), max(e for _, e in spans)
+        return joined
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all) of all parts."""
+        damage.notes += self._notes
+        for note in self._missing:
+            damage.add(note)
+        own = [Damage(notes=damage.notes) for _ in self._parts]  # one list: its limit is that of the whole reading
+        waiting = deque(range(len(self._parts)))
+        heads: list[_Head] = []
+        try:
+            while waiting or heads:
+                while waiting and (not heads or self._begins_before(waiting[0], heads[0][0])):
+                    number = waiting.popleft()
+                    self._advance(heads, number, _generator(self._parts[number].messages(own[number], topics)))
+                if heads:
+                    _, number, message, rest = heapq.heappop(heads)
+                    damage.bytes_read = sum(d.bytes_read for d in own)
+                    yield message
+                    self._advance(heads, number, rest)
+        finally:
+            for *_, rest in heads:
+                rest.close()
+            damage.bytes_read = sum(d.bytes_read for d in own)
+            damage.complete &= all(d.complete for d in own)
+
+    def _begins_before(self, number: int, time_ns: int) -> bool:
+        return self._known and self._starts_ns[number] <= time_ns
+
+    @staticmethod
+    def _advance(heads: list[_Head], number: int, rest: Generator[Message, None, None]) -> None:
+        if (message := next(rest, None)) is not None:
+            heapq.heappush(heads, (message.log_time_ns, number, message, rest))
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """Yield the attachments of all parts."""
+        for part in self._parts:
+            yield from part.attachments(damage)
+
+    def description(self) -> dict[str, Any]:
+        """The description of the first part, with the number of parts."""
+        first = self._parts[0].description()
+        indexed = all(part.description()["indexed"] for part in self._parts)
+        return first | {"indexed": indexed, "files": len(self._parts)}
+
+    def drop_unverified_index(self) -> bool:
+        """See `Source`; every part drops its own."""
+        dropped = [part.drop_unverified_index() for part in self._parts]
+        return any(dropped)
+
+
+def _generator(messages: Iterator[Message]) -> Generator[Message, None, None]:
+    yield from messages
