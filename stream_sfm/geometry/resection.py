@@ -2,19 +2,21 @@
 
 Every estimator starts a frame from it, and the front-end takes its outlier test from it. Cauchy weights come first,
 wide and then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
-Gaussian noise. Where few views are accepted, the best of many three-point alignments is tried as another start.
+Gaussian noise. Where too few views agree with what a start led to, the whole space of motions is searched
+(`motion_search.py`), and it is looked whether the views that disagree have another motion in common.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import se3
-from .gates import chi2_gates
-from .linear import matvec, scaled_inverse
+from .linear import scaled_inverse
+from .motion_search import search_motion, support
+from .point_views import PointViews
 from .se3 import Array
-from .stereo import MIN_DEPTH, StereoProjection, clamp_depth, whitening_of_views
+from .stereo import StereoProjection
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 _MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
@@ -35,14 +37,16 @@ _MAX_ROTATION_STEP_RAD = (
     0.3  # a linearised rotation is off by a few per cent there; longer steps keep their direction
 )
 _MIN_SINGULAR_VALUE = 1e-10  # of the scaled information, relative to the largest: below it no step is taken
-# Three-point hypotheses.
-_RETRY_BELOW = 0.6  # accepted share: a good start accepts more even at 30 % outliers, and a retry costs a few ms
-_HYPOTHESES = 96  # closed form: at 50 % outliers, P(no clean triple) = (1 - 1/8)**96 < 3e-6
-_TRIPLE_VARIANCE_PX2 = (
-    4.0  # 2 px added to each view's σ when triples are ranked: three points fix a pose only roughly
-)
-_TRUNCATED_AT = 9.0  # squared residual, 3 σ: what an outlier counts in the ranking
-_AT_INFINITY = 1e-6  # fourth coordinate, 1/m: a kilometre and more has no metric position to align
+# The global search costs a few ms: it is made where less of the weight than this agrees with the motion found, or
+# where the residuals are this much too large. Calm frames of the sample logs accept more than 0.85.
+_CALM_SHARE = 0.8
+_CALM_SPREAD = 2.0
+_SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and say nothing about the noise
+# A second motion is reported where its support is at least this share of the first one's. Chosen by hand: below, a vote
+# by weight is clear; what moves alone has less, because it has less history.
+_RIVAL_SHARE = 0.6
+_RIVAL_BEYOND = 4.0  # gates: views that are clearly not of the first motion
+_MIN_RIVAL_VIEWS = 2 * MIN_VIEWS  # fewer agree on some motion by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +54,9 @@ class Resection:
     """The motion that brings points onto their views.
 
     `cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2` and
-    `dof` of the accepted views; `spread`: median squared residual of all views over its expected value, at least 1;
-    `ok`: enough accepted views, and they determine the motion.
+    `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
+    expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `share`: of the weight that
+    the accepted views have; `rival` (4, 4): another motion that the other views agree on, with nearly as much support.
     """
 
     cam_from_ref: Array
@@ -61,6 +66,8 @@ class Resection:
     dof: int
     spread: float
     ok: bool
+    share: float = 0.0
+    rival: Array | None = None
 
 
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
@@ -81,126 +88,100 @@ def resect(
     cov_px: Array,
     cam_from_ref_start: Array,
     gate_probability: float = 0.999,
+    weights: Array | None = None,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
     `points_in_ref` (n, 3) metres or (n, 4) homogeneous, `cov_points` of the same dimension (None: exact),
-    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4).
+    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4). `weights` (n,): how much
+    each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
+    only their noise counts.
     """
     if len(z_px) < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(len(z_px), bool), 0.0, 0, 1.0, False)
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
-    problem = _Problem(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
-    result = problem.solve(cam_from_ref_start)
-    if result.accepted.mean() < _RETRY_BELOW:
-        other = problem.solve(problem.best_hypothesis(cam_from_ref_start))
-        if other.accepted.sum() > result.accepted.sum():
-            result = other
-    return result
+    views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
+    weights = np.ones(len(views)) if weights is None else weights
+    found = _solve(views, cam_from_ref_start, weights)
+    if found.share >= _CALM_SHARE and found.spread <= _CALM_SPREAD:
+        return found
+    other = _solve(views, search_motion(views, cam_from_ref_start, weights), weights, near=True)
+    if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
+        found = other
+    return replace(found, rival=_rival(views, found.cam_from_ref, weights))
 
 
-class _Problem:
-    def __init__(
-        self,
-        projection: StereoProjection,
-        points: Array,
-        cov_points: Array | None,
-        z_px: Array,
-        cov_px: Array,
-        gate_probability: float,
-    ) -> None:
-        self.projection = projection
-        self.points = points
-        self.cov_points = cov_points
-        self.z_px = z_px
-        self.z = np.nan_to_num(z_px)  # a missing side has no weight
-        self.cov_px = cov_px
-        self.sides = np.isfinite(z_px).sum(axis=1)  # measured coordinates: 4, or 2 without the right view
-        self.gate = chi2_gates(self.sides, gate_probability)
+def _solve(views: PointViews, cam_from_ref: Array, weights: Array, near: bool = False) -> Resection:
+    """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views.
 
-    def solve(self, cam_from_ref: Array) -> Resection:
-        """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
-        return self._least_squares(*self._robust_fit(cam_from_ref))
+    `near`: the start is good, so that residuals far above the views' noise are outliers from the first step on.
+    """
+    return _least_squares(views, weights, *_robust_fit(views, cam_from_ref, near))
 
-    def _robust_fit(self, cam_from_ref: Array) -> tuple[Array, Array, Array]:
-        """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
 
-        Returns the motion, and roots and Jacobian as `_linearise` has them.
-        """
-        root, j = self._linearise(cam_from_ref)
-        r, s2 = self._residuals(cam_from_ref, root)
-        for k in range(_MAX_ROBUST_STEPS):
-            spread = _spread(s2)
-            width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
-            cam_from_ref, moved, _ = _step(cam_from_ref, j, r, 1 / (1 + s2 / width))
-            if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
-                break
-            if (k + 1) % _RELINEARISE_EVERY == 0:
-                root, j = self._linearise(cam_from_ref)
-            r, s2 = self._residuals(cam_from_ref, root)
-        if k > 0:  # a start that needed no second step was good enough to be linearised at
-            root, j = self._linearise(cam_from_ref)
-        return cam_from_ref, root, j
+def _support(views: PointViews, cam_from_ref: Array, weights: Array) -> float:
+    """Return the support of one motion, whitened where it is."""
+    root, _ = views.linearise(cam_from_ref)
+    return float(support(views, cam_from_ref[None], root, weights)[0])
 
-    def _least_squares(self, cam_from_ref: Array, root: Array, j: Array) -> Resection:
-        """Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step."""
-        r, s2 = self._residuals(cam_from_ref, root)
-        accepted = s2 < self.gate
-        for _ in range(_MAX_FINAL_STEPS):
-            cam_from_ref, moved, information = _step(cam_from_ref, j, r, accepted.astype(float))
-            r, s2 = self._residuals(cam_from_ref, root)
-            before, accepted = accepted, s2 < self.gate
-            if moved < _FINAL_CONVERGED and (before == accepted).all():
-                break
-        cov = scaled_inverse(information)
-        return Resection(
-            cam_from_ref=se3.orthonormalise(cam_from_ref),
-            cov_pose=np.full((6, 6), np.inf) if cov is None else cov,
-            accepted=accepted,
-            chi2=float(s2[accepted].sum()),
-            dof=int(self.sides[accepted].sum()) - 6,
-            spread=_spread(s2),
-            ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
-        )
 
-    def _linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
-        """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6) of a left perturbation.
+def _rival(views: PointViews, cam_from_ref: Array, weights: Array) -> Array | None:
+    """Return the motion that the views which clearly disagree have in common, if it is nearly as well supported."""
+    root, _ = views.linearise(cam_from_ref)
+    rest = views.residuals(cam_from_ref, root)[1] > _RIVAL_BEYOND * views.gate
+    needed = _RIVAL_SHARE * _support(views, cam_from_ref, weights)
+    if rest.sum() < _MIN_RIVAL_VIEWS or weights[rest].sum() < needed:
+        return None
+    others = views.select(rest)
+    found = _solve(others, search_motion(others, cam_from_ref, weights[rest]), weights[rest], near=True)
+    enough = found.accepted.sum() >= _MIN_RIVAL_VIEWS
+    return found.cam_from_ref if enough and _support(others, found.cam_from_ref, weights[rest]) >= needed else None
 
-        The noise is that of the view and of the point itself, as seen from here.
-        """
-        in_cam = clamp_depth(self.points @ cam_from_ref.T)
-        j = self.projection.jacobian_homogeneous(in_cam)
-        cov = self.cov_px
-        if self.cov_points is not None:
-            by_point = j @ cam_from_ref
-            cov = cov + by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
-        root = whitening_of_views(self.z_px, cov)
-        a = root @ j[..., :3]
-        return root, np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
 
-    def _residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
-        """Return whitened residuals (n, 4) and their squared norms (n,), which are inf behind the camera."""
-        in_cam = self.points @ cam_from_ref.T
-        behind = in_cam[:, 2] < MIN_DEPTH
-        r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
-        return r, np.where(behind, np.inf, (r * r).sum(1))
+def _robust_fit(views: PointViews, cam_from_ref: Array, near: bool) -> tuple[Array, Array, Array]:
+    """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22), or to 1 if `near`.
 
-    def best_hypothesis(self, start: Array) -> Array:
-        """Return the best by truncated cost of `start` and of many alignments of three triangulated views each."""
-        depth = self.projection.depth_m(self.z_px)
-        metric = (self.sides == 4) & (depth > 0) & np.isfinite(depth) & (self.points[:, 3] > _AT_INFINITY)
-        usable = np.flatnonzero(metric)
-        if len(usable) < 3:
-            return start
-        rng = np.random.default_rng(len(usable))  # fixed by the data: the same frame gives the same answer
-        triples = usable[rng.random((_HYPOTHESES, len(usable))).argpartition(2, axis=1)[:, :3]]
-        source = self.points[triples, :3] / self.points[triples, 3:]
-        candidates = np.concatenate([start[None], _align(source, self.projection.triangulate(self.z_px[triples]))])
-        root = whitening_of_views(self.z_px, self.cov_px + _TRIPLE_VARIANCE_PX2 * np.eye(4))
-        costs = [np.minimum(self._residuals(c, root)[1], _TRUNCATED_AT).sum() for c in candidates]
-        return np.asarray(candidates[int(np.argmin(costs))])
+    Returns the motion, and roots and Jacobian as `PointViews.linearise` has them.
+    """
+    root, j = views.linearise(cam_from_ref)
+    r, s2 = views.residuals(cam_from_ref, root)
+    for k in range(_MAX_ROBUST_STEPS):
+        spread = 1.0 if near else _spread(s2)
+        width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
+        cam_from_ref, moved, _ = _step(cam_from_ref, j, r, 1 / (1 + s2 / width))
+        if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
+            break
+        if (k + 1) % _RELINEARISE_EVERY == 0:
+            root, j = views.linearise(cam_from_ref)
+        r, s2 = views.residuals(cam_from_ref, root)
+    if k > 0:  # a start that needed no second step was good enough to be linearised at
+        root, j = views.linearise(cam_from_ref)
+    return cam_from_ref, root, j
+
+
+def _least_squares(views: PointViews, weights: Array, cam_from_ref: Array, root: Array, j: Array) -> Resection:
+    """Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step."""
+    r, s2 = views.residuals(cam_from_ref, root)
+    accepted = s2 < views.gate
+    for _ in range(_MAX_FINAL_STEPS):
+        cam_from_ref, moved, information = _step(cam_from_ref, j, r, accepted.astype(float))
+        r, s2 = views.residuals(cam_from_ref, root)
+        before, accepted = accepted, s2 < views.gate
+        if moved < _FINAL_CONVERGED and (before == accepted).all():
+            break
+    cov = scaled_inverse(information)
+    return Resection(
+        cam_from_ref=se3.orthonormalise(cam_from_ref),
+        cov_pose=np.full((6, 6), np.inf) if cov is None else cov,
+        accepted=accepted,
+        chi2=float(s2[accepted].sum()),
+        dof=int(views.sides[accepted].sum()) - 6,
+        spread=_spread(s2[s2 < _SPREAD_WITHIN * views.gate]),
+        ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
+        share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
+    )
 
 
 def _step(cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array, float, Array]:
@@ -213,15 +194,6 @@ def _step(cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array
     if angle > _MAX_ROTATION_STEP_RAD:
         delta *= _MAX_ROTATION_STEP_RAD / angle
     return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta), h
-
-
-def _align(source: Array, target: Array) -> Array:
-    """Return rigid motions (k, 4, 4) that bring triples (k, 3, 3) of points onto others (Umeyama 1991)."""
-    ms, mt = source.mean(1, keepdims=True), target.mean(1, keepdims=True)
-    u, _, vt = np.linalg.svd(np.swapaxes(target - mt, 1, 2) @ (source - ms))
-    u[:, :, 2] *= (np.linalg.det(u) * np.linalg.det(vt))[:, None]
-    rotation = u @ vt
-    return se3.from_rotation_translation(rotation, (mt - ms @ np.swapaxes(rotation, 1, 2))[:, 0])
 
 
 def _spread(s2: Array) -> float:

@@ -74,3 +74,75 @@ def test_points_at_infinity_fix_the_rotation_only() -> None:
 def test_too_few_views_are_refused() -> None:
     truth, points, cov_points, z, cov, _ = problem(0, 5)
     assert not resect(P, points, cov_points, z, cov, truth).ok
+
+
+def crowd(seed: int, cover: float, bodies: int, mono: float = 0.0, left: bool = False):
+    """160 views, a share `cover` of them on `bodies` that move by themselves: in the middle, or in the `left` part."""
+    truth, points, cov_points, z, cov, _ = problem(seed, 160, mono=mono)
+    rng = np.random.default_rng(1000 + seed)
+    body = np.full(160, -1)
+    x, y = (points[:, i] / points[:, 2] for i in (0, 1))
+    on_bodies = np.argsort(x if left else np.hypot(x, y))[: round(160 * cover)]
+    on_bodies = on_bodies[np.argsort(x[on_bodies])]
+    for k, rows in enumerate(np.array_split(on_bodies, bodies)):
+        own = se3.exp(rng.normal(size=6) * (0.15, 0.15, 0.15, 0.05, 0.05, 0.05))
+        moved = P.project(se3.transform(truth @ own, points[rows]))
+        z[rows] = np.where(np.isnan(z[rows]), np.nan, moved + rng.normal(size=(len(rows), 4)) * STD_PX)
+        body[rows] = k
+    return truth, points, cov_points, z, cov, body
+
+
+@pytest.mark.parametrize("mono", [0.0, 1.0])
+def test_the_largest_rigid_set_is_found_from_any_start_among_sixty_percent_of_movers(mono: float) -> None:
+    for seed in range(25):
+        truth, points, cov_points, z, cov, body = crowd(seed, 0.6, bodies=3, mono=mono)
+        rng = np.random.default_rng(seed)
+        start = se3.exp(rng.normal(size=6) * (0.5, 0.5, 0.5, 0.3, 0.3, 0.3))
+        found = resect(P, points, cov_points, z, cov, start)
+        error = se3.log(truth @ se3.inverse(found.cam_from_ref))
+        # the noise of the largest set alone, 64 views: some millimetres, some tenths of a milliradian
+        alone = resect(P, points[body < 0], cov_points[body < 0], z[body < 0], cov[body < 0], truth)
+        std = np.sqrt(np.diag(alone.cov_pose))
+        assert found.ok and found.accepted[body < 0].mean() > 0.95
+        assert (np.abs(error) < 6 * std).all()
+        again = resect(P, points, cov_points, z, cov, start)
+        assert np.array_equal(again.cam_from_ref, found.cam_from_ref)
+
+
+def test_history_decides_between_two_rigid_sets() -> None:
+    """A body with 70 % of the views against a background that has been rigid with the map for long."""
+    for seed in range(10):
+        _, points, cov_points, z, cov, body = crowd(seed, 0.7, bodies=1)
+        weights = np.where(body < 0, np.sqrt(21.0), 1.0)
+        found = resect(P, points, cov_points, z, cov, np.eye(4), weights=weights)
+        assert found.accepted[body < 0].mean() > 0.95 and found.accepted[body == 0].mean() < 0.3
+        assert found.rival is None
+
+
+def test_two_rigid_sets_side_by_side_are_rivals() -> None:
+    for seed in range(10):
+        _, points, cov_points, z, cov, body = crowd(seed, 0.5, bodies=1, left=True)
+        found = resect(P, points, cov_points, z, cov, np.eye(4))
+        assert found.rival is not None
+        apart = []
+        for of in (body == 0, body < 0):
+            alone = resect(P, points[of], cov_points[of], z[of], cov[of], np.eye(4)).cam_from_ref
+            apart.append(
+                [np.linalg.norm(se3.log(m @ se3.inverse(alone))) for m in (found.cam_from_ref, found.rival)]
+            )
+        assert min(apart[0]) < 0.02 and min(apart[1]) < 0.02
+        assert np.argmin(apart[0]) != np.argmin(apart[1])
+
+
+def test_a_background_around_a_body_needs_no_history() -> None:
+    """As many views on a body in the middle as around it: what surrounds the rest is the background."""
+    for seed in range(10):
+        _, points, cov_points, z, cov, body = crowd(seed, 0.5, bodies=1)
+        found = resect(P, points, cov_points, z, cov, np.eye(4))
+        assert found.accepted[body < 0].mean() > 0.95
+
+
+def test_scattered_outliers_are_no_rival() -> None:
+    for seed in range(10):
+        _, points, cov_points, z, cov, _ = problem(seed, 160, outliers=0.6)
+        assert resect(P, points, cov_points, z, cov, np.eye(4)).rival is None

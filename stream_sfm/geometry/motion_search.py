@@ -1,0 +1,112 @@
+"""The global search of the resection: the motion that most of the weight agrees with, whatever the start.
+
+Motions are fitted to many small random samples of views, each from two beginnings; all are scored by all views at the
+views' own noise, with truncated costs, so that an outlier counts the same however far off it is; the best ones are
+refined by all views near them. Everything is done for all samples at once.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import se3
+from .linear import matvec
+from .point_views import PointViews
+from .se3 import Array
+from .stereo import clamp_depth
+
+# Closed form: with 60 % outliers, P(no clean sample) is (1 - 0.4**3)**256 < 1e-7 for stereo views and
+# (1 - 0.4**4)**256 = 0.0013 for views of one side.
+_SAMPLES = 256
+_STEREO_SAMPLE = 3  # two views determine a motion; a third keeps its noise from being levered up
+_ONE_SIDED_SAMPLE = 4  # three have up to four solutions
+_SAMPLE_STEPS = 4  # Gauss-Newton from a rough beginning: the fifth changes nothing that the ranking sees
+_REFINED = 12  # of the best samples: their order is rough, because few noisy views fix a motion only roughly
+# Widths, in gates, within which views refine a motion: first the neighbourhood of a rough one, then its own views.
+_REFINING_WIDTHS = (16.0, 4.0)
+_REFINING_STEPS = 2
+_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
+_MAX_ROTATION_STEP_RAD = 0.3
+_DAMPING = 1e-9  # of the scaled information: a direction that a sample does not see stays where it is
+
+
+def search_motion(views: PointViews, start: Array, weights: Array) -> Array:
+    """Return the motion cam_from_ref (4, 4) with the largest `support`; `weights` (n,) are at least 0.
+
+    `start` (4, 4) is one of two beginnings of each sample, the other one is taken from its rays. Deterministic: samples
+    depend on the number of views only.
+    """
+    n = len(views)
+    size = _STEREO_SAMPLE if np.mean(views.sides == 4) > 0.5 else _ONE_SIDED_SAMPLE
+    rows = _draw(weights, size)
+    root, _ = views.linearise(start)
+    from_rays = _rotations_by_rays(views.points[rows], views.projection.rays(views.z[rows]))
+    motions = np.concatenate([np.broadcast_to(start, from_rays.shape), from_rays])
+    rows = np.concatenate([rows, rows])
+    motions = _fit(views, root, motions, rows, np.ones(rows.shape), _SAMPLE_STEPS)
+    motions = motions[np.argsort(-support(views, motions, root, weights), kind="stable")[:_REFINED]]
+    every = np.broadcast_to(np.arange(n), (len(motions), n))
+    for width in _REFINING_WIDTHS:
+        s2 = views.squared_residuals(motions, root)
+        near = s2 < width * views.gate
+        motions = _fit(views, root, motions, every, near * weights / (1 + s2 / _CAUCHY_WIDTH), _REFINING_STEPS)
+    return np.asarray(motions[int(np.argmax(support(views, motions, root, weights)))])
+
+
+def support(views: PointViews, cams_from_ref: Array, root: Array, weights: Array) -> Array:
+    """Return how much speaks for each of many motions (m, 4, 4): (m,).
+
+    Each view gives its weight, less the share of the gate that its squared residual uses up; the sum is multiplied by
+    the root of the extent that the agreeing views have in the image. A background surrounds what moves in front of it,
+    and a body is compact.
+    """
+    agreement = weights * (1 - np.minimum(views.squared_residuals(cams_from_ref, root) / views.gate, 1.0))
+    total = agreement.sum(axis=1)
+    return np.asarray(total * np.sqrt(_extent(views, agreement)))
+
+
+def _extent(views: PointViews, agreement: Array) -> Array:
+    """Return the area (m,) over which agreement (m, n) spreads: 1 where it is uniform over the image."""
+    p = views.projection
+    u, v = (views.z[:, 0] - p.cx_left_px) / p.width, (views.z[:, 1] - p.cy_px) / p.height
+    moments = agreement @ np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    _, mu, mv, uu, uv, vv = (moments / np.maximum(moments[:, :1], 1e-12)).T
+    determinant = (uu - mu * mu) * (vv - mv * mv) - (uv - mu * mv) ** 2
+    return np.asarray(12.0 * np.sqrt(np.maximum(determinant, 0.0)))  # a uniform square has variances of 1/12
+
+
+def _draw(weights: Array, size: int) -> NDArray[np.intp]:
+    """Return samples (_SAMPLES, size) of different rows each, drawn by weight (Efraimidis and Spirakis 2006)."""
+    rng = np.random.default_rng(len(weights))
+    keys = np.log(rng.random((_SAMPLES, len(weights)))) / np.maximum(weights, 1e-9)
+    return np.argpartition(-keys, size, axis=1)[:, :size]
+
+
+def _rotations_by_rays(points: Array, rays: Array) -> Array:
+    """Return the rotations, as motions (m, 4, 4), that turn points (m, k, 4) best towards rays (m, k, 2)."""
+    source = points[..., :3] / np.linalg.norm(points[..., :3], axis=-1, keepdims=True)
+    target = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1)
+    target = target / np.linalg.norm(target, axis=-1, keepdims=True)
+    u, _, vt = np.linalg.svd(np.swapaxes(target, 1, 2) @ source)
+    u[:, :, 2] *= (np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    return se3.from_rotation_translation(u @ vt, np.zeros((len(points), 3)))
+
+
+def _fit(
+    views: PointViews, root: Array, motions: Array, rows: NDArray[np.intp], weights: Array, steps: int
+) -> Array:
+    """Refine each of motions (m, 4, 4) by Gauss-Newton over its own views `rows` (m, k) with `weights` (m, k)."""
+    points, z, root = views.points[rows], views.z[rows], root[rows]
+    for _ in range(steps):
+        in_cam = clamp_depth(points @ np.swapaxes(motions, -1, -2))
+        a = root @ views.projection.jacobian_homogeneous(in_cam)[..., :3]
+        j = np.concatenate([a * in_cam[..., None, 3:], -a @ se3.skew(in_cam[..., :3])], axis=-1)
+        r = matvec(root, z - views.projection.project_homogeneous(in_cam))
+        jt = np.swapaxes((j * weights[..., None, None]).reshape(len(motions), -1, 6), 1, 2)
+        h = jt @ j.reshape(len(motions), -1, 6)
+        scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", h), 1e-12))  # an unseen direction has a zero there
+        scaled = h * scale[:, :, None] * scale[:, None, :] + _DAMPING * np.eye(6)
+        delta = scale * np.linalg.solve(scaled, scale[..., None] * (jt @ r.reshape(len(motions), -1, 1)))[..., 0]
+        delta = np.where(np.isfinite(delta), delta, 0.0)
+        angle = np.linalg.norm(delta[:, 3:], axis=1, keepdims=True)
+        motions = se3.exp(delta * np.minimum(1.0, _MAX_ROTATION_STEP_RAD / np.maximum(angle, 1e-12))) @ motions
+    return motions

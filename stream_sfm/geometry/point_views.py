@@ -1,0 +1,79 @@
+"""Points with covariances and their stereo views: what a motion between them is judged by."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import se3
+from .gates import chi2_gates
+from .linear import matvec
+from .se3 import Array
+from .stereo import MIN_DEPTH, StereoProjection, clamp_depth, whitening_of_views
+
+
+class PointViews:
+    """Homogeneous points (n, 4) in a reference camera with covariances (n, 4, 4) (None: exact), and their views.
+
+    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). Of each view, `sides` (n,) is the
+    number of measured coordinates and `gate` (n,) the squared residual under which a share `gate_probability` of good
+    ones stays.
+    """
+
+    def __init__(
+        self,
+        projection: StereoProjection,
+        points: Array,
+        cov_points: Array | None,
+        z_px: Array,
+        cov_px: Array,
+        gate_probability: float,
+    ) -> None:
+        self.projection = projection
+        self.points = points
+        self.cov_points = cov_points
+        self.z_px = z_px
+        self.z = np.nan_to_num(z_px)  # a missing side has no weight
+        self.cov_px = cov_px
+        self.gate_probability = gate_probability
+        self.sides = np.isfinite(z_px).sum(axis=1)  # 4, or 2 without the right view
+        self.gate = chi2_gates(self.sides, gate_probability)
+
+    def __len__(self) -> int:
+        return len(self.z_px)
+
+    def select(self, rows: NDArray[Any]) -> "PointViews":
+        """The given rows (mask or indices)."""
+        cov = None if self.cov_points is None else self.cov_points[rows]
+        return PointViews(
+            self.projection, self.points[rows], cov, self.z_px[rows], self.cov_px[rows], self.gate_probability
+        )
+
+    def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
+        """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6) of a left perturbation.
+
+        The noise is that of the view and of the point itself, as seen from here.
+        """
+        in_cam = clamp_depth(self.points @ cam_from_ref.T)
+        j = self.projection.jacobian_homogeneous(in_cam)
+        cov = self.cov_px
+        if self.cov_points is not None:
+            by_point = j @ cam_from_ref
+            cov = cov + by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
+        root = whitening_of_views(self.z_px, cov)
+        a = root @ j[..., :3]
+        return root, np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
+
+    def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
+        """Return whitened residuals (n, 4) and their squared norms (n,), which are inf behind the camera."""
+        in_cam = self.points @ cam_from_ref.T
+        behind = in_cam[:, 2] < MIN_DEPTH
+        r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
+        return r, np.where(behind, np.inf, (r * r).sum(1))
+
+    def squared_residuals(self, cams_from_ref: Array, root: Array) -> Array:
+        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf behind the camera."""
+        in_cam = self.points @ np.swapaxes(cams_from_ref, -1, -2)
+        behind = in_cam[..., 2] < MIN_DEPTH
+        r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
+        return np.where(behind, np.inf, (r * r).sum(-1))
