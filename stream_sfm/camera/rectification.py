@@ -16,18 +16,17 @@ from ..geometry.stereo import StereoProjection
 from .models import Camera
 from .rig import MonoRig, StereoRig
 
-# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count; as a
-# length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first scene.
+# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count;
+# as a length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first
+# scene.
 VIRTUAL_BASELINE = 10.0
-# The focal length is that at which the whole image fits, so that a lens that bends keeps its corners; but at least this
-# fraction of the lens's own, chosen by hand: a wider view is bought with resolution in the middle.
+# The focal length is that at which the whole image fits, so that a lens that bends keeps its corners; but at
+# least this fraction of the lens's own, chosen by hand: a wider view is bought with resolution in the middle.
 _MIN_FOCAL_FRACTION = 0.9
-_SAME_FOCAL_FRACTION = (
-    0.999  # of the lens's own, which is kept then: images that are rectified already stay as they are
-)
+_SAME_FOCAL_FRACTION = 0.999  # of the lens's own, which is kept then: rectified images stay as they are
 _MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: below, a third of the views' noise floor, it is left out
-# Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the rectified
-# camera, as with a lens of 180°.
+# Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the
+# rectified camera, as with a lens of 180°.
 _MIN_RAY_DEPTH = 0.2
 _EXCHANGED = -0.5  # x of the direction from left to right camera: within 60° of exactly left, no such pair is meant
 

@@ -6,12 +6,18 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 
-_DIM_SHARE = 0.02  # of the image's strongest corner: what always counts as one
+_BLOCK_PX, _SOBEL_PX = 5, 3  # window of the gradient matrix, and of its derivatives: the usual small ones
+# Of the image's strongest corner, chosen by hand: what always counts as a corner. An exposure cut to a quarter
+# leaves none above a fixed limit.
+_DIM_FRACTION = 0.02
+_PEAK_FRACTION = 3  # one of so many of the distance: a corner is the strongest within it
+_MIN_CELL = 2.0  # distances: a cell has room for one corner at least
+_CANDIDATES = 12  # per corner that is wanted: the others are weaker than these where it is crowded, and take time
 
 
 def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
-    return np.asarray(cv2.cornerMinEigenVal(image, 5, ksize=3), np.float32)
+    return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX, ksize=_SOBEL_PX), np.float32)
 
 
 def detect(
@@ -22,7 +28,7 @@ def detect(
     distance_px: float,
     min_strength: float,
 ) -> NDArray[np.intp]:
-    """Up to `wanted` corners (k, 2) as integer pixels (u, v), `distance_px` from each other and from `taken_px` (m, 2).
+    """Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
     The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come
     before all second ranks. `strength` (h, w) of `corner_strength`, and its least value `min_strength`, which is less
@@ -30,38 +36,66 @@ def detect(
     """
     if wanted <= 0:
         return np.empty((0, 2), np.intp)
-    height, width = strength.shape
-    radius = round(distance_px)
-    # a dark image has all its contrast, and all its corners, scaled down
-    min_strength = min(min_strength, _DIM_SHARE * float(strength.max()))
-    near = 2 * (radius // 3) + 1
-    peak = strength >= cv2.dilate(strength, np.ones((near, near), np.uint8))
-    free = allowed.astype(np.uint8)
-    for u, v in np.rint(taken_px).astype(int).tolist():
-        cv2.circle(free, (u, v), radius, 0, -1)
-    found = cv2.findNonZero((peak & (strength > min_strength)).view(np.uint8) & free)
-    if found is None:
-        return np.empty((0, 2), np.intp)
-    u, v = found.reshape(-1, 2).T
-    found_strength = strength[v, u]
-    cell = max(2 * distance_px, np.sqrt(width * height / max(1, wanted + len(taken_px))))
-    columns = int(width // cell) + 1
-    cell_of = (v // cell).astype(int) * columns + (u // cell).astype(int)
-    occupied = np.bincount(
-        (taken_px[:, 1] // cell).astype(int).clip(0) * columns + (taken_px[:, 0] // cell).astype(int).clip(0),
-        minlength=int(cell_of.max()) + 1,
+    free = _free(allowed, taken_px, round(distance_px))
+    found = _peaks(strength, free, round(distance_px), min_strength)
+    if not len(found):
+        return found
+    u, v = found.T
+    rank = _rank_in_cells(
+        found,
+        strength[v, u],
+        taken_px,
+        _cell_px(strength.shape, wanted + len(taken_px), distance_px),
+        strength.shape[1],
     )
-    order = np.lexsort((u, v, -found_strength, cell_of))
-    first = np.searchsorted(cell_of[order], cell_of[order])
-    rank = np.empty(len(order), int)
-    rank[order] = np.arange(len(order)) - first
-    rank += occupied[cell_of]
-    order = np.lexsort((u, v, -found_strength, rank))
+    order = np.lexsort((u, v, -strength[v, u], rank))
     chosen: list[int] = []
-    for i in order[: 12 * wanted].tolist():
+    for i in order[: _CANDIDATES * wanted].tolist():
         if free[v[i], u[i]]:
             chosen.append(i)
             if len(chosen) == wanted:
                 break
-            cv2.circle(free, (int(u[i]), int(v[i])), radius, 0, -1)
-    return np.stack([u[chosen], v[chosen]], axis=1)
+            cv2.circle(free, (int(u[i]), int(v[i])), round(distance_px), 0, -1)
+    return found[chosen]
+
+
+def _free(allowed: NDArray[np.bool_], taken_px: Array, radius_px: int) -> NDArray[np.uint8]:
+    """Where a corner may be: 1 in `allowed` pixels that are not near those taken, else 0."""
+    free = allowed.astype(np.uint8)
+    for u, v in np.rint(taken_px).astype(int).tolist():
+        cv2.circle(free, (u, v), radius_px, 0, -1)
+    return free
+
+
+def _peaks(
+    strength: NDArray[np.float32], free: NDArray[np.uint8], radius_px: int, min_strength: float
+) -> NDArray[np.intp]:
+    """Pixels (k, 2) where the strength is the largest around and large enough."""
+    # a dark image has all its contrast, and all its corners, scaled down
+    min_strength = min(min_strength, _DIM_FRACTION * float(strength.max()))
+    near = 2 * (radius_px // _PEAK_FRACTION) + 1
+    peak = strength >= cv2.dilate(strength, np.ones((near, near), np.uint8))
+    found = cv2.findNonZero((peak & (strength > min_strength)).view(np.uint8) & free)
+    return np.empty((0, 2), np.intp) if found is None else np.asarray(found.reshape(-1, 2), np.intp)
+
+
+def _cell_px(shape: tuple[int, ...], points: int, distance_px: float) -> float:
+    """Edge of cells of about one point each."""
+    return float(max(_MIN_CELL * distance_px, np.sqrt(shape[0] * shape[1] / max(1, points))))
+
+
+def _rank_in_cells(
+    found: NDArray[np.intp], strength: NDArray[np.float32], taken_px: Array, cell_px: float, width: int
+) -> NDArray[np.intp]:
+    """Rank (k,) of each corner within its cell by strength (k,), after the points that are there already."""
+    columns = int(width // cell_px) + 1
+    (u, v), (u_taken, v_taken) = found.T, taken_px.T
+    cell_of = (v // cell_px).astype(int) * columns + (u // cell_px).astype(int)
+    cell_taken = (v_taken // cell_px).astype(int).clip(0) * columns + (u_taken // cell_px).astype(int).clip(0)
+    occupied = np.bincount(cell_taken, minlength=int(cell_of.max()) + 1)
+    order = np.lexsort((u, v, -strength, cell_of))
+    first = np.searchsorted(cell_of[order], cell_of[order])
+    rank = np.empty(len(order), np.intp)
+    rank[order] = np.arange(len(order)) - first
+    rank += occupied[cell_of]
+    return np.asarray(rank, np.intp)

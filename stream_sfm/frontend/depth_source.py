@@ -15,8 +15,8 @@ from .prepared import PreparedImages
 from .tracks import Tracks
 from .vertical_disparity import VerticalDisparity
 
-# Of the variance of inverse depth, per frame: a tenth more each time forgets depths that a wrong motion carried along.
-# Chosen by hand: less forgetting is slower to recover, more gives away what earlier views said.
+# Of the variance of inverse depth, per frame: a tenth more each time forgets depths that a wrong motion carried
+# along. Chosen by hand: less forgetting is slower to recover, more gives away what earlier views said.
 FORGETTING = 1.1
 
 

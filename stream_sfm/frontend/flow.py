@@ -19,8 +19,8 @@ _MAX_STEPS = 20
 _CONVERGED_PX = 0.03
 # Of a window's gradient matrix per pixel, OpenCV's scale; a tenth of its default: dark images.
 _MIN_EIGENVALUE = 1e-5
-# Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: real auto-exposure
-# steps are larger, and each further hypothesis costs one run of flow.
+# Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: steps of automatic
+# exposure are larger, and each further hypothesis costs one run of flow.
 _SAME_GAIN = 0.05
 _SAME_LEVEL_GREY = 4.0
 

@@ -15,18 +15,19 @@ from .stereo_matching import match_along_rows
 from .tracker import Tracker
 from .warps import facing, sheared
 
-# New points are sought in every second frame; in the others only where more than a fraction of the tracks is missing.
-# As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
+# New points are sought in every second frame; in the others only where more than a fraction of the tracks is
+# missing. As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
 _RENEWAL_PERIOD = 2
 _URGENT_FRACTION = 0.6
-# The search along the row goes half as far again as any track, plus a margin. Every so many frames, and where less than
-# a fraction of the tracks is there, it goes all the way. On KITTI 1.2 ms of 16 less with the figures unchanged.
+# The search along the row goes half as far again as any track, plus a margin. Every so many frames, and where
+# less than a fraction of the tracks is there, it goes all the way. On KITTI 1.2 ms of 16 less with the figures
+# unchanged.
 _FULL_SEARCH_PERIOD = 4
 _SEARCH_FACTOR, _SEARCH_MARGIN_PX = 1.5, 16.0
 _FEW_TRACKS = 4  # the fraction: one of so many
 _MATCH_TOLERANCE_PX = 2.0  # of the coarse images: a whole-pixel match, and its neighbour
-# Between the matches of a whole patch and of its inner half, px: farther apart, a depth edge runs through the patch.
-# With it the RMS of local structure error over σ went from 7.3 to 2.7 on rendered images.
+# Between the matches of a whole patch and of its inner half, px: farther apart, a depth edge runs through the
+# patch. With it the RMS of local structure error over σ went from 7.3 to 2.7 on rendered images.
 _MAX_HALVES_APART_PX = 0.5
 _MIN_INVERSE_DEPTH = -2.0  # standard deviations: points at infinity pass, wrong matches beyond it do not
 # Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.

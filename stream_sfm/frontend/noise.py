@@ -11,10 +11,21 @@ import numpy as np
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
-_FLOOR_PX = 0.03  # interpolation and rectification tables
-_SLANT = 0.42  # see ViewNoise.drift
-_MEMORY_FRAMES = 20.0
+# σ₀ of eq. (15), chosen by hand: what interpolation and rectification tables leave even of a perfect match.
+_FLOOR_PX = 0.03
+# s of eq. (17), measured on two rendered logs when drift was introduced: mean NEES of the pose, 6 expected, 97 ->
+# 2.9 and 128 -> 15.8. Less suits surfaces that face the camera, more suits slanted ones.
+_SLANT = 0.42
+_MEMORY_FRAMES = 20.0  # over which the factor is learnt, chosen by hand: a second at 20 frames per second
+# Bounds of the factor: beyond them, from a fifth of the σ expected to five times it, something else is wrong.
 _FACTOR_RANGE = (0.05, 30.0)
+_MIN_DOF = 20  # of a frame that the factor learns from; with fewer χ²/dof scatters by a third and more
+_TYPICAL_STD_PX = 0.15  # of a view before the factor: about what views of a rendered wall scatter by
+_MIN_ERROR_GREY = 0.5  # rounding to whole grey values alone leaves 0.4 between two images
+_UNKNOWN_ERROR_GREY = 255.0  # of a side that was not found: its covariance is large, and counts for nothing
+# Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position
+# stays within 32 times the σ across it, and that of a patch without texture finite.
+_DAMPING, _MIN_GRADIENT = 1e-3, 1e-6
 
 
 class ViewNoise:
@@ -27,15 +38,19 @@ class ViewNoise:
         self.frames = 0
 
     def covariance(self, gradients: Array, error_left: Array, error_right: Array) -> Array:
-        """(n, 4, 4) px² of views from the gradient matrices (n, 2, 2) of today's templates and the deviations (n,) of
-        grey differences, eq. (15)."""
+        """Covariances (n, 4, 4) px² of views, eq. (15).
+
+        From the gradient matrices (n, 2, 2) of today's templates and the deviations (n,) of grey differences.
+        """
         trace = np.trace(gradients, axis1=1, axis2=2)[:, None, None]
-        h = gradients + (1e-3 * trace + 1e-6) * np.eye(2)
+        h = gradients + (_DAMPING * trace + _MIN_GRADIENT) * np.eye(2)
         shape = np.linalg.inv(h)
         cov = np.zeros((len(gradients), 4, 4))
         for side, error in ((slice(0, 2), error_left), (slice(2, 4), error_right)):
-            grey = np.where(np.isfinite(error), error, 255.0)
-            variance = 0.5 * self.shared_pixels * np.maximum(grey, 0.5) ** 2  # half of it is the template's
+            grey = np.where(np.isfinite(error), error, _UNKNOWN_ERROR_GREY)
+            variance = (
+                0.5 * self.shared_pixels * np.maximum(grey, _MIN_ERROR_GREY) ** 2
+            )  # half of it is the template's
             cov[:, side, side] = self.factor * (variance[:, None, None] * shape + _FLOOR_PX**2 * np.eye(2))
         return cov
 
@@ -43,18 +58,18 @@ class ViewNoise:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17); points (n, 4).
 
         The warp knows pose and depth, not the surface's slant: a change of viewing direction or distance by an angle
-        |t|/Z shears the patch by as much, and a share of that displacement passes for motion of the point.
+        |t|/Z shears the patch by as much, and a part of that displacement passes for motion of the point.
         """
         return _SLANT * self.radius_px * points[:, 3].clip(0) * np.linalg.norm(cam_from_previous[:3, 3])
 
     def learn(self, chi2: float, dof: int) -> None:
-        """Take the squared residuals of a frame's accepted views into the common factor, eq. (16)."""
-        if dof < 20:
+        """Update the common factor by the squared residuals of a frame's accepted views, eq. (16)."""
+        if dof < _MIN_DOF:
             return
         self.frames += 1
-        share = 1 / min(self.frames + 1, _MEMORY_FRAMES)
-        self.factor = float(np.clip(self.factor * (1 + share * (chi2 / dof - 1)), *_FACTOR_RANGE))
+        gain = 1 / min(self.frames + 1, _MEMORY_FRAMES)
+        self.factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
 
     def var_ray(self, projection: StereoProjection) -> float:
         """Variance of a ray's direction, radians², for a typical view."""
-        return self.factor * 0.15**2 / projection.f_px**2
+        return self.factor * _TYPICAL_STD_PX**2 / projection.f_px**2

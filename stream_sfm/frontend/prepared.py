@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from .corners import corner_strength
 
 Image = NDArray[np.uint8]
-# Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is short.
-# Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
+# Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
+# short. Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
 _COARSE_COLUMNS = 800
 
 

@@ -6,12 +6,14 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 
-# Half width of the correlation window, px: half of the default patch, as large where the images are of half the size.
+# Half width of the correlation window, px: half of the default patch, as large where the images are of half the
+# size.
 _HALF = 5
-# Between its samples; smoothing leaves neighbours the same noise. As many matches as with all, in a third of the time.
+# Between its samples; smoothing leaves neighbours the same noise. As many matches as with all, in a third of the
+# time.
 _SPACING_PX = 2
-# Of the correlation, chosen by hand: higher values refuse blurred or slanted patches, lower ones let wrong matches in,
-# most of which alignment and the check of halves refuse.
+# Of the correlation, chosen by hand: higher values refuse blurred or slanted patches, lower ones let wrong
+# matches in, most of which alignment and the check of halves refuse.
 _MIN_CORRELATION = 0.75
 _MIN_LEAD = 0.06  # over the best rival elsewhere on the row
 _NEIGHBOURS_PX = 2  # of the best match, which are no rivals

@@ -25,8 +25,8 @@ from .warps import anchor_from_now
 _STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
 # Fraction of the flow that the rough motion explains; below, the next hypothesis is tried.
 _MIN_FLOW_AGREEMENT = 0.4
-# Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a sudden
-# blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
+# Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
+# sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
 
 

@@ -15,7 +15,7 @@ from ..geometry.stereo import StereoProjection
 
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
-_MEMORY_FRAMES = 20.0  # over which that scatter is averaged: a second at 20 frames per second
+_MEMORY_FRAMES = 20.0  # over which that scatter is averaged, chosen by hand: a second at 20 frames per second
 _CAUCHY = 2.4  # width of the robust weights in standard deviations: 95 % efficiency on Gaussian noise
 _REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
 _GATE = 4.0  # standard deviations that a match may be off: one good match in 16 000 is lost

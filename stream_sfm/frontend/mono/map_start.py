@@ -14,8 +14,8 @@ from ..tracks import Tracks
 from ..warps import anchor_from_now
 from .two_view import TwoView, two_view_motion
 
-# Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is left of
-# fewer may be one object that moves by itself.
+# Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is
+# left of fewer may be one object that moves by itself.
 MIN_TRACKS = 30
 _MIN_FOLLOWED_FRACTION = 0.5
 

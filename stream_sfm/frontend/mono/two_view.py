@@ -19,8 +19,8 @@ _MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions 
 _GATE = 3.5  # standard deviations of a distance to the epipolar line: one good ray in 2 000 is lost
 _RANSAC_CONFIDENCE = 0.9999  # of one draw without outliers; OpenCV's default is 0.999
 _HUBER = 2.0  # standard deviations; the usual width is 1.3, but RANSAC has taken the outliers out already
-# A map begins when all of these hold; chosen by hand: with stricter limits it begins later, with looser ones its first
-# poses and depths are worse.
+# A map begins when all of these hold; chosen by hand: with stricter limits it begins later, with looser ones its
+# first poses and depths are worse.
 _MIN_AGREEMENT = 0.7  # fraction of the rays that one rigid motion has to explain
 _MIN_SIGNIFICANCE = 10.0  # median of inverse depth over its σ: depths known to 10 %
 _MAX_STD_DIRECTION_RAD = 0.035  # of the motion, 2°
@@ -32,8 +32,11 @@ _ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwi
 
 @dataclass(frozen=True, slots=True)
 class TwoView:
-    """`now_from_first` (4, 4) with |t| = 1; `cov_first_from_now` (6, 6); `agree` (n,) bool: rays that fit
-    it, in front of both cameras; `rho`, `var_rho` (n,): inverse depths in the first camera."""
+    """The motion between two views of one camera, and the depths that it shows.
+
+    `now_from_first` (4, 4) with |t| = 1; `cov_first_from_now` (6, 6); `agree` (n,) bool: rays that fit it, in front of
+    both cameras; `rho`, `var_rho` (n,): inverse depths in the first camera.
+    """
 
     now_from_first: Array
     cov_first_from_now: Array

@@ -9,12 +9,12 @@ import numpy as np
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 
-# The estimator also gets the views from which these depths were learnt; so that they do not count twice, the depths
-# enter with so many times their σ. In simulation (tests/estimators/test_mono.py) the mean NEES of the pose is then 3.8
-# and 3.7 for two motions, 6 expected; with 0.4 times their σ it was 8.9 and 6.9.
+# The estimator also gets the views from which these depths were learnt; so that they do not count twice, the
+# depths enter with so many times their σ. In simulation (tests/estimators/test_mono.py) the mean NEES of the pose
+# is then 3.8 and 3.7 for two motions, 6 expected; with 0.4 times their σ it was 8.9 and 6.9.
 DEPTH_STD_FACTOR = 2.0
-# σ of an unknown inverse depth, in units of the scene's median. Chosen by hand: within one σ lies all from infinity to
-# a quarter of the scene's distance, so the first parallax outweighs it.
+# σ of an unknown inverse depth, in units of the scene's median. Chosen by hand: within one σ lies all from
+# infinity to a quarter of the scene's distance, so the first parallax outweighs it.
 UNKNOWN_DEPTH_STD = 3.0
 _UNINFORMATIVE_PX2 = 1e8  # variance of a coordinate that says nothing: 10 000 px
 
