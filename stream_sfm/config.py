@@ -111,33 +111,54 @@ class MotionConfig(_Section, frozen=True, kw_only=True):
 class DenseConfig(_Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
+    # Chosen by hand: twice what points use, for surfaces close to the camera. The range is narrowed for each frame.
     max_disparity_fraction: Annotated[
-        float, Meta(description="largest disparity that is looked for, fraction of the width", gt=0, le=0.9)
+        float, Meta(description="largest disparity, fraction of the image's width", gt=0, le=0.9)
     ] = 0.5
-    block_px: Annotated[int, Meta(description="edge of the block that is matched, odd", ge=3, le=21)] = 7
+    # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
+    block_px: Annotated[int, Meta(description="edge of the block that is matched, pixels, odd", ge=3, le=21)] = 7
+    # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
     uniqueness_percent: Annotated[
-        int, Meta(description="a match must be better by this than its next rival", ge=0, le=50)
+        int, Meta(description="how much better than its rivals a match must be, per cent", ge=0, le=50)
     ] = 5
-    smoothing_px: Annotated[float, Meta(description="Gaussian smoothing before the sub-pixel step", ge=0, le=5)] = (
-        1.0
-    )
-    window_radius_px: Annotated[int, Meta(description="half width of the sub-pixel step's window", ge=2, le=30)] = 6
+    # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
+    smoothing_px: Annotated[
+        float, Meta(description="σ of the Gaussian before the sub-pixel step, pixels", ge=0, le=5)
+    ] = 1.0
+    # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
+    window_radius_px: Annotated[
+        int, Meta(description="half width of the window of the sub-pixel step, pixels", ge=2, le=30)
+    ] = 6
+    # A uniform error of half a pixel has a σ of 0.29.
     std_start_px: Annotated[
-        float, Meta(description="what the matched disparity is worth to the sub-pixel step", gt=0)
+        float, Meta(description="σ of the disparity that the sub-pixel step starts from, pixels", gt=0)
     ] = 0.3
-    std_bias_px: Annotated[float, Meta(description="error of disparity that all frames share", ge=0)] = 0.06
-    max_std_px: Annotated[float, Meta(description="pixels with a larger σ of disparity are left out", gt=0)] = 1.0
+    # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
+    std_bias_px: Annotated[
+        float, Meta(description="σ of the disparity error that all frames share, pixels", ge=0)
+    ] = 0.06
+    # Chosen by hand: a less certain disparity may be a mismatch.
+    max_std_px: Annotated[
+        float, Meta(description="pixels with a larger σ of disparity are left out, pixels", gt=0)
+    ] = 1.0
+    # Chosen by hand: beyond it, depth is too uncertain to show a shape.
     max_relative_std: Annotated[
         float, Meta(description="pixels with a larger σ of depth over depth are left out", gt=0, le=1)
     ] = 0.05
+    # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
     max_disparity_step_px: Annotated[
-        float, Meta(description="neighbouring pixels further apart are not joined", gt=0)
+        float, Meta(description="largest disparity step between connected pixels, pixels", gt=0)
     ] = 1.0
-    voxel_m: Annotated[float, Meta(description="edge of a voxel of the fused surface; 0: by itself", ge=0)] = 0.0
+    voxel_m: Annotated[
+        float, Meta(description="edge of a voxel of a fused surface, metres; 0: automatic", ge=0)
+    ] = 0.0
+    # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
     max_voxels: Annotated[
-        int, Meta(description="voxels kept at most; then their edge is doubled", ge=10_000, le=100_000_000)
+        int,
+        Meta(description="largest number of voxels; beyond it their edge is doubled", ge=10_000, le=100_000_000),
     ] = 4_000_000
-    min_frames: Annotated[int, Meta(description="frames that must have seen a fused surface", ge=1)] = 3
+    # Mismatches rarely agree in three frames.
+    min_frames: Annotated[int, Meta(description="number of frames that must have seen a fused surface", ge=1)] = 3
 
 
 class Config(_Section, frozen=True, kw_only=True):

@@ -1,5 +1,5 @@
-"""Dense stereo and surfaces: disparity of each pixel with its σ, meshes of one frame, fusion of many, PLY, previews.
+"""Dense stereo and surfaces: a disparity with its σ for every pixel, meshes of one frame, fusion of many frames.
 
-Works on rectified images and their `StereoProjection`. Not here: poses, which are given, and the way from a log to a
-surface (`stream_sfm/dense/surface.py`).
+`surface.py` turns a log into a `Surface`; everything else works on rectified images, their `StereoProjection` and
+given poses. Meshes are written as PLY files (`ply.py`) and rendered without a display (`preview.py`).
 """

@@ -1,7 +1,7 @@
-"""Dense stereo: the disparity of every pixel of a rectified pair, its σ, and where there is none.
+"""Dense stereo: the disparity of every pixel of a rectified pair, with its σ.
 
-A small copy of the pair tells which disparities occur; semi-global matching with its left-right check (Hirschmüller
-2008, OpenCV) finds the whole pixel; `refine` the fraction and the σ.
+The range of disparities is found on a small copy of the pair; semi-global matching with a left-right check
+(Hirschmüller 2008, OpenCV) finds the disparity to the nearest pixel; `refine` adds the fraction and the σ.
 """
 
 from dataclasses import dataclass
@@ -17,22 +17,23 @@ from .refine import refine
 
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
-_SEARCH_WIDTH_PX = 320  # the copy that the range is sought in is about as wide
-_RANGE_PERCENTILES = (0.1, 99.9)
-_SMOOTHNESS = (8, 32)  # OpenCV's own advice for P1 and P2, times the block's area
-_LEFT_RIGHT_PX = 1
-_SPECKLE_PX, _SPECKLE_STEP_PX = 100, 2  # smaller islands of disparity are taken for mismatches
-_SLOPE_RADIUS_PX = 3
-_MAX_SLOPE = 1.0  # pixels a pixel: beyond it is an edge
-_SUBDIVISIONS = 16  # of OpenCV's fixed-point disparities
+_SEARCH_WIDTH_PX = 320  # about the width of the small copy: enough for the range, at a fraction of the cost
+_RANGE_PERCENTILES = (0.1, 99.9)  # of the disparities on the small copy; what lies outside are mismatches
+_SMOOTHNESS = (8, 32)  # OpenCV's recommendation for P1 and P2 in one channel, times the area of the block
+_LEFT_RIGHT_PX = 1  # largest disagreement of left and right, whole pixels
+_SPECKLE_PX, _SPECKLE_STEP_PX = 100, 2  # smaller patches of disparity are mismatches; OpenCV recommends 50 to 200
+_SLOPE_RADIUS_PX = 3  # half width of the patch in which the slope of the disparity is fitted
+_MAX_SLOPE = 1.0  # pixels per pixel; a steeper disparity is an edge
+_SUBDIVISIONS = 16  # of a pixel, in OpenCV's fixed-point disparities
 
 
 @dataclass(frozen=True, slots=True)
 class DisparityMap:
-    """Of each pixel of the rectified left image, (h, w) float32, NaN where nothing is known.
+    """Disparities of the pixels of the rectified left image, (h, w) float32, NaN where unknown.
 
-    `disparity_px` > 0, counted from infinity: Z = f B / disparity. `std_noise_px`: its error from the images' noise,
-    new with every frame; `std_bias_px`: the error that all frames share (lens model, interpolation).
+    `disparity_px` > 0 is counted from infinity: Z = f B / disparity. `std_noise_px`: σ of the error from image noise,
+    which is independent between frames; `std_bias_px`: σ of the error that all frames share (lens model,
+    interpolation).
     """
 
     disparity_px: Image
@@ -41,19 +42,19 @@ class DisparityMap:
 
     @property
     def std_px(self) -> Image:
-        """(h, w) σ of one frame's disparity: noise and bias."""
+        """σ (h, w) of the disparity of a single frame, from noise and bias."""
         return np.hypot(self.std_noise_px, np.float32(self.std_bias_px))
 
 
 class DenseStereo:
-    """Disparity maps of one rectified pair of cameras; `valid` (h, w): pixels that the left camera really has."""
+    """Computes disparity maps for one rectified pair; `valid` (h, w) are the pixels that hold image content."""
 
     def __init__(self, projection: StereoProjection, config: DenseConfig, valid: NDArray[np.bool_]) -> None:
         self.projection, self.config, self.valid = projection, config, valid
         self._infinity_px = projection.cx_left_px - projection.cx_right_px
 
     def match(self, left: Grey, right: Grey) -> DisparityMap:
-        """The disparities of rectified images (h, w)."""
+        """Match two rectified images (h, w)."""
         c = self.config
         start = self._matched(left, right, *self._range(left, right))
         disparity, std_noise = refine(left, right, start, c)
@@ -66,7 +67,7 @@ class DenseStereo:
         return found
 
     def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
-        """First and last disparity, pixels of the images, that a small copy of them shows."""
+        """The smallest and the largest disparity, in pixels of the images, found on a small copy of them."""
         first = self._infinity_px - 1
         last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
         scale = 1
@@ -97,7 +98,7 @@ class DenseStereo:
             speckleRange=_SPECKLE_STEP_PX,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
-        # OpenCV leaves out every column for which some disparity of the range points outside: give it a margin
+        # OpenCV leaves out all columns for which some disparity of the range points outside: add a margin
         before, after = max(first + count, 0), max(-first, 0)
         wide = [cv2.copyMakeBorder(i, 0, 0, before, after, cv2.BORDER_CONSTANT) for i in (left, right)]
         width = left.shape[1]
@@ -109,7 +110,7 @@ class DenseStereo:
 
 
 def rays(projection: StereoProjection) -> Array:
-    """(h, w, 3) rays with Z = 1 through the pixels of the rectified left image."""
+    """Rays (h, w, 3) with Z = 1 through the pixels of the rectified left image."""
     v, u = np.mgrid[: projection.height, : projection.width]
     x, y = (u - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px
     return np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -118,7 +119,7 @@ def rays(projection: StereoProjection) -> Array:
 def std_along_ray(
     projection: StereoProjection, ray: Array, disparity_px: NDArray[np.floating], std_px: NDArray[np.floating]
 ) -> Array:
-    """σ (…), metres, along rays (…, 3) with Z = 1, of points with disparities (…) of σ (…).
+    """σ (…) in metres, along rays (…, 3) with Z = 1, of points with given disparities (…) and their σ (…).
 
     The point is X = ray · f B / d; hence |∂X/∂d| = |ray| f B / d² = |ray| Z² / (f B).
     """
@@ -127,10 +128,10 @@ def std_along_ray(
 
 
 def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:
-    """Cosine (h, w) between the viewing ray and the surface's normal; that of a frontal plane where it is not known.
+    """Cosine (h, w) of the angle between viewing ray and surface normal; a frontal plane is assumed at edges.
 
-    Where disparity is d = a u + b v + …, the surface is a plane with n ∝ (f a, f b, d − a (u − cx) − b (v − cy)) and
-    n · ray ∝ d in the same unit.
+    Where the disparity is d = a u + b v + …, the surface is a plane with n ∝ (f a, f b, d − a (u − cx) − b (v − cy))
+    and n · ray ∝ d in the same unit.
     """
     offset = np.arange(-_SLOPE_RADIUS_PX, _SLOPE_RADIUS_PX + 1, dtype=np.float64)
     slope, mean = offset / (offset**2).sum(), np.full(len(offset), 1 / len(offset))

@@ -1,9 +1,9 @@
-"""Disparity maps of many frames into one surface: weighted signed distances on voxels (Curless and Levoy 1996).
+"""Fusion of disparity maps into one surface: weighted signed distances on voxels (Curless and Levoy 1996).
 
-A voxel near a seen surface averages its distance to it over the frames, each with the weight 1/σ² of its disparity's
-noise. What frames share does not average out: bias of the disparities and the error of the estimated poses are kept
-beside and added to the σ of the surface. Only voxels near a surface exist; when they become too many, their
-edge is doubled, so that memory stays bounded however long the log.
+A voxel near an observed surface averages its signed distance over the frames, with weights 1/σ² of the disparity
+noise. Errors that frames share do not average out: the bias of the disparities and the error of the estimated poses
+are accumulated separately and added to the σ of the surface. Only voxels near a surface exist; when there are too
+many, their edge is doubled, so that memory stays bounded for a log of any length.
 """
 
 import numpy as np
@@ -18,16 +18,20 @@ from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
 from .isosurface import isosurface
 from .mesh import Mesh
 
-_REACH = 2  # voxels on either side of the surface
-_VOXEL_FOOTPRINTS = 2.0  # edge of a voxel: so many pixels at the median depth …
-_VOXEL_STD = 0.75  # … and no finer than this share of the median σ
-_MAX_STD_VOXELS = 3.0  # less certain pixels would be cut off by the reach
+_REACH = 2  # voxels on either side of a surface in which its distance is kept (the truncation distance)
+_VOXEL_FOOTPRINTS = 2.0  # edge of a voxel in pixels at the median depth: finer ones would not all be hit
+_VOXEL_STD = 0.75  # least edge of a voxel in median σ: finer ones would only show noise
+_MAX_STD_VOXELS = 3.0  # in voxels; distances with a larger σ would be truncated by the reach and so be biased
+_MIN_STD_VOXELS = 1e-3  # in voxels; keeps the weight of a perfect match finite
 _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 _COLUMNS = 7
 
 
 class Fusion:
-    """The surface so far; `voxel_m`: edge of a voxel, 0 before the first frame; `frames`: frames added."""
+    """A surface fused from all frames so far.
+
+    `voxel_m` is the edge of a voxel, 0 before the first frame; `frames` is the number of frames added.
+    """
 
     def __init__(self, projection: StereoProjection, config: DenseConfig) -> None:
         self.projection, self.config = projection, config
@@ -43,7 +47,10 @@ class Fusion:
     def add(
         self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
     ) -> None:
-        """Take a frame: colours (h, w, 3), pose (4, 4) and covariance (3, 3), m², of its position in rectified axes."""
+        """Add a frame with colours (h, w, 3), pose (4, 4), and covariance (3, 3), m², of its position.
+
+        Pose and covariance are in rectified axes.
+        """
         p = self.projection
         depth = p.f_px * p.baseline_m / found.disparity_px.astype(float)
         std_noise = std_along_ray(p, self._rays, found.disparity_px, found.std_noise_px)
@@ -56,14 +63,14 @@ class Fusion:
         self.frames += 1
         surface = self._rays[certain] * depth[certain][:, None]
         keys, points, (u, v) = self._voxels_in_view(surface, world_from_rect)
-        # along the ray, and by the cosine the distance to the surface's plane: on a road seen at a grazing angle the
-        # next voxel below is metres away along the ray
+        # the distance along the ray, times the cosine: the distance to the plane of the surface. On a road seen at a
+        # grazing angle, the next voxel below is metres away along the ray.
         distance = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
         distance *= cosine_of_incidence(p, self._rays, found.disparity_px)[v, u]
         near = certain[v, u] & (np.abs(distance) < _REACH * self.voxel_m)
         keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
 
-        weight = 1 / np.square(np.maximum(std_noise[v, u], 1e-3 * self.voxel_m))
+        weight = 1 / np.square(np.maximum(std_noise[v, u], _MIN_STD_VOXELS * self.voxel_m))
         disparity = found.disparity_px[v, u]
         bias = std_along_ray(p, self._rays[v, u], disparity, np.full(disparity.shape, found.std_bias_px))
         shared = bias**2 + _variance_along(points, cov_position)
@@ -74,11 +81,11 @@ class Fusion:
         self._accumulate(keys, sums)
 
     def __len__(self) -> int:
-        """Number of voxels kept."""
+        """The number of voxels."""
         return len(self._keys)
 
     def mesh(self) -> Mesh:
-        """The surface where at least `min_frames` frames (all, if there were fewer) have seen it; in the world."""
+        """The surface in the world frame, where at least `min_frames` frames (or all, if fewer) have seen it."""
         sums = self._sums[self._slots]
         seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
         keys, sums = self._keys[seen], sums[seen]
@@ -95,7 +102,7 @@ class Fusion:
         )
 
     def _fitting_voxel(self, depth: Array, std_noise: Array) -> float:
-        """From a frame: some pixels wide at its median depth, and no finer than its σ allows. 0: nothing is seen."""
+        """The edge of a voxel that fits the pixels and the σ at a frame's median depth; 0 where nothing is seen."""
         if not np.isfinite(depth).any():
             return 0.0
         footprint = _VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px
@@ -132,7 +139,7 @@ class Fusion:
         self._slots = np.insert(self._slots, places, slots)
 
     def _coarsen(self) -> None:
-        """Twice the edge: a voxel takes the mean of its children's sums."""
+        """Double the edge: a voxel takes the mean of the sums of its children."""
         keys, sums = _averaged(voxels.halved(self._keys), self._sums[self._slots])
         self.voxel_m *= 2
         self._keys, self._slots = keys, np.arange(len(keys), dtype=np.int32)
@@ -141,16 +148,16 @@ class Fusion:
 
 
 def _averaged(keys: voxels.Keys, sums: NDArray[np.float32]) -> tuple[voxels.Keys, NDArray[np.float32]]:
-    """Ascending unique keys and the mean row of each."""
+    """The distinct keys, ascending, and the mean row of each."""
     unique, row, count = np.unique(keys, return_inverse=True, return_counts=True)
     columns = [np.bincount(row, sums[:, i]) / count for i in range(sums.shape[1])]
     return unique, np.stack(columns, axis=1).astype(np.float32)
 
 
 def _variance_along(points: Array, cov_position: Array) -> Array:
-    """Variance (n,) m² along the viewing rays of points (n, 3) in the camera from the error of its pose.
+    """Variance (n,), m², along the viewing rays of points (n, 3) in the camera, due to the error of its pose.
 
-    A right perturbation (ρ, ω) moves a point X by ρ + ω × X in the camera's axes; along X only ρ counts.
+    A right perturbation (ρ, ω) moves a point X by ρ + ω × X in the axes of the camera; along X only ρ has an effect.
     """
     direction = points / np.linalg.norm(points, axis=1, keepdims=True)
     return np.einsum("ni,ij,nj->n", direction, cov_position, direction)

@@ -1,8 +1,8 @@
-"""The zero level of signed distances on scattered voxels as triangles: naive surface nets (Gibson 1998).
+"""Triangles at the zero level of signed distances on scattered voxels: naive surface nets (Gibson 1998).
 
-A cell has eight voxels as corners. Where all are known and the sign changes, it gets one vertex, the mean of the
-zero crossings on its edges; around each crossed edge, the four cells that share it make two triangles. Where voxels are
-missing there is no cell: surfaces end where nothing was seen.
+A cell has eight voxels as corners. If all of them exist and the sign changes, it has one vertex, the mean of the zero
+crossings on its edges; around each crossed edge, the four cells that share it form two triangles. Where a voxel is
+missing there is no cell, so surfaces end where nothing was seen.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,10 @@ _EDGES = [(i, i | bit) for bit in (4, 2, 1) for i in range(8) if not i & bit]
 
 @dataclass(frozen=True, slots=True)
 class Isosurface:
-    """`points` (n, 3) in steps of the voxels' centres, `faces` (m, 3), `normals` (n, 3) to the positive side.
+    """A surface of triangles in units of voxels.
 
-    `attributes` (n, k): mean over the corners of the cell.
+    `points` (n, 3) are relative to the centre of voxel (0, 0, 0); `faces` (m, 3); `normals` (n, 3) point to the
+    positive side; `attributes` (n, k) are means over the corners of the cell.
     """
 
     points: Array
@@ -31,7 +32,7 @@ class Isosurface:
 
 
 def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[np.floating]) -> Isosurface:
-    """Of ascending voxel keys (v,), signed distances (v,) and attributes (v, k)."""
+    """Extract the surface from ascending voxel keys (v,), signed distances (v,) and attributes (v, k)."""
     rows, cells = _whole_cells(keys)
     inside = distances[rows] < 0
     crossed = inside.any(axis=1) != inside.all(axis=1)
@@ -56,7 +57,7 @@ def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[
 
 
 def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
-    """Rows (n, 8) of the corners of the cells whose corners are all there, and the cells' keys (n,)."""
+    """Rows (n, 8) of the corners of the cells whose corners all exist, and the keys (n,) of these cells."""
     cells = keys
     rows: list[NDArray[np.int32]] = []
     for corner in _CORNERS:
@@ -67,7 +68,7 @@ def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
 
 
 def _faces(keys: Keys, distances: NDArray[np.floating], cells: Keys) -> NDArray[np.int32]:
-    """Two triangles for each edge between voxels that is crossed and has four cells around it, (m, 3)."""
+    """Triangles (m, 3): two for each edge between voxels that is crossed and has four cells around it."""
     found: list[NDArray[np.int64]] = []
     for axis in range(3):
         along, b, c = AXES[axis], AXES[(axis + 1) % 3], AXES[(axis + 2) % 3]

@@ -1,4 +1,4 @@
-"""A surface of triangles, and that of one disparity map."""
+"""Meshes of triangles, and the mesh of one disparity map."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,16 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .disparity import DisparityMap, rays, std_along_ray
 
-_MAX_STEP_SHARE = 0.1  # of the disparity: beyond, far away, a pixel's noise would be drawn out into a spike
+_MAX_RELATIVE_STEP = 0.1  # of the disparity between neighbours: at far range, noise would be drawn out into spikes
 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """`vertices` (n, 3) float32, metres; `faces` (m, 3) int32, counter-clockwise seen from the camera's side.
+    """A surface of triangles with a normal, a colour and a σ at each vertex.
 
-    `normals` (n, 3) float32 point to that side; `colours` (n, 3) uint8, red green blue; `std_m` (n,) float32: σ of
-    the vertex along its viewing ray. Its distance to the surface has that σ or, on slanted surfaces, a smaller one.
+    `vertices` (n, 3) float32, metres; `faces` (m, 3) int32, counter-clockwise seen from the camera's side; `normals`
+    (n, 3) float32 point to that side; `colours` (n, 3) uint8, red green blue; `std_m` (n,) float32: σ of the vertex
+    along its viewing ray. The distance to the surface has this σ or, on slanted surfaces, a smaller one.
     """
 
     vertices: NDArray[np.float32]
@@ -28,7 +29,7 @@ class Mesh:
     std_m: NDArray[np.float32]
 
     def moved(self, target_from_source: Array) -> "Mesh":
-        """The same surface in other axes."""
+        """The same surface in the target's axes."""
         vertices = se3.transform(target_from_source, self.vertices).astype(np.float32)
         normals = (self.normals @ target_from_source[:3, :3].T).astype(np.float32)
         return Mesh(vertices, self.faces, normals, self.colours, self.std_m)
@@ -37,11 +38,11 @@ class Mesh:
 def mesh_of_frame(
     projection: StereoProjection, found: DisparityMap, colours: NDArray[np.uint8], max_step_px: float
 ) -> Mesh:
-    """The surface in rectified axes: a vertex a pixel, two triangles between four neighbours.
+    """Mesh a disparity map in rectified axes: one vertex per pixel, two triangles between four neighbours.
 
     `colours` (h, w, 3) of the rectified left image. Neighbours whose disparities differ by more than `max_step_px`
-    are not joined: 1 px a pixel is the disparity gradient beyond which human vision does not fuse a surface either
-    (Burt and Julesz 1980). Vertices that belong to no triangle are left out.
+    are not connected: a gradient of 1 px per pixel is also the limit of fusion in human stereo vision (Burt and
+    Julesz 1980). Vertices without a triangle are left out.
     """
     d = found.disparity_px
     number = np.arange(d.size, dtype=np.int32).reshape(d.shape)
@@ -50,7 +51,7 @@ def mesh_of_frame(
     corners = d.ravel()[faces]
     step, nearest = np.ptp(corners, axis=1), corners.max(axis=1)
     with np.errstate(invalid="ignore"):  # NaN compares false
-        faces = faces[(step <= max_step_px) & (step <= _MAX_STEP_SHARE * nearest)]
+        faces = faces[(step <= max_step_px) & (step <= _MAX_RELATIVE_STEP * nearest)]
     used = np.zeros(d.size, bool)
     used[faces] = True
     kept = np.flatnonzero(used)
@@ -70,7 +71,7 @@ def mesh_of_frame(
 
 
 def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Unit normals (n, 3) of vertices: the mean of their triangles' normals, weighted by area."""
+    """Unit normals (n, 3) of vertices (n, 3): the mean normals of their triangles, weighted by area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     across = np.cross(b - a, c - a)
     normals = np.stack(

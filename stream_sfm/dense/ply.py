@@ -1,4 +1,4 @@
-"""A mesh as a binary PLY file: position, normal, colour and `std_m` of each vertex, triangles."""
+"""Meshes as binary PLY files: position, normal, colour and `std_m` of each vertex, and triangles."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ _TYPES = {"<f4": "float", "|u1": "uchar"}
 
 
 def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
-    """Write the mesh; `comment`, one line, says in which axes. Raises OutputError."""
+    """Write a mesh; `comment`, a single line, states its axes. Raises OutputError."""
     vertices = np.empty(len(mesh.vertices), _VERTEX)
     for i, axis in enumerate("xyz"):
         vertices[axis], vertices[f"n{axis}"] = mesh.vertices[:, i], mesh.normals[:, i]

@@ -1,4 +1,4 @@
-"""A picture of a mesh from a chosen side: perspective, depth buffer, light from the viewer. No display, no GPU."""
+"""Pictures of a mesh, rendered without display or GPU: perspective, depth buffer, light from the viewer."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,20 +13,22 @@ from ..geometry.se3 import Array
 from .mesh import Mesh
 
 _FIELD_OF_VIEW_RAD = np.deg2rad(45)
-_SHOWN_PERCENT = 99.8  # of the vertices must lie in the picture; a few strays must not make the rest small
-_MARGIN = 1.05
-_OVERSAMPLING = 2
-_BACKGROUND = 255
-_AMBIENT = 0.6  # share of the light that comes from everywhere
-_FRAGMENTS = 2_000_000  # candidates for pixels that are worked on at a time
+_SHOWN_PERCENT = 99.8  # of the vertices lie in the picture: a few outliers must not make the rest small
+_MARGIN = 1.05  # of the distance at which the surface just fills the picture
+_OVERSAMPLING = 2  # per axis, against jagged edges
+_BACKGROUND = 255  # grey level: white
+_AMBIENT = 0.6  # fraction of the light that comes from everywhere, so that no side is black
+_FRAGMENTS = 2_000_000  # candidate pixels that are processed at a time: about 200 MB
+_CLIP = 1e-3  # triangles nearer than this fraction of the median depth would be projected to infinity
 
 
 def preview(
     mesh: Mesh, azimuth_deg: float, elevation_deg: float, width: int = 800, height: int = 600
 ) -> NDArray[np.uint8]:
-    """The picture (height, width, 3), red green blue, of a viewer who has walked around the surface.
+    """Render a picture (height, width, 3), red green blue.
 
-    From where the first camera looks, `azimuth_deg` to the right around the surface's middle and `elevation_deg` up.
+    The viewer stands `azimuth_deg` to the right and `elevation_deg` above the direction of the first camera, seen
+    from the centre of the surface.
     """
     size = np.array([width, height]) * _OVERSAMPLING
     focal_px = size.max() / 2 / np.tan(_FIELD_OF_VIEW_RAD / 2)
@@ -38,7 +40,7 @@ def preview(
     for pixels, depths, shown in _fragments(points, mesh.faces, colours, focal_px, size):
         front = depths < nearest[pixels]
         pixels, depths, shown = pixels[front], depths[front], shown[front]
-        order = np.argsort(-depths)  # of several values for one pixel the last, nearest one stays
+        order = np.argsort(-depths)  # of several values for one pixel the last one is kept, which is the nearest
         nearest[pixels[order]], picture[pixels[order]] = depths[order], shown[order]
     image = picture.reshape(size[1], size[0], 3)
     small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
@@ -51,7 +53,7 @@ def write_png(path: str | Path, picture: NDArray[np.uint8]) -> None:
 
 
 def _seen_from(mesh: Mesh, azimuth_rad: float, elevation_rad: float, half_view: Array) -> tuple[Array, Array]:
-    """Vertices in the viewer's axes, at a distance from which they fit in, and directions to the viewer (n, 3)."""
+    """Vertices in the axes of a viewer so far away that they fit, and directions to the viewer (n, 3)."""
     world_from_view = se3.exp_so3([0, -azimuth_rad, 0]) @ se3.exp_so3([-elevation_rad, 0, 0])
     if not len(mesh.vertices):
         return np.zeros((0, 3)), np.zeros((0, 3))
@@ -66,11 +68,11 @@ def _seen_from(mesh: Mesh, azimuth_rad: float, elevation_rad: float, half_view: 
 def _fragments(
     points: Array, faces: NDArray[np.int32], colours: NDArray[np.float32], focal_px: float, size: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]]:
-    """Pixel numbers, depths and colours that triangles cover, a bounded number at a time.
+    """The pixels that triangles cover, with depths and colours, a bounded number at a time.
 
-    Triangles of one size are worked on together: each tries all the pixels of a square as large as they are.
+    Triangles of similar size are processed together: each tests all pixels of a square of that size.
     """
-    faces = faces[(points[faces, 2] > 1e-3 * np.median(np.abs(points[:, 2]))).all(axis=1)]
+    faces = faces[(points[faces, 2] > _CLIP * np.median(np.abs(points[:, 2]))).all(axis=1)]
     corners = focal_px * points[faces, :2] / points[faces, 2:] + (size - 1) / 2
     low = np.ceil(corners.min(axis=1)).astype(np.int64)
     extent = (np.floor(corners.max(axis=1)).astype(np.int64) - low + 1).max(axis=1)
@@ -101,10 +103,10 @@ def _covered(
     p = pixels - a[:, None]
     second = (p[..., 0] * v[:, None, 1] - p[..., 1] * v[:, None, 0]) / area[:, None]
     third = (u[:, None, 0] * p[..., 1] - u[:, None, 1] * p[..., 0]) / area[:, None]
-    share = np.stack([1 - second - third, second, third], axis=-1)
-    inside = (share >= 0).all(axis=-1) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)
+    weights = np.stack([1 - second - third, second, third], axis=-1)
+    inside = (weights >= 0).all(axis=-1) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)
     triangle, _ = np.nonzero(inside)
-    share, pixels = share[inside], pixels[inside]
-    depth = 1 / np.einsum("fi,fi->f", share, 1 / points[faces[triangle], 2])  # 1/Z is linear in the picture
-    shown = np.einsum("fi,fik->fk", share, colours[faces[triangle]])
+    weights, pixels = weights[inside], pixels[inside]
+    depth = 1 / np.einsum("fi,fi->f", weights, 1 / points[faces[triangle], 2])  # 1/Z is linear in the picture
+    shown = np.einsum("fi,fik->fk", weights, colours[faces[triangle]])
     return pixels[:, 1] * size[0] + pixels[:, 0], depth.astype(np.float32), shown.astype(np.float32)

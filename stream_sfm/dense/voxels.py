@@ -1,4 +1,4 @@
-"""Voxels by integer keys: sorted keys are all the structure there is, neighbours are found by adding to a key."""
+"""Voxels as sorted integer keys; the neighbours of a voxel are found by adding to its key."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,26 +7,27 @@ from ..geometry.se3 import Array
 
 Keys = NDArray[np.int64]
 
-_BITS = 21
-_HALF = 1 << (_BITS - 1)  # whole voxels on either side of the world's origin
+_BITS = 21  # per axis: three axes fill an int64
+_HALF = 1 << (_BITS - 1)  # voxels on either side of the world's origin
+_MARGIN = 8  # voxels at the end of the range, so that neighbours exist
 _MASK = (1 << _BITS) - 1
-AXES: Keys = np.array([1 << 2 * _BITS, 1 << _BITS, 1], dtype=np.int64)  # what one step along x, y, z adds
+AXES: Keys = np.array([1 << 2 * _BITS, 1 << _BITS, 1], dtype=np.int64)  # added to a key by one step along x, y, z
 
 
 def keys_of(points: Array, voxel_m: float) -> Keys:
-    """Keys (n,) of the voxels that hold points (n, 3), metres; points out of reach are left out."""
+    """Keys of the voxels that contain points (n, 3), in metres; points outside the range of keys are left out."""
     cell = np.floor(points / voxel_m)
-    cell = cell[(np.abs(cell) < _HALF - 8).all(axis=1)].astype(np.int64)
+    cell = cell[(np.abs(cell) < _HALF - _MARGIN).all(axis=1)].astype(np.int64)
     return (cell + _HALF) @ AXES
 
 
 def cells_of(keys: Keys) -> Keys:
-    """Whole coordinates (n, 3) of keys (n,)."""
+    """Integer coordinates (n, 3) of keys (n,)."""
     return np.stack([(keys >> shift) & _MASK for shift in (2 * _BITS, _BITS, 0)], axis=-1) - _HALF
 
 
 def halved(keys: Keys) -> Keys:
-    """Keys of the voxels of twice the edge that hold these."""
+    """Keys of the voxels with twice the edge that contain these."""
     return ((cells_of(keys) >> 1) + _HALF) @ AXES
 
 
@@ -38,13 +39,13 @@ def grown(keys: Keys, radius: int) -> Keys:
 
 
 def distinct(keys: Keys) -> Keys:
-    """The keys, each once, ascending: what np.unique gives, which takes ten times as long by its hash table."""
+    """The distinct keys, ascending; ten times as fast as np.unique, which uses a hash table."""
     keys = np.sort(keys)
     return keys[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(keys) else keys
 
 
 def find(keys: Keys, wanted: Keys) -> NDArray[np.int64]:
-    """Rows of `wanted` (…) in the ascending `keys` (n,); −1 where they are not."""
+    """Rows of `wanted` (…) in the ascending `keys` (n,); −1 for those that are missing."""
     if not len(keys):
         return np.full(wanted.shape, -1)
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)

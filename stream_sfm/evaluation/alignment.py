@@ -1,4 +1,4 @@
-"""Putting an estimate and its ground truth into one world."""
+"""Alignment of an estimated trajectory with its ground truth."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from ..geometry.se3 import Array
 
 
 def from_first_camera(world_from_cam: Array) -> Array:
-    """Poses (n, 4, 4) in axes of their first camera: two such trajectories have their first poses aligned."""
+    """Express poses (n, 4, 4) in the axes of their first camera; two such trajectories have aligned first poses."""
     return se3.inverse(world_from_cam[0]) @ world_from_cam
 
 
 def umeyama(target: Array, source: Array, with_scale: bool = False) -> tuple[float, Array]:
-    """Scale s and rigid motion (4, 4) that minimise Σ‖target − (s·R·source + t)‖² over points (n, 3), n ≥ 1.
+    """Find the scale s and rigid motion (4, 4) that minimise Σ‖target − (s·R·source + t)‖² over points (n, 3), n ≥ 1.
 
-    S. Umeyama, PAMI 1991, eqs. 40–42; s = 1 without `with_scale`. Where the points do not determine the
-    rotation (on a line, or all at one place), one of the minimisers is returned; the residual is the same. The
-    scale of a source without extent is NaN.
+    S. Umeyama, PAMI 1991, eqs. 40–42; s = 1 without `with_scale`. Where the points do not determine the rotation
+    (on a line, or all in one place), one of the minimisers is returned; the residual is the same. The scale of a
+    source without extent is NaN.
     """
     mean_t, mean_s = target.mean(axis=0), source.mean(axis=0)
     t0, s0 = target - mean_t, source - mean_s

@@ -7,16 +7,16 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
 
-MAX_GAP_NS = 150_000_000  # interpolate between truths no further apart than this (10 Hz and some jitter)
-NEAREST_NS = 1_000_000  # across wider gaps a truth counts only this close by
+MAX_GAP_NS = 150_000_000  # between two truths that are interpolated: 10 Hz with half a period of jitter
+NEAREST_NS = 1_000_000  # in wider gaps: a camera moving at 30 m/s travels 3 cm in this time
 
 
 def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Trajectory]:
-    """Rows of the estimate that have a ground truth, and the truth at exactly their stamps.
+    """Find the rows of the estimate that have a ground truth, and the truth at exactly their stamps.
 
-    A truth of the same stamp is taken as it is. Otherwise the two neighbours are interpolated on SE(3) (constant
-    twist) if they are at most 150 ms apart; failing that, one within 1 ms is taken. The rest has no truth.
-    Truths need not be sorted; of equal stamps the first counts.
+    A truth with the same stamp is used as it is. Otherwise its two neighbours are interpolated on SE(3) (constant
+    twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. All other rows have no truth.
+    Truths need not be sorted; of equal stamps the first is used.
     """
     stamps, first = np.unique(truth.stamps_ns, return_index=True)
     poses = truth.world_from_cam[first]
@@ -34,11 +34,11 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
 
     result = poses[nearest].copy()
     if between.any():
-        share = (wanted - stamps[before])[between] / gap[between]
-        result[between] = _interpolated(poses[before[between]], poses[after[between]], share)
+        fraction = (wanted - stamps[before])[between] / gap[between]
+        result[between] = _interpolated(poses[before[between]], poses[after[between]], fraction)
     rows = np.flatnonzero(found).astype(np.int64)
     return rows, Trajectory(wanted[rows], result[rows])
 
 
-def _interpolated(world_from_a: Array, world_from_b: Array, share: Array) -> Array:
-    return world_from_a @ se3.exp(share[:, None] * se3.log(se3.inverse(world_from_a) @ world_from_b))
+def _interpolated(world_from_a: Array, world_from_b: Array, fraction: Array) -> Array:
+    return world_from_a @ se3.exp(fraction[:, None] * se3.log(se3.inverse(world_from_a) @ world_from_b))

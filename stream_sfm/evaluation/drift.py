@@ -1,26 +1,26 @@
-"""Drift at the end of the path and error of scale. Arguments are poses world_from_cam (n, 4, 4), row by row."""
+"""Drift at the end of the path, and scale error. Arguments are poses world_from_cam (n, 4, 4), row by row."""
 
 import numpy as np
 
 from ..geometry.se3 import Array
 from .alignment import from_first_camera, umeyama
 
-_STANDING_M = 1e-3  # a path or an extent below this defines no percentage
+_STANDING_M = 1e-3  # a shorter path or extent counts as standing still: a percentage of it would be noise
 
 
 def distances_m(world_from_cam: Array) -> Array:
-    """Distance travelled (n,) up to each pose, metres."""
+    """Distance travelled (n,) up to each pose, in metres."""
     steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
     return np.concatenate([np.zeros(min(1, len(world_from_cam))), np.cumsum(steps)])
 
 
 def path_length_m(world_from_cam: Array) -> float:
-    """Length of the path through all positions, metres; shaking and noise count as path."""
+    """Length of the path through all positions, in metres; shaking and noise add to it."""
     return float(distances_m(world_from_cam)[-1]) if len(world_from_cam) else 0.0
 
 
 def final_drift_percent(estimate: Array, truth: Array) -> float:
-    """End-point error over the true path length, eq. (54), per cent, first poses aligned; NaN when standing still."""
+    """End-point error in per cent of the true path length, first poses aligned, eq. (54); NaN when standing still."""
     length = path_length_m(truth)
     if length < _STANDING_M:
         return float("nan")
@@ -29,10 +29,10 @@ def final_drift_percent(estimate: Array, truth: Array) -> float:
 
 
 def scale_error_percent(estimate: Array, truth: Array) -> float:
-    """By how much the estimate is too large (negative: too small), per cent, eq. (58).
+    """How much too large the estimate is, in per cent (negative: too small), eq. (58); NaN when standing still.
 
-    1/s − 1 for the similarity scale s that brings the estimated positions onto the true ones (Umeyama 1991,
-    eq. 42). Not the ratio of path lengths, which noise on each pose inflates. NaN when standing still.
+    1/s − 1 for the similarity scale s that aligns the estimated positions with the true ones (Umeyama 1991, eq. 42).
+    The ratio of path lengths would be biased by the noise of each pose.
     """
     e, t = estimate[:, :3, 3], truth[:, :3, 3]
     if len(t) < 2 or np.ptp(t, axis=0).max() < _STANDING_M or np.ptp(e, axis=0).max() == 0:

@@ -1,7 +1,7 @@
-"""Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios of methods.
+"""Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios between methods.
 
-Each start counts, so that no figure hangs on one end point. Starts overlap and follow each other in time; intervals
-come from a bootstrap over contiguous blocks of starts, not over single ones.
+Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and are correlated
+in time; intervals therefore come from a bootstrap over contiguous blocks of starts.
 """
 
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-_BLOCKS = 10
-_REPLICATES = 400
-_LEAST_FRAMES = 24
-_TURNING_RAD_S = np.radians(5.0)
+_BLOCKS = 10  # of the bootstrap: long blocks keep the correlation of the errors, many give a stable interval
+_REPLICATES = 400  # of the bootstrap: the ends of a 95 % interval are then known to about 3 % of its width
+_MIN_FRAMES = 24  # with fewer, spans reach 5 frames at most and a block has less than two starts
+_TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
 @dataclass(frozen=True, slots=True)
 class Exponent:
-    """`value` p of mean squared error ∝ frames^p, with its 95 % interval; 1 is a random walk, 2 a constant bias."""
+    """The exponent p in mean squared error ∝ frames^p, with its 95 % interval; 1: random walk, 2: constant bias."""
 
     value: float
     low: float
@@ -29,7 +29,7 @@ class Exponent:
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """RMS error of one method over that of another on the same spans, with its 95 % interval."""
+    """The RMS error of one method divided by that of another on the same spans, with its 95 % interval."""
 
     value: float
     low: float
@@ -37,7 +37,7 @@ class Ratio:
 
 
 def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Array]:
-    """Position (m) and rotation (rad) error of the motion from frame i to i + span, for each i; poses (n, 4, 4)."""
+    """Position (m) and rotation (rad) errors (n − span,) of the motion from frame i to i + span; poses (n, 4, 4)."""
     e = se3.inverse(estimate[:-span]) @ estimate[span:]
     t = se3.inverse(truth[:-span]) @ truth[span:]
     error = se3.inverse(t) @ e
@@ -45,20 +45,20 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
 
 
 def spans_for(frames: int) -> list[int]:
-    """Spans 1 … a quarter of the frames, evenly in the logarithm; empty below 24 frames."""
-    if frames < _LEAST_FRAMES:
+    """Spans from 1 to a quarter of the frames, evenly spaced in the logarithm; none below 24 frames."""
+    if frames < _MIN_FRAMES:
         return []
     return sorted({round(s) for s in np.geomspace(1, frames // 4, 12)})
 
 
 def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
-    """Mean squared position (m²) and rotation (rad²) error at each span."""
+    """Mean squared position (m²) and rotation (rad²) errors for each span."""
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     return np.array([(p**2).mean() for p, _ in pairs]), np.array([(r**2).mean() for _, r in pairs])
 
 
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent] | None:
-    """Exponents of position and of rotation over the span, or None below 24 frames or without any error."""
+    """Growth of the position and of the rotation error with the span; None below 24 frames or without any error."""
     spans = spans_for(len(truth))
     if len(spans) < 3:
         return None
@@ -76,9 +76,9 @@ def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
-    """RMS relative error of `method` over `reference`, position and rotation, geometric mean over spans.
+    """Ratios of the RMS relative errors of `method` and `reference`, position and rotation; None below 24 frames.
 
-    The same frames and the same bootstrap blocks serve both. None below 24 frames.
+    Each is the geometric mean over the spans; both methods share the frames and the blocks of the bootstrap.
     """
     spans = [s for s in spans_for(len(truth)) if s > 1]
     if not spans:
@@ -95,7 +95,7 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
 
 
 def _block_means(values: Array) -> Array:
-    """(1 + replicates,): the mean, then means of resampled contiguous blocks; the same blocks at each call."""
+    """The mean, then the means of resampled contiguous blocks, (1 + replicates,); every call draws the same blocks."""
     blocks = np.array_split(values, _BLOCKS)
     sums = np.array([b.sum() for b in blocks])
     counts = np.array([len(b) for b in blocks])
@@ -110,7 +110,7 @@ def _interval(replicates: Array) -> tuple[float, float]:
 
 
 def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> NDArray[np.bool_]:
-    """Whether the camera turns faster than 5° a second between frame i and i + span, (n − span,)."""
+    """Whether the camera turns faster than 5° per second between frames i and i + span, (n − span,)."""
     motion = se3.inverse(world_from_cam[:-span]) @ world_from_cam[span:]
     seconds = (stamps_ns[span:] - stamps_ns[:-span]) / 1e9
     return np.linalg.norm(se3.log_so3(motion[:, :3, :3]), axis=1) > _TURNING_RAD_S * seconds

@@ -1,10 +1,10 @@
 """KITTI's t_rel and r_rel, eqs. (55) and (56): mean errors of relative motions over segments of fixed lengths.
 
-Geiger, Lenz, Urtasun, CVPR 2012, and their devkit (`evaluate_odometry.cpp`): a segment begins at a frame and ends
-at the first frame *beyond* the length along the true path; its error is inverse(estimated motion)·true motion; the
-means go over all segments of all lengths. The devkit begins a segment at each tenth frame and uses lengths of
-100, 200 … 800 m; so does this module where the path is at least 200 m long. A shorter path is measured over
-10, 20 … 100 m, and one under 20 m over 10, 20 … 90 % of its length, with a segment from each frame.
+As defined by Geiger, Lenz and Urtasun (CVPR 2012) and their devkit (`evaluate_odometry.cpp`): a segment begins at a
+frame and ends at the first frame *beyond* the length along the true path; its error is inverse(estimated motion)·true
+motion; the means are taken over all segments of all lengths. The devkit begins a segment at every tenth frame and
+uses lengths of 100, 200 … 800 m, and so does this module where the path is at least 200 m long. A shorter path is
+measured over 10, 20 … 100 m, and one below 20 m over 10, 20 … 90 % of its length, with a segment from every frame.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from .drift import distances_m
 
-_DEVKIT_STEP = 10
+_DEVKIT_STEP = 10  # frames between the starts of two segments, as in the devkit
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentErrors:
-    """`t_rel_percent`, `r_rel_deg_per_100m`: means over all segments, NaN where there is none.
+    """Mean errors over all segments, NaN where there are none.
 
-    `lengths_m`: the lengths of which there is at least one segment; `count`: number of segments.
+    `lengths_m`: the lengths for which there is at least one segment; `count`: the number of segments.
     """
 
     t_rel_percent: float
@@ -44,7 +44,7 @@ def lengths_for_path(path_m: float) -> tuple[tuple[float, ...], int]:
 def segment_errors(
     estimate: Array, truth: Array, lengths_m: tuple[float, ...] | None = None, step: int | None = None
 ) -> SegmentErrors:
-    """Segment errors of poses world_from_cam (n, 4, 4), row by row; lengths and step default to the path's."""
+    """Segment errors of poses world_from_cam (n, 4, 4), row by row; lengths and step follow from the path."""
     along = distances_m(truth)
     path_m = float(along[-1]) if len(along) else 0.0
     default_lengths, default_step = lengths_for_path(path_m)

@@ -1,11 +1,10 @@
-"""The CC local structure against measured or rendered depth, frame by frame, nothing kept.
+"""The errors of the local structure (CC) against measured or rendered depth images.
 
-Each estimated point is projected into the physical left image. Around that pixel the true inverse depth is
-fitted by a plane over 5×5 pixels (the image of a planar patch has exactly affine inverse depth); where the fit is
-off by more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth
-minus the true depth along the same viewing ray, metres. A point that errs only along its own viewing ray is
-measured in full; one that errs sideways on a surface facing the camera hardly at all: that is what the depth
-image can tell.
+Each estimated point is projected into the physical left image. Around that pixel a plane is fitted to the true
+inverse depth over 5×5 pixels (the image of a planar patch has exactly affine inverse depth); where the fit is off by
+more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth minus the
+true depth along the same viewing ray, in metres. A depth image reveals errors along the viewing ray in full, but
+hardly any sideways error on a surface that faces the camera.
 """
 
 from dataclasses import dataclass
@@ -16,21 +15,22 @@ from numpy.typing import NDArray
 from ..camera.lens import project_into_image
 from ..camera.models import Camera
 from ..geometry.se3 import Array
+from ..geometry.stereo import MIN_DEPTH
 from ..types import FrameEstimate
 
 _HALF = 2  # the patch is 5×5
-_EDGE = 0.01  # relative misfit of inverse depth that marks a depth edge
+_MAX_MISFIT = 0.01  # of the inverse depth, relative: a larger one marks a depth edge
 _OFFSETS = np.arange(-_HALF, _HALF + 1)
 _DESIGN = np.stack(
     [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
 )  # columns: 1, du, dv
 _FIT = np.linalg.pinv(_DESIGN)
-_BINS_M = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: a median without keeping the errors
+_BINS_M = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: gives the median without keeping the errors
 
 
 @dataclass(frozen=True, slots=True)
 class StructureErrors:
-    """Depth errors of one frame's points (m,), metres, and the σ that the estimate claims for each."""
+    """Depth errors (m,) of the points of one frame, and their estimated standard deviations (m,); metres."""
 
     errors_m: Array
     sigmas_m: Array
@@ -39,11 +39,12 @@ class StructureErrors:
 def structure_errors(
     camera: Camera, points_in_cam: Array, cov_points: Array, true_depth_m: NDArray[np.floating]
 ) -> StructureErrors:
-    """Points (n, 3), covariances (n, 3, 3), depth (h, w) along the optical axis, NaN where unknown.
+    """Compare points (n, 3) with covariances (n, 3, 3) with a depth image (h, w), NaN where unknown.
 
-    Points outside the image, at depth edges or without known depth around them are left out.
+    Depth is measured along the optical axis. Points outside the image, at depth edges, or without known depth around
+    them are left out.
     """
-    front = points_in_cam[:, 2] > 1e-3
+    front = points_in_cam[:, 2] > MIN_DEPTH
     points, cov = points_in_cam[front], cov_points[front]
     uv = project_into_image(camera, points)
     h, w = true_depth_m.shape
@@ -60,13 +61,13 @@ def structure_errors(
     plane = inverse @ _FIT.T  # (m, 3): inverse depth at the centre, and its slopes per pixel
     misfit = abs(inverse - plane @ _DESIGN.T).max(axis=1)
     with np.errstate(invalid="ignore"):
-        smooth = np.isfinite(plane).all(axis=1) & (misfit < _EDGE * plane[:, 0])
+        smooth = np.isfinite(plane).all(axis=1) & (misfit < _MAX_MISFIT * plane[:, 0])
     points, cov, plane = points[smooth], cov[smooth], plane[smooth]
     offset = (uv - centre)[smooth]
     true = 1 / (plane[:, 0] + (plane[:, 1:] * offset).sum(axis=1))
 
-    # gradient of (depth of the point − depth of the surface on its ray) with respect to the point; the lens
-    # distortion's share in it is neglected
+    # gradient of (depth of the point − depth of the surface on its ray) with respect to the point, neglecting how
+    # lens distortion changes within the patch
     x, y, depth = points.T
     su = plane[:, 1] * camera.K[0, 0] * true**2 / depth
     sv = plane[:, 2] * camera.K[1, 1] * true**2 / depth
@@ -108,12 +109,12 @@ class StructureComparison:
 
     @property
     def rms_m(self) -> float:
-        """RMS depth error of all points away from depth edges, metres; NaN where nothing was compared."""
+        """RMS depth error of all points away from depth edges, in metres; NaN where nothing was compared."""
         return float(np.sqrt(self._squares / self.points)) if self.points else float("nan")
 
     @property
     def median_m(self) -> float:
-        """Median absolute depth error, metres, to 1 %; a few gross errors do not move it. NaN as above."""
+        """Median absolute depth error in metres, rounded to 1 %; NaN where nothing was compared."""
         if not self.points:
             return float("nan")
         half = int(np.searchsorted(np.cumsum(self._histogram), self.points / 2))
@@ -121,5 +122,5 @@ class StructureComparison:
 
     @property
     def rms_over_sigma(self) -> float:
-        """RMS of error over claimed σ: 1 is honest, more is over-confident; NaN where nothing was compared."""
+        """RMS of error over estimated σ: 1 is consistent, more is overconfident; NaN where nothing was compared."""
         return float(np.sqrt(self._normalised / self._with_sigma)) if self._with_sigma else float("nan")

@@ -1,4 +1,4 @@
-"""The `ground_truth` part of summary.json."""
+"""All figures against ground truth: the section `ground_truth` of summary.json."""
 
 from typing import Any
 
@@ -16,11 +16,12 @@ from .structure import StructureComparison
 def evaluate(
     estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
 ) -> dict[str, Any]:
-    """All figures against ground truth; None where one is not defined (too short, standing still, no depth).
+    """Compute all figures against ground truth; a figure is None where it is not defined.
 
-    `frames_compared` estimates have a truth. The NEES needs the covariance relative to the first frame compared, so
-    it is given only where that is the first frame of the estimate. `local_structure_error_over_sigma` is 1 where
-    the structure's covariances are honest.
+    That is so for a path too short, a camera that stands still, a log without depth images. `frames_compared` is the
+    number of estimates that have a truth. The NEES needs covariances relative to the first frame compared, so it is
+    given only where that is the first frame of the estimate. `local_structure_error_over_sigma` is 1 if the
+    covariances of the structure are consistent.
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
@@ -58,10 +59,10 @@ def evaluate(
 
 
 def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
-    """The figures of a trajectory of one camera, the only ones of the package after an alignment of scale.
+    """Compute the figures of a trajectory from one camera, after an alignment that includes scale.
 
-    `ate_rmse_sim3_m` and its share of the true path `ate_sim3_percent`; `metres_per_unit`: the scale so found. None
-    where the camera stands still or fewer than two frames have a truth.
+    `ate_rmse_sim3_m`, and the same in per cent of the true path, `ate_sim3_percent`; `metres_per_unit` is the scale
+    of the alignment. They are None where the camera stands still or fewer than two frames have a truth.
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam

@@ -1,4 +1,4 @@
-"""Rerun: one sink for replays and for robots that run. Rerun itself is imported when a viewer is opened.
+"""The Rerun viewer, for replays and for live use. Rerun itself is imported when a viewer is opened.
 
 Not here: the HTML pages (`report/`).
 """
@@ -22,11 +22,11 @@ def open_viewer(
     ground_truth: Trajectory | None = None,
     name: str = "live",
 ) -> "RerunSink":
-    """A sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
+    """Open a sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
 
-    `ground_truth` is drawn in the estimates' world, the poses of the first common frame laid upon each other;
-    `name` is what the viewer calls the recording. Raises ConfigError where no window can be opened, or neither is
-    asked for, OutputError where the file cannot be written.
+    `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the name
+    of the recording in the viewer. Raises ConfigError where no window can be opened or neither output is requested,
+    OutputError where the file cannot be written.
     """
     from .sink import RerunSink
 

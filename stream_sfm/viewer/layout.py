@@ -1,4 +1,4 @@
-"""What stands where in the viewer: entity paths, the blueprint, the colours."""
+"""The layout of the viewer: entity paths, blueprint and colours."""
 
 from collections.abc import Sequence
 
@@ -20,15 +20,15 @@ SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)
 
 TAIL_COLOUR = (255, 255, 255, 150)
 
-# Share of the distance that σ of a point is: from blue over green to yellow, on a log scale.
-_SHARES = (1e-3, 1e-1)
+# σ of a point relative to its distance: from blue through green to yellow, on a logarithmic scale.
+_RELATIVE_SIGMA = (1e-3, 1e-1)
 _STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
 _STEPS = 256
 
 
 def _packed_colours() -> NDArray[np.uint32]:
-    """(_STEPS,) 0xRRGGBBAA from the first stop to the last; packed, because Rerun takes three times as long else."""
+    """Colours (_STEPS,) as 0xRRGGBBAA from the first stop to the last; Rerun logs packed ones three times faster."""
     place = np.linspace(0, len(_STOPS) - 1, _STEPS)
     rgb = [np.interp(place, range(len(_STOPS)), channel).astype(np.uint32) for channel in _STOPS.T]
     return rgb[0] << 24 | rgb[1] << 16 | rgb[2] << 8 | np.uint32(255)
@@ -38,34 +38,34 @@ _COLOURS = _packed_colours()
 
 
 def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
-    """(n,) 0xRRGGBBAA by σ over distance of points (n, 3) with covariances (n, 3, 3)."""
+    """Colours (n,) as 0xRRGGBBAA by the relative σ of points (n, 3) with covariances (n, 3, 3)."""
     sigma = np.sqrt(np.maximum(np.trace(cov_points, axis1=1, axis2=2), 0))
-    share = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
-    low, high = np.log(_SHARES)
-    place = (np.log(np.clip(share, *_SHARES)) - low) / (high - low)
+    relative = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
+    low, high = np.log(_RELATIVE_SIGMA)
+    place = (np.log(np.clip(relative, *_RELATIVE_SIGMA)) - low) / (high - low)
     return _COLOURS[(place * (_STEPS - 1)).astype(int)]
 
 
 def blueprint(sides: Sequence[str] = SIDES) -> rrb.Blueprint:
-    """3-D view, the images of the cameras `sides` with tracks, drift, tracks and timing over time, the status log."""
+    """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log."""
     whole_past = rrb.VisibleTimeRange(
         "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
     space = rrb.Spatial3DView(
-        name="world: estimate orange, ground truth green; points: σ 0.1 % (blue) to 10 % (yellow) of distance",
+        name="estimate orange, ground truth green; points by σ: 0.1 % (blue) to 10 % (yellow) of the distance",
         origin="world",
         contents=["$origin/**", f"- /{SIDES[0]}/tracks/**", f"- /{SIDES[1]}/**"],
         overrides={TRAJECTORY: rrb.VisibleTimeRanges(whole_past)},
         line_grid=False,
     )
-    images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image and tracks", origin=s) for s in sides]
+    images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image with tracks", origin=s) for s in sides]
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
         for name, origin in (
-            ("position (metres, of one camera units): error and claimed σ", DRIFT),
+            ("position: error and estimated σ (metres; units with one camera)", DRIFT),
             ("tracks", TRACKS),
-            ("time a frame, ms", TIMING),
+            ("time per frame, ms", TIMING),
         )
     ]
     return rrb.Blueprint(
@@ -81,12 +81,12 @@ def blueprint(sides: Sequence[str] = SIDES) -> rrb.Blueprint:
 
 
 def series_names(names: tuple[str, ...], colours: list[tuple[int, int, int]] | None = None) -> rr.SeriesLines:
-    """The legend of one entity that holds several series."""
+    """The legend of an entity with several series."""
     return rr.SeriesLines(names=list(names), colors=colours)
 
 
 def styles() -> dict[str, rr.AsComponents]:
-    """What is drawn alike in each frame, sent once: colours and sizes an entity path."""
+    """Colours and sizes per entity path, which are the same for every frame and sent once."""
     ui = rr.Radius.ui_points
     return {
         TRAJECTORY: rr.LineStrips3D.from_fields(colors=ESTIMATE_COLOUR, radii=ui(1.5)),

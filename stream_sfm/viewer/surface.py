@@ -1,4 +1,4 @@
-"""A surface into a Rerun recording: the mesh, and the path of the camera that saw it."""
+"""A Rerun recording of a surface: the mesh, and the path of the camera."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ _SURFACE, _PATH = "world/surface", "world/path"
 
 
 def write_surface(rrd: str | Path, mesh: Mesh, path: Array, name: str) -> None:
-    """Write the recording `name` to the file `rrd`: the mesh and camera centres (n, 3) in its axes.
+    """Write a recording called `name` to the file `rrd`: the mesh, and the camera centres (n, 3) in its axes.
 
     Raises OutputError where the file cannot be written.
     """
