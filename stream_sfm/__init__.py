@@ -13,6 +13,7 @@ _PUBLIC = {
     "FrameEstimate": "types",
     "MonoFrame": "types",
     "MonoRig": "camera.rig",
+    "Selection": "types",
     "StereoFrame": "types",
     "StereoRig": "camera.rig",
     "Status": "types",
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from .errors import ConfigError, EngineBusyError, FrameError, InputError, LogError, OutputError, StreamSfmError
     from .pipeline.replay import replay
     from .recording import open_log
-    from .types import FrameEstimate, MonoFrame, Status, StereoFrame, Trajectory
+    from .types import FrameEstimate, MonoFrame, Selection, Status, StereoFrame, Trajectory
 
 
 def __getattr__(name: str) -> Any:

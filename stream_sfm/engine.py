@@ -15,7 +15,7 @@ from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .observer import Observer
-from .types import FrameEstimate, MonoFrame, StereoFrame
+from .types import Frame, FrameEstimate
 
 
 class Engine:
@@ -37,7 +37,7 @@ class Engine:
         """The cameras that are used."""
         return self.observer.rig
 
-    def prepare(self, frame: StereoFrame | MonoFrame, frame_index: int | None = None) -> PreparedImages:
+    def prepare(self, frame: Frame, frame_index: int | None = None) -> PreparedImages:
         """Do what `step` does first with the images and needs no other frame for, so that another thread can do it
         one frame ahead.
 
@@ -47,7 +47,7 @@ class Engine:
         """
         return self.observer.prepare(frame, frame_index)
 
-    def step(self, frame: StereoFrame | MonoFrame, prepared: PreparedImages | None = None) -> FrameEstimate:
+    def step(self, frame: Frame, prepared: PreparedImages | None = None) -> FrameEstimate:
         """The estimate of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then

@@ -1,36 +1,43 @@
-"""Signals as data: a run notices Ctrl-C and SIGTERM between two frames and ends by itself."""
+"""Ctrl-C and SIGTERM as data: a run looks between two frames whether it should end, and ends by itself."""
 
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 
-@contextmanager
-def signals_noted() -> Iterator[list[int]]:
-    """Within, the first SIGINT or SIGTERM is put into the list instead of being acted on; a second one acts.
+@dataclass(slots=True)
+class Interruption:
+    """Whether somebody wants the run to end."""
 
-    Signals can be handled in the main thread only; elsewhere the list stays empty.
+    requested: bool = False
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[Interruption]:
+    """Within, the first SIGINT or SIGTERM sets `requested` and does nothing else; a second one acts as usual.
+
+    Signals can be handled in the main thread only; in another one nothing changes.
     """
-    noted: list[int] = []
+    interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():
-        yield noted
+        yield interruption
         return
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = {kind: signal.getsignal(kind) for kind in kinds}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore() -> None:
-        for kind, handler in before.items():
-            signal.signal(kind, handler if handler is not None else signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
 
-    def note(number: int, _frame: Any) -> None:
-        noted.append(number)
+    def defer(_number: int, _stack: Any) -> None:
+        interruption.requested = True
         restore()
 
-    for kind in kinds:
-        signal.signal(kind, note)
+    for number in before:
+        signal.signal(number, defer)
     try:
-        yield noted
+        yield interruption
     finally:
         restore()

@@ -4,6 +4,7 @@
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from .frontend.prepared import Image, PreparedImages
 from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
-from .types import FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
+from .types import Frame, FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,21 +51,27 @@ class Observer:
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
-    def rectify(self, frame: StereoFrame | MonoFrame) -> list[Image]:
+    def rectify(self, frame: Frame) -> list[Image]:
         """The images of the cameras that are used, rectified."""
         return self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
 
-    def prepare(self, frame: StereoFrame | MonoFrame, frame_index: int | None = None) -> PreparedImages:
+    def prepare(
+        self,
+        frame: Frame,
+        frame_index: int | None = None,
+        rectified: Sequence[Image] | None = None,
+    ) -> PreparedImages:
         """Compute from the images alone what `observe` needs. Pure, so that any thread may do it ahead.
 
         With the `frame_index` that the frame is going to have (frames count from 0), more of the work is done here;
-        the observations are the same. Raises FrameError for images of the wrong kind.
+        the observations are the same. `rectified`: what `rectify` returned for the frame, if that was done already.
+        Raises FrameError for images of the wrong kind.
         """
         self._check_images(frame, "the frame")
-        images = self.rectify(frame)
+        images = self.rectify(frame) if rectified is None else rectified
         return self._frontend.prepare(images[0], images[-1], frame_index)
 
-    def observe(self, frame: StereoFrame | MonoFrame, prepared: PreparedImages | None = None) -> Observed:
+    def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
         """The observations of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
 
         Raises FrameError for images of the wrong kind or a stamp that does not advance; nothing has changed then.
@@ -145,7 +152,7 @@ class Observer:
         cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
         return cov
 
-    def _check_images(self, frame: StereoFrame | MonoFrame, where: str) -> None:
+    def _check_images(self, frame: Frame, where: str) -> None:
         if not isinstance(frame, StereoFrame | MonoFrame):
             raise FrameError(f"{where} is {_described(frame)}; give a StereoFrame(stamp_ns, left, right)")
         where = f"{where} (stamp {frame.stamp_ns} ns)"
@@ -162,7 +169,7 @@ class Observer:
                     f"({camera.height}, {camera.width}); give mono images of the calibrated size"
                 )
 
-    def _check_stamp(self, frame: StereoFrame | MonoFrame, where: str) -> None:
+    def _check_stamp(self, frame: Frame, where: str) -> None:
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
             raise FrameError(
                 f"{where}: stamp_ns is {_described(frame.stamp_ns)}; give an integer number of nanoseconds"

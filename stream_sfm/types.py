@@ -1,8 +1,10 @@
-"""The frozen records that travel between rooms. Arrays are float64 unless said, and never written to.
+"""The frozen records that travel between rooms, and the protocols of what they travel through.
 
-A record is equal to itself only, for arrays have no truth value, and its `repr` is one short line.
+Arrays are float64 unless said, and never written to. A record is equal to itself only, for arrays have no truth value,
+and its `repr` is one short line.
 """
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -10,7 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import ConfigError
 from .geometry.se3 import Array
+
+Picture = NDArray[np.uint8] | bytes  # (h, w) grey values, or a compressed image (PNG, JPEG, WebP)
 
 
 class Status(StrEnum):
@@ -24,11 +29,15 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoFrame:
-    """One pair of images of the same moment, (h, w) uint8, as the cameras deliver them; `stamp_ns` integer."""
+    """One pair of images of the same moment, (h, w) uint8, as the cameras deliver them; `stamp_ns` integer.
+
+    `pictures`: the same images for a viewer, where they came compressed and need not be compressed again.
+    """
 
     stamp_ns: int
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
+    pictures: tuple[Picture, ...] = ()
 
     @property
     def images(self) -> tuple[NDArray[np.uint8], ...]:
@@ -41,10 +50,11 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoFrame:
-    """One image (h, w) uint8 of a camera that has no partner; `stamp_ns` integer."""
+    """One image (h, w) uint8 of a camera that has no partner; the rest as in StereoFrame."""
 
     stamp_ns: int
     left: NDArray[np.uint8]
+    pictures: tuple[Picture, ...] = ()
 
     @property
     def images(self) -> tuple[NDArray[np.uint8], ...]:
@@ -53,6 +63,47 @@ class MonoFrame:
 
     def __repr__(self) -> str:
         return f"<MonoFrame at {self.stamp_ns} ns, {_size(self.left)}>"
+
+
+Frame = StereoFrame | MonoFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which frames of a log are used; without arguments all of them.
+
+    `start_s`, `end_s`: seconds from the first frame, both included; `stride`: every N-th frame of those; `max_frames`:
+    at most so many of the rest. Raises ConfigError for a selection that no frame can be in.
+    """
+
+    start_s: float | None = None
+    end_s: float | None = None
+    max_frames: int | None = None
+    stride: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("start_s", "end_s"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int | float) and 0 <= value < math.inf):
+                raise ConfigError(f"{name} is {value!r}; give seconds from the first frame, 0 or more")
+        for name in ("max_frames", "stride"):
+            value = getattr(self, name)
+            if (value is not None or name == "stride") and (not isinstance(value, int) or value < 1):
+                raise ConfigError(f"{name} is {value!r}; give a whole number of at least 1")
+        if self.start_s is not None and self.end_s is not None and self.end_s < self.start_s:
+            raise ConfigError(f"the end, {self.end_s:g} s, lies before the start, {self.start_s:g} s")
+
+    @property
+    def is_everything(self) -> bool:
+        """Whether no frame is left out."""
+        return self == Selection()
+
+    def count(self, frames: int | None) -> int | None:
+        """How many of so many frames are used; None where that is not known, without their times for instance."""
+        if self.start_s is not None or self.end_s is not None or frames is None:
+            return self.max_frames
+        used = -(-frames // self.stride)
+        return used if self.max_frames is None else min(used, self.max_frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -189,6 +240,18 @@ class FrameEstimate:
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")
         return f"<FrameEstimate {self.frame_index} {self.status} {pose}, {len(self.track_ids)} points>"
+
+
+class Sink(Protocol):
+    """Watches a run frame by frame: files, a viewer, a progress bar, a queue."""
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Take the estimate of the next frame, and the frame itself."""
+        ...
+
+    def close(self) -> None:
+        """No more will come."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

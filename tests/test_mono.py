@@ -32,7 +32,7 @@ def room() -> StereoLog:
 
 @pytest.fixture(scope="module")
 def frames(room) -> list[sfm.MonoFrame]:
-    return [sfm.MonoFrame(f.stamp_ns, f.left) for f in room.frames(max_frames=N)]
+    return [sfm.MonoFrame(f.stamp_ns, f.left) for f in room.frames(sfm.Selection(max_frames=N))]
 
 
 @pytest.fixture(scope="module")
@@ -140,9 +140,9 @@ def test_what_needs_two_cameras_refuses_one(frames, tmp_path) -> None:
         sfm.Engine(rig()).step(frames[0])
     pair, one = sfm.open_log(ROOM), sfm.open_log(ROOM, mono=True)
     with pytest.raises(sfm.ConfigError, match="compare needs two cameras"):
-        compare(pair, MONO)
+        compare(pair, config=MONO)
     with pytest.raises(sfm.ConfigError, match="a surface needs two cameras"):
-        surface_of_frame(pair, one.decoded(), 0, MONO)
+        surface_of_frame(pair, 0, MONO)
     with pytest.raises(sfm.ConfigError, match="opened for one camera"):
         _ = one.stereo_rig
     assert main(["batch", str(ROOM), "--out", str(tmp_path / "b"), "--set", "mono=true"]) == 2
@@ -200,6 +200,7 @@ def test_the_viewer_shows_one_camera(one_camera_log, tmp_path) -> None:
     pytest.importorskip("rerun")
     rrd = tmp_path / "one.rrd"
     log = sfm.open_log(one_camera_log, mono=True)
-    sfm.replay(log, None, MONO, max_frames=4, viewer=sfm.viewer.open_viewer(log.rig, rrd))
+    viewer = sfm.viewer.open_viewer(log.rig, rrd)
+    sfm.replay(log, None, MONO, sfm.Selection(max_frames=4), sinks=[viewer])
     data = rrd.read_bytes()
     assert b"left image and tracks" in data and b"right image and tracks" not in data

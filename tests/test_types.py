@@ -1,6 +1,7 @@
 """Records that hold arrays: one short line each, and equal to themselves only."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,3 +60,30 @@ def test_every_record_has_a_short_repr_and_equals_itself_only(estimate: sfm.Fram
         assert "\n" not in repr(one) and "array" not in repr(one)
         assert one == one and one != other
         assert {one: 1}[one] == 1
+
+
+@pytest.mark.parametrize(
+    "wrong,message",
+    [
+        ({"start_s": -1.0}, "start_s is -1.0; give seconds from the first frame"),
+        ({"end_s": float("nan")}, "end_s is nan"),
+        ({"start_s": "1"}, "start_s is '1'"),
+        ({"max_frames": 0}, "max_frames is 0; give a whole number of at least 1"),
+        ({"stride": 0}, "stride is 0"),
+        ({"stride": None}, "stride is None"),
+        ({"stride": 1.5}, "stride is 1.5"),
+        ({"start_s": 5, "end_s": 4}, "the end, 4 s, lies before the start, 5 s"),
+    ],
+)
+def test_an_impossible_selection_is_refused_when_it_is_made(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(sfm.ConfigError, match=message):
+        sfm.Selection(**wrong)
+
+
+def test_a_selection_counts_the_frames_that_it_takes() -> None:
+    assert sfm.Selection().is_everything and not sfm.Selection(stride=2).is_everything
+    assert [sfm.Selection(stride=4).count(n) for n in (12, 13, None)] == [3, 4, None]
+    assert sfm.Selection(max_frames=3, stride=4).count(100) == 3
+    assert sfm.Selection(max_frames=30).count(12) == 12
+    assert sfm.Selection(start_s=1.0).count(100) is None
+    assert sfm.Selection(end_s=1.0, max_frames=5).count(100) == 5

@@ -20,7 +20,17 @@ if len(sys.argv) > 1 and sys.argv[1] in ("replay", "step", "scaled", "window"): 
 import cv2
 import numpy as np
 
-from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log, read_config, replay
+from stream_sfm import (
+    Camera,
+    Engine,
+    FrameEstimate,
+    Selection,
+    StereoFrame,
+    StereoRig,
+    open_log,
+    read_config,
+    replay,
+)
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame import window
@@ -31,6 +41,7 @@ from stream_sfm.frontend.flow import Flow
 from stream_sfm.frontend.new_points import NewPoints
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.simulation.scenes import Scene
+from stream_sfm.types import Frame
 
 WARM_UP = 10  # frames not counted in times
 # stage -> the functions whose time it is; what they call of other stages counts in both
@@ -89,14 +100,20 @@ def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
     timed(times_ms)
     steps_ms: list[float] = []
 
-    def next_frame(estimate: Any) -> None:
-        steps_ms.append(sum(estimate.timings_ms.values()))
-        for stage in STAGES:
-            times_ms[stage].append(0.0)
+    class NextFrame:
+        """A sink that begins a new entry of every stage with each frame."""
+
+        def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+            steps_ms.append(sum(estimate.timings_ms.values()))
+            for stage in STAGES:
+                times_ms[stage].append(0.0)
+
+        def close(self) -> None:
+            pass
 
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        summary = replay(path, folder, read_config(None, overrides), on_frame=next_frame).summary
+        summary = replay(path, folder, read_config(None, overrides), sinks=[NextFrame()]).summary
         wall_s = time.perf_counter() - began
     frames = summary["frames"]["estimated"] + summary["frames"]["lost"] + summary["frames"]["degraded"]
     thirds = np.array_split(np.array(steps_ms[WARM_UP:]), 3)
@@ -157,7 +174,7 @@ def run_loop(path: str, _: list[str]) -> dict[str, Any]:
 def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
     """Memory of the engine alone: 400 steps over 20 decoded frames, there and back."""
     log = open_log(path)
-    frames = list(log.frames(max_frames=20))
+    frames = list(log.frames(Selection(max_frames=20)))
     engine = Engine(log.rig, read_config(None, overrides))
     engine.step(frames[0])
     before_mib = memory_mib("VmRSS")

@@ -65,8 +65,8 @@ def main() -> None:
     count = 0
     try:
         for stamp_ns, left, right in frames:
-            estimate = engine.step(sfm.StereoFrame(stamp_ns, left, right))
-            viewer.write(estimate, left, right)
+            frame = sfm.StereoFrame(stamp_ns, left, right)
+            viewer.write(engine.step(frame), frame)
             count += 1
     except KeyboardInterrupt:
         pass

@@ -107,8 +107,7 @@ def measure(path: Path, whole: bool, config: Config) -> None:
     """One log."""
     log = open_log(path)
     began_s = time.process_time()
-    frames = log.decoded()
-    surface = surface_of_log(log, frames, config) if whole else surface_of_frame(log, frames, 0, config)
+    surface = surface_of_log(log, config) if whole else surface_of_frame(log, 0, config)
     mesh = surface.mesh
     cpu_s = time.process_time() - began_s
     print(f"{path.name}: {len(mesh.vertices)} vertices of {surface.used} frames, {cpu_s:.1f} s CPU")

@@ -14,7 +14,7 @@ from ..config import Config, config_to_toml
 from ..errors import ConfigError, OutputError
 from ..estimators import METHODS
 from ..files import json_bytes, write_whole
-from ..interrupts import signals_noted
+from ..interrupts import deferred_interrupts
 from ..report.batch_page import render_batch
 from .job import Job, JobResult, read_summary, run_job
 from .logs import names_for
@@ -90,7 +90,7 @@ def _run_jobs(
 ) -> tuple[list[JobResult], bool]:
     """The results in the order of the jobs, and whether a signal ended the batch."""
     results: dict[str, JobResult] = {}
-    with signals_noted() as signals:
+    with deferred_interrupts() as interruption:
         futures = {executor.submit(run_job, job): job for job in jobs}
         waiting = set(futures)
         try:
@@ -101,7 +101,7 @@ def _run_jobs(
                     results[job.name] = _result(future, job)
                     if on_done is not None:
                         on_done(results[job.name])
-                if signals:
+                if interruption.requested:
                     jobs[0].stop.touch()
         except BaseException:  # a second Ctrl-C: no job is waited for any longer
             jobs[0].stop.touch()
@@ -110,7 +110,7 @@ def _run_jobs(
             raise
     if jobs:
         jobs[0].stop.unlink(missing_ok=True)
-    return [results[job.name] for job in jobs], bool(signals)
+    return [results[job.name] for job in jobs], interruption.requested
 
 
 def _result(future: Future[JobResult], job: Job) -> JobResult:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..config import Config
+    from ..types import Selection
 
 # The names of `estimators.METHODS`, which a parser must know without importing the estimators.
 METHODS = (
@@ -94,6 +95,13 @@ def add_selection(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
+def read_selection(args: argparse.Namespace) -> "Selection":
+    """The frames that `add_selection` chose. Raises ConfigError where no frame can be among them."""
+    from ..types import Selection
+
+    return Selection(args.start, args.end, args.max_frames, args.stride)
+
+
 def add_settings(parser: argparse.ArgumentParser, *, method: bool = True) -> None:
     """The estimator (`method`) and all other settings."""
     group = parser.add_argument_group("settings")
@@ -142,15 +150,6 @@ def selection_options(args: argparse.Namespace) -> list[str]:
     """The topics and frames that were chosen, as options of `replay`."""
     chosen = {name: getattr(args, name) for name in _SELECTION}
     return [f"--{name.replace('_', '-')}={value}" for name, value in chosen.items() if value != _SELECTION[name]]
-
-
-def frames_to_read(in_log: int | None, args: argparse.Namespace) -> int | None:
-    """How many frames a command will read of a log that has `in_log`; None where that is not known."""
-    if args.start is not None or args.end is not None or in_log is None:
-        return int(args.max_frames) if args.max_frames else None
-    frames = -(-in_log // int(args.stride))
-    frames = min(frames, args.max_frames or frames)
-    return 2 * frames - 1 if getattr(args, "there_and_back", False) is True else frames
 
 
 def positive(text: str) -> int:

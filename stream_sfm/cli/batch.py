@@ -43,11 +43,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay all logs, print a table, and return whether all of them were completed."""
-    from ..pipeline.replay import check_selection
-
     config = arguments.read_settings(args)
     config.needs_scale("batch, which compares metres,")
-    check_selection(args.start, args.end)
+    arguments.read_selection(args)  # an impossible one is refused here, not once per log
     content = _run(config, args)
     _print(content, Path(args.out), args)
     if content["interrupted"]:

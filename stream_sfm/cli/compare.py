@@ -8,8 +8,10 @@ from ..errors import ExitCode
 from . import arguments
 
 if TYPE_CHECKING:
+    from ..comparison.compare import ComparisonResult
+    from ..config import Config
     from ..recording import StereoLog
-    from ..report.records import Comparison
+    from ..types import Selection
 
 # The names of `comparison.COMPARED`, which the help lists without importing the estimators.
 DEFAULT_METHODS = "cross-frame,cross-frame-wc,cross-frame-cc,ekf,ekf-cv,frame-to-frame"
@@ -49,17 +51,18 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, print a table, and return whether the whole log and all methods were processed."""
-    from ..pipeline.replay import check_selection, new_run_folder, point_latest_to
     from ..recording import open_log
+    from ..results.folder import new_run_folder, point_latest_to
 
     config = arguments.read_settings(args)
-    check_selection(args.start, args.end)
+    selection = arguments.read_selection(args)
     log = open_log(args.log, args.left, args.right, args.calibration)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
-    comparison, content = _compare(log, folder, config, args)
+    result = _compare(log, folder, config, selection, args)
     if not args.out:
         point_latest_to(folder)
-    _print(comparison, content, folder, args)
+    _print(result, folder, args)
+    comparison = result.comparison
     if comparison.interrupted:
         return ExitCode.INTERRUPTED
     if any(r.failure for r in comparison.runs):
@@ -68,39 +71,36 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _compare(
-    log: "StereoLog", folder: Path, config: Any, args: argparse.Namespace
-) -> tuple["Comparison", dict[str, Any]]:
-    from ..comparison.compare import Selection
-    from ..comparison.files import compare_into
+    log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
+) -> "ComparisonResult":
+    from ..comparison.compare import compare
     from ..inspection import inspect_log
     from .progress import frame_progress
 
     names = (name.strip() for name in (args.methods or DEFAULT_METHODS).split(","))
-    chosen = Selection(args.start, args.end, args.max_frames, args.stride)
-    there_and_back = {"auto": None, "yes": True, "no": False}[args.there_and_back]
-    total = arguments.frames_to_read(log.expected_frames, args)
-    with frame_progress("compare", total, args.quiet) as on_frame:
-        return compare_into(
+    with frame_progress("compare", selection.count(log.expected_frames), args.quiet) as progress:
+        return compare(
             log,
             folder,
             config,
-            tuple(dict.fromkeys(name for name in names if name)),
-            None if chosen == Selection() else chosen,
-            there_and_back=there_and_back,
+            selection,
+            methods=tuple(dict.fromkeys(name for name in names if name)),
+            there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
             inspection=inspect_log(args.log, args.left, args.right, args.calibration),
-            on_frame=on_frame,
+            sinks=[progress],
         )
 
 
-def _print(comparison: "Comparison", content: dict[str, Any], folder: Path, args: argparse.Namespace) -> None:
+def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -> None:
     from ..report.numbers import conclusion
     from .comparison_table import print_comparison
     from .printing import print_json, print_notes
 
+    content = result.report
     if args.json:
         print_json(content)
     elif not args.quiet:
-        print_notes("warning", comparison.warnings)
+        print_notes("warning", result.comparison.warnings)
         print_comparison(content)
         print(conclusion(content, bool(content["frames_with_ground_truth"] > 1))[1])
         print(folder / "report.html")

@@ -2,14 +2,14 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from ..types import FrameEstimate
+    from ..types import Frame, FrameEstimate
 
 LINE_INTERVAL_S = 10.0  # without a terminal; often enough to see that a run is alive, rare enough for a log file
 
@@ -31,24 +31,31 @@ def counter(label: str, unit: str, total: int | None, quiet: bool = False) -> It
         yield _lines(label, unit, total)
 
 
+class ProgressSink:
+    """A sink that counts frames and, if `verbose`, reports every change of status."""
+
+    def __init__(self, advance: Advance, verbose: bool) -> None:
+        self._advance, self._verbose = advance, verbose
+        self._status = ""
+
+    def write(self, estimate: "FrameEstimate", frame: "Frame") -> None:
+        """Count one frame."""
+        line = ""
+        if self._verbose and estimate.status != self._status:
+            line = f"frame {estimate.frame_index}: {estimate.status}"
+            line += f": {estimate.reason}" if estimate.reason else ""
+            self._status = estimate.status
+        self._advance(1, line)
+
+    def close(self) -> None:
+        """Nothing to finish: the bar disappears with its context."""
+
+
 @contextmanager
-def frame_progress(
-    label: str, total: int | None, quiet: bool, verbose: bool = False
-) -> Iterator[Callable[["FrameEstimate"], None]]:
-    """To be called with each estimate; `verbose` reports the changes of its status, too."""
+def frame_progress(label: str, total: int | None, quiet: bool, verbose: bool = False) -> Iterator[ProgressSink]:
+    """A sink that shows how many of `total` frames (None: unknown) have been estimated."""
     with counter(label, "frames", total, quiet) as advance:
-        status = ""
-
-        def on_frame(estimate: "FrameEstimate") -> None:
-            nonlocal status
-            line = ""
-            if verbose and estimate.status != status:
-                line = f"frame {estimate.frame_index}: {estimate.status}"
-                line += f": {estimate.reason}" if estimate.reason else ""
-                status = estimate.status
-            advance(1, line)
-
-        yield on_frame
+        yield ProgressSink(advance, verbose)
 
 
 def _silent(finished: int = 1, line: str = "") -> None:

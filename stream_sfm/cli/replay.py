@@ -8,9 +8,10 @@ from ..errors import ExitCode
 from . import arguments
 
 if TYPE_CHECKING:
+    from ..config import Config
     from ..pipeline.replay import ReplayResult
     from ..recording import StereoLog
-    from ..viewer.sink import RerunSink
+    from ..types import Selection, Sink
 
 
 def add_parser(subparsers: Any) -> None:
@@ -49,16 +50,17 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print, and return whether the log was read to its end."""
-    from ..pipeline.replay import ReplayInterrupted, check_selection, new_run_folder, point_latest_to
+    from ..pipeline.replay import ReplayInterrupted
     from ..recording import open_log
+    from ..results.folder import new_run_folder, point_latest_to
 
     config = arguments.read_settings(args, ["mono=true"] if args.mono else [])
-    check_selection(args.start, args.end)
+    selection = arguments.read_selection(args)
     log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
     interrupted = False
     try:
-        result = _replay(log, folder, config, args)
+        result = _replay(log, folder, config, selection, args)
     except ReplayInterrupted as stop:
         result, interrupted = stop.result, True
     finally:
@@ -73,34 +75,29 @@ def run(args: argparse.Namespace) -> int:
     return ExitCode.DONE
 
 
-def _replay(log: "StereoLog", folder: Path, config: Any, args: argparse.Namespace) -> "ReplayResult":
+def _replay(
+    log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
+) -> "ReplayResult":
     from ..pipeline.replay import replay
     from .progress import frame_progress
 
-    viewer = _viewer(log, config.mono, args)
-    total = arguments.frames_to_read(log.expected_frames, args)
-    with frame_progress("replay", total, args.quiet, args.verbose) as on_frame:
-        return replay(
-            log,
-            folder,
-            config,
-            start_s=args.start,
-            end_s=args.end,
-            max_frames=args.max_frames,
-            stride=args.stride,
-            there_and_back=args.there_and_back,
-            on_frame=on_frame,
-            viewer=viewer,
-        )
+    viewers = _viewers(log, config.mono, args)
+    total = selection.count(log.expected_frames)
+    if total is not None and args.there_and_back:
+        total = 2 * total - 1
+    with frame_progress("replay", total, args.quiet, args.verbose) as progress:
+        sinks = [*viewers, progress]
+        return replay(log, folder, config, selection, there_and_back=args.there_and_back, sinks=sinks)
 
 
-def _viewer(log: "StereoLog", mono: bool, args: argparse.Namespace) -> "RerunSink | None":
+def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Sink"]:
+    """The viewer that was asked for, if any."""
     if not args.rrd and not args.view:
-        return None
+        return []
     from ..viewer import open_viewer
 
     truth = None if mono else log.ground_truth()
-    return open_viewer(log.rig, args.rrd, args.view, truth, log.path.stem)
+    return [open_viewer(log.rig, args.rrd, args.view, truth, log.path.stem)]
 
 
 def _print(result: "ReplayResult", args: argparse.Namespace) -> None:

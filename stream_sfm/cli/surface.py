@@ -75,19 +75,17 @@ def run(args: argparse.Namespace) -> int:
 
 def _reconstruct(args: argparse.Namespace) -> "Surface":
     from ..dense.surface import surface_of_frame, surface_of_log
-    from ..pipeline.replay import check_selection
     from ..recording import open_log
     from .progress import frame_progress
 
     config = arguments.read_settings(args)
-    check_selection(args.start, args.end)
+    selection = arguments.read_selection(args)
     _check_files(args)
     log = open_log(args.log, args.left, args.right, args.calibration)
-    frames = log.decoded(args.start, args.end, args.max_frames, args.stride)
     if not args.all:
-        return surface_of_frame(log, frames, args.frame, config)
-    with frame_progress("surface", arguments.frames_to_read(log.expected_frames, args), args.quiet) as on_frame:
-        return surface_of_log(log, frames, config, on_frame)
+        return surface_of_frame(log, args.frame, config, selection)
+    with frame_progress("surface", selection.count(log.expected_frames), args.quiet) as progress:
+        return surface_of_log(log, config, selection, [progress])
 
 
 def _check_files(args: argparse.Namespace) -> None:
@@ -129,7 +127,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
 def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
-    from ..pipeline.accounting import peak_rss_mib
+    from ..pipeline.statistics import peak_rss_mib
 
     low, median, high = (float(p) for p in np.percentile(surface.mesh.std_m, [5, 50, 95]))
     return {

@@ -1,247 +1,183 @@
-"""All methods on one log in one pass: the front-end does not depend on the estimator, so it runs once.
+"""All methods on one log in one pass: the front-end does not depend on the method, so it runs once.
 
-log -> front-end -> the same observations to every estimator -> a result folder a method, and the drift report.
+log -> observer -> the same observations to the estimator of every method -> a result folder per method, and the report.
 """
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
+from ..camera.rig import StereoRig
 from ..config import Config
-from ..errors import ConfigError, InputError
-from ..estimators import METHODS, make_estimator
-from ..evaluation.structure import StructureComparison
-from ..interrupts import signals_noted
-from ..observer import Observed, Observer
-from ..pipeline.replay import Sink
-from ..pipeline.there_and_back import TOO_LONG, WayBack
-from ..recording import StereoLog, StereoPair
-from ..report.records import Comparison, FrontRecord, MethodRun, Snapshot
-from ..report.thumbnails import jpeg
-from ..types import Estimator, FrameEstimate, Observations, Solution, StereoFrame
+from ..errors import ConfigError, FrameError, InputError
+from ..estimators import METHODS
+from ..interrupts import Interruption, deferred_interrupts
+from ..observer import Observer
+from ..pipeline.statistics import Stopwatch
+from ..pipeline.structure import TrueDepth
+from ..pipeline.there_and_back import TOO_MANY, KeptFrames
+from ..recording import RecordedFrame, StereoLog, open_log
+from ..report.numbers import numbers
+from ..report.page import write_report
+from ..report.records import Comparison
+from ..results.folder import close_all
+from ..types import FrameEstimate, Selection, Sink, Trajectory
+from .method import ComparedMethod
+from .recorder import Recorder
 
 COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
-_SNAPSHOT_WIDTH = 560
-_GAP = 1.6  # of the usual time between frames
 
 
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """Which frames of the log: seconds from the first, at most so many, every so manieth."""
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ComparisonResult:
+    """`report` as in report.json; `out_dir` (None: nothing was to be written); `comparison`: what the report shows."""
 
-    start_s: float | None = None
-    end_s: float | None = None
-    max_frames: int | None = None
-    stride: int = 1
+    report: dict[str, Any]
+    out_dir: Path | None
+    comparison: Comparison
 
-
-class _Runner:
-    """One method: its estimator, its record, its sinks."""
-
-    def __init__(self, name: str, estimator: Estimator, run: MethodRun, sinks: list[Sink]) -> None:
-        self.name, self.estimator, self.run, self.sinks = name, estimator, run, sinks
-        self.where = ""
-
-    def solve(self, observations: Observations) -> tuple[Solution, float] | None:
-        """The solution and seconds it took; None when the method has failed, now or before."""
-        if self.run.failure:
-            return None
-        began = time.perf_counter()
-        try:
-            solution = self.estimator.step(observations)
-        except np.linalg.LinAlgError as error:  # a defect of one method must not cost the others' results
-            self.run.failure = f"stopped at frame {observations.frame_index}{self.where}: {error}"
-            return None
-        return solution, time.perf_counter() - began
+    def __repr__(self) -> str:
+        names = ", ".join(run.name for run in self.comparison.runs)
+        return f"<ComparisonResult {self.comparison.log}: {names}, written to {self.out_dir}>"
 
 
 def compare(
-    log: StereoLog,
-    config: Config,
-    methods: Sequence[str] = COMPARED,
+    log: str | Path | StereoLog,
+    out_dir: str | Path | None = None,
+    config: Config | None = None,
     selection: Selection | None = None,
+    *,
+    methods: Sequence[str] = COMPARED,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | None = None,
     there_and_back: bool | None = None,
-    make_sink: Callable[[str], list[Sink]] | None = None,
     inspection: dict[str, Any] | None = None,
-    on_frame: Callable[[FrameEstimate], None] | None = None,
-) -> Comparison:
-    """Run `methods` on the log.
+    sinks: Sequence[Sink] = (),
+) -> ComparisonResult:
+    """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
-    `there_and_back`: feed the frames backwards after the last one; None: where the log has no ground truth.
-    The sinks of `make_sink(method)` get each estimate of the way there, `on_frame` one method's estimate a frame.
-    Raises LogError where no frame can be read, ConfigError for an unknown method.
+    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
+    `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
+    `inspection`: what `inspect_log` found, for the report. `sinks` are given one estimate per frame, of the first
+    method that has not failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for
+    an unknown method, OutputError.
     """
+    config = config or Config()
     config.needs_scale("compare")
     for name in methods:
         if name not in METHODS:
             raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
-    selection = selection or Selection()
-    pass_ = _Pass(log, config, methods, make_sink or (lambda _: []))
+    if not isinstance(log, StereoLog):
+        log = open_log(log, left, right, calibration)
+    folder = None if out_dir is None else Path(out_dir)
+    run = _Run(log, config, methods, selection or Selection(), folder, sinks)
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
-    way_back = WayBack() if back else None
-    problems: list[str] = []
-    with signals_noted() as signals:
-        try:
-            for pair, frame, seconds in _timed(log, selection):
-                estimates = pass_.forward(frame, seconds)
-                if way_back is not None:
-                    way_back.keep(pair)
-                if on_frame is not None and estimates:
-                    on_frame(next(iter(estimates.values())))
-                if signals:
-                    problems.append(f"interrupted after {pass_.next_index} frames")
-                    break
-        except InputError as error:
-            if not pass_.next_index:
-                raise
-            problems.append(str(error))
-        finally:
-            pass_.close()
-    note = "not done: the log has ground truth"
-    if way_back is not None:
-        note = f"not done: {problems[0]}" if problems else pass_.way_back(way_back)
-    return Comparison(
-        log=Path(log.path).name,
-        rig=log.stereo_rig,
-        config=config,
-        runs=[r.run for r in pass_.runners],
-        front=pass_.front,
-        truth=truth,
-        inspection=inspection or {},
-        local_difference=pass_.local_difference,
-        warnings=list(dict.fromkeys([*log.stats.warnings, *problems])),
-        complete=log.stats.complete and not problems,
-        interrupted=bool(signals),
-        return_note=note,
-    )
+    with deferred_interrupts() as interruption:
+        kept = KeptFrames() if back else None
+        run.forwards(kept, interruption)
+        note = "not done: the log has ground truth" if kept is None else run.backwards(kept, interruption)
+    comparison = run.result(truth, inspection or {}, note, interruption.requested)
+    if folder is None:
+        return ComparisonResult(numbers(comparison), None, comparison)
+    for method in run.methods:
+        method.write_summary(log, run.selection, comparison)
+    return ComparisonResult(write_report(comparison, folder), folder, comparison)
 
 
-def _timed(log: StereoLog, s: Selection) -> Iterator[tuple[StereoPair, StereoFrame, float]]:
-    frames = log.decoded(s.start_s, s.end_s, s.max_frames, s.stride)
-    while True:
-        began = time.perf_counter()
-        item = next(frames, None)
-        if item is None:
-            return
-        yield *item, time.perf_counter() - began
-
-
-class _Pass:
-    """The state of one pass: a front-end, a runner a method, and what the report needs."""
+class _Run:
+    """One comparison: an observer, the methods that share its observations, and what the report needs."""
 
     def __init__(
-        self, log: StereoLog, config: Config, methods: Sequence[str], make_sink: Callable[[str], list[Sink]]
+        self,
+        log: StereoLog,
+        config: Config,
+        methods: Sequence[str],
+        selection: Selection,
+        folder: Path | None,
+        sinks: Sequence[Sink],
     ) -> None:
+        self.log, self.config, self.selection, self.sinks = log, config, selection, sinks
         self.observer = Observer(log.stereo_rig, config)
-        self.front = FrontRecord()
-        self.local_difference: list[tuple[int, float]] = []
-        self._depths = log.depth_images()
-        self.runners: list[_Runner] = []
-        for name in methods:
-            structure = StructureComparison(log.rig.left)
-            method_config = msgspec.structs.replace(config, method=name)
-            estimator = make_estimator(name, self.observer.projection, method_config)
-            self.runners.append(_Runner(name, estimator, MethodRun(name, structure), make_sink(name)))
-        self.next_index = 0
-        self.stamps: list[int] = []
-        self._previous: Observations | None = None
+        self.recorder = Recorder(self.observer)
+        self.depth = TrueDepth(log)
+        self.methods = [ComparedMethod(name, self.observer, config, self.depth, folder) for name in methods]
+        self.stopwatch = Stopwatch()
+        self.frames = 0
+        self.problems: list[str] = []
 
-    def forward(self, frame: StereoFrame, decode_s: float) -> dict[str, FrameEstimate]:
-        """One frame of the way there: the estimate of each method that goes on."""
-        observed = self.observer.observe(frame)
-        obs = observed.observations
-        front = self.front
-        front.decode_ms.append(1e3 * decode_s)
-        front.rectify_ms.append(observed.timings_ms["rectify"])
-        front.frontend_ms.append(observed.timings_ms["frontend"])
-        front.add(obs)
-        self._note_gap(frame.stamp_ns)
-        observed = Observed(obs, {"decode": 1e3 * decode_s} | observed.timings_ms)
-        depth = self._depths.at(frame.stamp_ns)
-        local: dict[str, FrameEstimate] = {}
-        for runner in self.runners:
-            solved = runner.solve(obs)
-            if solved is None:
-                continue
-            solution, seconds = solved
-            estimate = self.observer.estimate(observed, solution, 1e3 * seconds)
-            local[runner.name] = estimate
-            runner.run.add(estimate)
-            runner.run.reprojection_px.append(self._reprojection(solution, obs))
-            for sink in runner.sinks:
-                sink.write(estimate)
-            if runner.run.structure is not None:
-                found = runner.run.structure.add(estimate, depth)
-                if found is not None and len(found.errors_m):
-                    rms = [float(np.sqrt((x**2).mean())) for x in (found.errors_m, found.sigmas_m)]
-                    runner.run.depth_rows.append((self.next_index, rms[0], rms[1]))
-        self._compare_local(local)
-        if front.wants_snapshot(self.next_index):
-            front.keep(self._snapshot(obs, *self.observer.rectify(frame)))
-        self._previous = obs
-        self.next_index += 1
-        return local
+    def forwards(self, kept: KeptFrames | None, interruption: Interruption) -> None:
+        """Take the frames one by one, until the log ends or breaks off, or somebody interrupts; close the sinks."""
+        try:
+            for frame in self.stopwatch.frames(self.log.frames(self.selection)):
+                self.take(frame)
+                if kept is not None:
+                    kept.keep(frame)
+                if interruption.requested:
+                    self.problems.append(f"interrupted after {self.frames} frames")
+                    break
+        except InputError as error:
+            if not self.frames:
+                raise
+            self.problems.append(str(error))
+        finally:
+            close_all([*(sink for method in self.methods for sink in method.sinks), *self.sinks])
 
-    def way_back(self, way_back: WayBack) -> str:
-        """Feed the frames backwards; returns what to say about it."""
-        if way_back.too_long:
-            return f"not done: {TOO_LONG}"
-        there = self.next_index
-        for runner in self.runners:
-            runner.where = " (on the way back)"
-        for _, frame in way_back.frames():
+    def take(self, frame: RecordedFrame) -> None:
+        """One frame through the observer, its observations through all methods."""
+        try:
             observed = self.observer.observe(frame)
-            self.next_index += 1
-            for runner in self.runners:
-                solved = runner.solve(observed.observations)
-                if solved is not None:
-                    estimate = self.observer.estimate(observed, *solved)
-                    runner.run.back.append(estimate.world_from_cam)
-        return f"{there} frames there, {there - 1} back"
-
-    def close(self) -> None:
-        """Finish the sinks."""
-        for runner in self.runners:
-            for sink in runner.sinks:
-                sink.close()
-
-    def _note_gap(self, stamp_ns: int) -> None:
-        self.stamps.append(stamp_ns)
-        steps = np.diff(self.stamps[-50:])
-        if len(steps) > 2 and steps[-1] > _GAP * np.median(steps):
-            self.front.gaps.append(self.next_index)
-
-    def _reprojection(self, solution: Solution, obs: Observations) -> float:
-        """RMS residual, px, of the present views against the present points."""
-        rows = np.flatnonzero(np.isin(obs.track_ids, solution.track_ids))
-        points = solution.points_in_cam[np.isin(solution.track_ids, obs.track_ids)]
-        front = points[:, 2] > 1e-3
-        if not front.any():
-            return float("nan")
-        r = obs.z_px[rows[front]] - self.observer.projection.project(points[front])
-        return float(np.sqrt(np.nanmean(r**2)))
-
-    def _compare_local(self, local: dict[str, FrameEstimate]) -> None:
-        """CC against WC-derived local structure: the same points in the same camera, by the two book-keepings."""
-        cc, wc = local.get("cross-frame-cc"), local.get("cross-frame-wc")
-        if cc is None or wc is None:
+        except FrameError as error:
+            for method in self.methods:
+                method.statistics.refuse(error)
             return
-        _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
-        if len(i):
-            apart = np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)
-            self.local_difference.append((self.next_index, float(np.median(apart))))
+        observed = replace(observed, timings_ms={"decode": 1e3 * self.stopwatch.waited_s} | observed.timings_ms)
+        self.frames += 1
+        estimates: dict[str, FrameEstimate] = {}
+        for method in self.methods:
+            estimate = method.take(observed, frame)
+            if estimate is not None:
+                estimates[method.name] = estimate
+        self.recorder.take(observed, frame, estimates)
+        for estimate in list(estimates.values())[:1]:
+            for sink in self.sinks:
+                sink.write(estimate, frame)
 
-    def _snapshot(self, obs: Observations, left: np.ndarray, right: np.ndarray) -> Snapshot:
-        temporal = np.empty((0, 4))
-        if self._previous is not None:
-            _, i, j = np.intersect1d(self._previous.track_ids, obs.track_ids, return_indices=True)
-            temporal = np.concatenate([self._previous.z_px[i, :2], obs.z_px[j, :2]], axis=1)
-        stereo = obs.z_px[np.isfinite(obs.z_px).all(axis=1)]
-        images = [jpeg(image, _SNAPSHOT_WIDTH) for image in (left, right)]
-        return Snapshot(obs.frame_index, (left.shape[1], left.shape[0]), images[0], images[1], stereo, temporal)
+    def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
+        """Feed the frames backwards; returns what the report says about it."""
+        if self.problems:
+            return f"not done: {self.problems[0]}"
+        if kept.too_many:
+            return f"not done: {TOO_MANY}"
+        for frame in kept.backwards():
+            observed = self.observer.observe(frame)
+            for method in self.methods:
+                method.take_backwards(observed)
+            if interruption.requested:
+                for method in self.methods:
+                    method.record.back.clear()
+                self.problems.append("interrupted on the way back")
+                return f"not done: {self.problems[0]}"
+        return f"{self.frames} frames there, {self.frames - 1} back"
+
+    def result(
+        self, truth: Trajectory | None, inspection: dict[str, Any], return_note: str, interrupted: bool
+    ) -> Comparison:
+        """All that the report is made of."""
+        warnings = [*self.log.stats.warnings, *([self.depth.problem] if self.depth.problem else []), *self.problems]
+        return Comparison(
+            log=self.log.path.name,
+            rig=self.log.stereo_rig,
+            config=self.config,
+            runs=[method.finished_record() for method in self.methods],
+            front=self.recorder.front,
+            truth=truth,
+            inspection=inspection,
+            local_difference=self.recorder.local_difference,
+            warnings=list(dict.fromkeys(warnings)),
+            complete=self.log.stats.complete and not self.problems,
+            interrupted=interrupted,
+            return_note=return_note,
+        )

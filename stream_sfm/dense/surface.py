@@ -1,26 +1,26 @@
 """A log to a surface: dense stereo of one frame, or of all frames fused by the poses that the engine estimates."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..camera.rectification import Rectifier
 from ..config import Config
 from ..engine import Engine
 from ..errors import ConfigError, InputError, LogError
+from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..interrupts import signals_noted
-from ..recording import StereoLog, StereoPair
+from ..interrupts import deferred_interrupts
+from ..recording import RecordedFrame, StereoLog
 from ..recording.images import decode_rgb
-from ..types import FrameEstimate, Status, StereoFrame
+from ..results.folder import close_all
+from ..types import Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
 
-Frames = Iterator[tuple[StereoPair, StereoFrame]]
 _NOTHING_SEEN = (
     "no surface could be found: are the images black, blurred or without texture, or is the calibration that of "
     "other cameras?"
@@ -54,86 +54,116 @@ class DenseView:
         self.cam_from_rect = se3.from_rotation_translation(rectifier.rect_from_cam.T, np.zeros(3))
         self._stereo = DenseStereo(rectifier.projection, config.dense, rectifier.valid)
 
-    def see(self, pair: StereoPair, frame: StereoFrame) -> tuple[DisparityMap, NDArray[np.uint8]]:
-        """Disparities, and the rectified left image (h, w, 3), red green blue."""
-        left, right = self._rectifier.rectify(frame.left, frame.right)
-        rgb = decode_rgb(pair.left)
+    def see(self, frame: RecordedFrame, rectified: Sequence[Image]) -> tuple[DisparityMap, Image]:
+        """Disparities of a frame, given its rectified images, and its left image in colour (h, w, 3), rectified."""
+        left, right = rectified
+        rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
             picture = np.repeat(left[:, :, None], 3, axis=2)
         else:
-            picture = self._rectifier.rectify(rgb, frame.right)[0]
+            picture = self._rectifier.rectify(rgb)[0]
         return self._stereo.match(left, right), picture
 
 
-def surface_of_frame(log: StereoLog, frames: Frames, number: int, config: Config) -> Surface:
-    """The surface that frame `number`, from 0, of `frames` shows, in the axes of its physical left camera.
+def surface_of_frame(
+    log: StereoLog, number: int, config: Config | None = None, selection: Selection | None = None
+) -> Surface:
+    """The surface that selected frame `number`, from 0, shows, in the axes of its physical left camera.
 
     Raises ConfigError where there is no such frame, LogError where it shows no surface or could not be read.
     """
+    config = config or Config()
     config.needs_scale("a surface")
-    read = 0
-    wanted = None
-    for item in frames:
-        read += 1
-        if read > number:
-            wanted = item
-            break
-    if wanted is None:
-        if not log.stats.complete:
-            raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
-        raise ConfigError(f"{log.path}: there is no frame {number}, the last one is {read - 1}")
-    view = DenseView(Rectifier(log.stereo_rig), config)
-    found, picture = view.see(*wanted)
+    frame, read = _frame(log, number, selection)
+    rectifier = Rectifier(log.stereo_rig)
+    view = DenseView(rectifier, config)
+    found, picture = view.see(frame, rectifier.rectify(*frame.images))
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), log.stats.warnings)
 
 
+def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
+    """Frame `number` of the selected ones, and how many were read."""
+    read = 0
+    for frame in log.frames(selection):
+        read += 1
+        if read > number:
+            return frame, read
+    if not log.stats.complete:
+        raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
+    raise ConfigError(f"{log.path}: there is no frame {number}, the last one is {read - 1}")
+
+
 def surface_of_log(
-    log: StereoLog, frames: Frames, config: Config, on_frame: Callable[[FrameEstimate], None] | None = None
+    log: StereoLog, config: Config | None = None, selection: Selection | None = None, sinks: Sequence[Sink] = ()
 ) -> Surface:
-    """The surface that all `frames` show together, in the world: the axes of the first left camera.
+    """The surface that all selected frames show together, in the world: the axes of the first left camera.
 
     Frames whose pose is lost are left out. A log that breaks off, and Ctrl-C, end it with what was seen until then.
-    `on_frame` sees each estimate. Raises LogError where no frame can be read or none shows a surface.
+    `sinks` are given each estimate and are closed at the end. Raises LogError where no frame can be read or none shows
+    a surface.
     """
+    config = config or Config()
     config.needs_scale("a surface")
-    engine = Engine(log.stereo_rig, config)
-    assert isinstance(engine.observer.rectifier, Rectifier)
-    view = DenseView(engine.observer.rectifier, config)
-    fusion = Fusion(view.projection, config.dense)
-    rect_from_cam = engine.observer.rectifier.rect_from_cam
-    path: list[Array] = []
+    fused = _FusedFrames(log, config, sinks)
     problems: list[str] = []
-    lost = 0
-    with signals_noted() as signals:
+    with deferred_interrupts() as interruption:
         try:
-            for pair, frame in frames:
-                estimate = engine.step(frame)
-                path.append(estimate.world_from_cam[:3, 3])
-                if estimate.status is Status.LOST:
-                    lost += 1
-                else:
-                    cov_position = rect_from_cam @ estimate.cov_pose[:3, :3] @ rect_from_cam.T
-                    fusion.add(*view.see(pair, frame), estimate.world_from_cam @ view.cam_from_rect, cov_position)
-                if on_frame is not None:
-                    on_frame(estimate)
-                if signals:
+            for frame in log.frames(selection):
+                fused.take(frame)
+                if interruption.requested:
+                    problems.append(f"interrupted after {len(fused.path)} frames")
                     break
         except InputError as error:
-            if not path:
+            if not fused.path:
                 raise
             problems.append(str(error))
-    mesh = fusion.mesh()
-    if signals:
-        problems.append(f"interrupted after {len(path)} frames")
-    complete = log.stats.complete and not problems
-    if lost:
-        problems.append(f"{lost} of {len(path)} frames are lost and left out; what was seen after may be displaced")
-    if not len(mesh.faces):
-        raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
-    warnings = list(dict.fromkeys([*log.stats.warnings, *problems]))
-    return Surface(
-        mesh, len(path), fusion.frames, fusion.voxel_m, np.array(path), warnings, complete, bool(signals)
-    )
+        finally:
+            close_all(sinks)
+    return fused.surface(problems, interruption.requested)
+
+
+class _FusedFrames:
+    """The surface of a log while it grows: each frame through the engine, and its depths into the volume."""
+
+    def __init__(self, log: StereoLog, config: Config, sinks: Sequence[Sink]) -> None:
+        self._log, self._sinks = log, sinks
+        self._engine = Engine(log.stereo_rig, config)
+        rectifier = self._engine.observer.rectifier
+        self._rect_from_cam = rectifier.rect_from_cam
+        self._view = DenseView(rectifier, config)
+        self._fusion = Fusion(self._view.projection, config.dense)
+        self.path: list[Array] = []
+        self._lost = 0
+
+    def take(self, frame: RecordedFrame) -> None:
+        """Estimate the pose of a frame and fuse what it shows, unless the pose is lost."""
+        observer = self._engine.observer
+        rectified = observer.rectify(frame)
+        estimate = self._engine.step(frame, observer.prepare(frame, len(self.path), rectified))
+        self.path.append(estimate.world_from_cam[:3, 3])
+        if estimate.status is Status.LOST:
+            self._lost += 1
+        else:
+            cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
+            world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect
+            self._fusion.add(*self._view.see(frame, rectified), world_from_rect, cov_position)
+        for sink in self._sinks:
+            sink.write(estimate, frame)
+
+    def surface(self, problems: list[str], interrupted: bool) -> Surface:
+        """What has been fused. Raises LogError where that is nothing."""
+        log, frames = self._log, len(self.path)
+        complete = log.stats.complete and not problems
+        mesh = self._fusion.mesh()
+        if self._lost:
+            problems.append(
+                f"{self._lost} of {frames} frames are lost and left out; what was seen after may be displaced"
+            )
+        if not len(mesh.faces):
+            raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
+        warnings = list(dict.fromkeys([*log.stats.warnings, *problems]))
+        path, used = np.array(self.path), self._fusion.frames
+        return Surface(mesh, frames, used, self._fusion.voxel_m, path, warnings, complete, interrupted)

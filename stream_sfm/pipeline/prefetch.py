@@ -1,4 +1,4 @@
-"""Frames prepared one ahead of the engine: OpenCV works on the next images while NumPy is at the present ones."""
+"""Frames prepared one ahead of the engine: OpenCV works on the next images while NumPy works on the current ones."""
 
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -7,35 +7,32 @@ from contextlib import closing
 from ..engine import Engine
 from ..errors import InputError
 from ..frontend.prepared import PreparedImages
-from ..recording import StereoPair
-from ..types import StereoFrame
+from ..recording import RecordedFrame
 
-Frames = Generator[tuple[StereoPair, StereoFrame], None, None]
-Ahead = Generator[tuple[StereoPair, StereoFrame, PreparedImages | None], None, None]
+Frames = Generator[RecordedFrame, None, None]
+PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
 
 
-def prepared(engine: Engine, frames: Frames) -> Ahead:
-    """Each frame with what `Engine.prepare` makes of it; None where that fails, so that `Engine.step` meets the cause.
+def prepared_ahead(engine: Engine, frames: Frames) -> PreparedFrames:
+    """Each frame with what `Engine.prepare` made of it; None where that failed, so that `Engine.step` says why.
 
-    The last frame before the log ends in an InputError comes before that error.
+    If the log ends in an InputError, all frames read before come before that error.
     """
-
-    def delivered(
-        pair: StereoPair, frame: StereoFrame, future: Future[PreparedImages]
-    ) -> tuple[StereoPair, StereoFrame, PreparedImages | None]:
-        return pair, frame, None if future.exception() else future.result()
-
-    ahead: tuple[StereoPair, StereoFrame, Future[PreparedImages]] | None = None
+    current: tuple[RecordedFrame, Future[PreparedImages]] | None = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
         try:
-            for index, (pair, frame) in enumerate(frames):
-                submitted = pair, frame, pool.submit(engine.prepare, frame, index)
-                if ahead is not None:
-                    yield delivered(*ahead)
-                ahead = submitted
+            for index, frame in enumerate(frames):
+                coming = frame, pool.submit(engine.prepare, frame, index)
+                if current is not None:
+                    yield _finished(*current)
+                current = coming
         except InputError:
-            if ahead is not None:
-                yield delivered(*ahead)
+            if current is not None:
+                yield _finished(*current)
             raise
-        if ahead is not None:
-            yield delivered(*ahead)
+        if current is not None:
+            yield _finished(*current)
+
+
+def _finished(frame: RecordedFrame, future: Future[PreparedImages]) -> tuple[RecordedFrame, PreparedImages | None]:
+    return frame, None if future.exception() else future.result()

@@ -7,59 +7,61 @@ import numpy as np
 
 from ..evaluation import path_length_m
 from ..geometry import se3
-from ..recording import StereoPair
+from ..recording import RecordedFrame, StereoPair
+from ..recording.frames import recorded_frame
 from ..recording.images import GreyScaler, decode_grey
-from ..types import StereoFrame, Trajectory
+from ..types import Trajectory
 
-RETURN_LIMIT_BYTES = 256 * 2**20  # of recorded images
-TOO_LONG = f"the recorded images are more than {RETURN_LIMIT_BYTES // 2**20} MiB"
+KEPT_LIMIT_BYTES = 256 * 2**20  # of recorded images
+TOO_MANY = f"the recorded images are more than {KEPT_LIMIT_BYTES // 2**20} MiB"
 
 
-class WayBack:
-    """Keeps the images as recorded; more than `RETURN_LIMIT_BYTES` of them, and none is kept."""
+class KeptFrames:
+    """Keeps the images of a run as recorded, to feed them backwards; beyond `KEPT_LIMIT_BYTES` none is kept."""
 
     def __init__(self) -> None:
         self._pairs: list[StereoPair] = []
         self._bytes = 0
 
     @property
-    def too_long(self) -> bool:
-        """Whether there will be no way back."""
-        return self._bytes > RETURN_LIMIT_BYTES
+    def too_many(self) -> bool:
+        """Whether the images were too large to be kept, so that no frame comes backwards."""
+        return self._bytes > KEPT_LIMIT_BYTES
 
-    def keep(self, pair: StereoPair) -> None:
-        """A frame of the way there."""
+    def keep(self, frame: RecordedFrame) -> None:
+        """Keep one frame of the way there."""
+        pair = frame.recorded
         self._bytes += len(pair.left.data) + len(pair.right.data)
-        if self.too_long:
+        if self.too_many:
             self._pairs.clear()
         else:
             self._pairs.append(pair)
 
-    def frames(self) -> Iterator[tuple[StereoPair, StereoFrame]]:
+    def backwards(self) -> Iterator[RecordedFrame]:
         """From the last but one frame to the first, stamps mirrored at the last."""
         scaler = GreyScaler()
         turn_ns = self._pairs[-1].stamp_ns if self._pairs else 0
         for pair in reversed(self._pairs[:-1]):
-            left, right = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
-            yield pair, StereoFrame(2 * turn_ns - pair.stamp_ns, left, right)
+            images = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
+            yield recorded_frame(pair, images, stamp_ns=2 * turn_ns - pair.stamp_ns)
 
 
-def with_return(
-    frames: Generator[tuple[StereoPair, StereoFrame], None, None], way_back: WayBack
-) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
-    """The frames, then their way back."""
+def then_backwards(
+    frames: Generator[RecordedFrame, None, None], kept: KeptFrames
+) -> Generator[RecordedFrame, None, None]:
+    """The frames, then the same frames backwards."""
     with closing(frames):
-        for pair, frame in frames:
-            way_back.keep(pair)
-            yield pair, frame
-    yield from way_back.frames()
+        for frame in frames:
+            kept.keep(frame)
+            yield frame
+    yield from kept.backwards()
 
 
-def closure(trajectory: Trajectory) -> dict[str, float] | None:
-    """What a trajectory there and back, (2n − 1) poses, is off at its end; None where it goes nowhere.
+def return_error(trajectory: Trajectory) -> dict[str, float] | None:
+    """How far a trajectory there and back, (2n − 1) poses, ends from its start; None where it goes nowhere.
 
-    `end_position_m`, `end_rotation_deg`, the path there and back `path_length_m`, and the first as a share of it in
-    percent.
+    `end_position_m`, `end_rotation_deg`, the path there and back `path_length_m`, and the first relative to it in
+    percent, `end_drift_percent`.
     """
     poses = trajectory.world_from_cam
     path_m = path_length_m(poses)

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 _PUBLIC = {
     "ImageMessage": "messages",
     "ReadStats": "pair_reader",
+    "RecordedFrame": "frames",
     "StereoLog": "stereo_log",
     "StereoPair": "pair_reader",
     "open_log": "stereo_log",
 }
 
-__all__ = ["ImageMessage", "ReadStats", "StereoLog", "StereoPair", "open_log"]
+__all__ = ["ImageMessage", "ReadStats", "RecordedFrame", "StereoLog", "StereoPair", "open_log"]
 
 if TYPE_CHECKING:
+    from .frames import RecordedFrame
     from .messages import ImageMessage
     from .pair_reader import ReadStats, StereoPair
     from .stereo_log import StereoLog, open_log

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..types import StereoFrame
+from .frames import RecordedFrame, recorded_frame
 from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
 from .pair_reader import StereoPair
 
@@ -27,8 +27,8 @@ class FrameDecoder:
         self.skipped = 0
         self.problem = ""
 
-    def frames(self, pairs: Iterator[StereoPair]) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
-        """Yield each pair with its frame. Raises LogError where images have another size than the calibration."""
+    def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
+        """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
             pending: _Pending | None = None
             for pair in pairs:
@@ -36,10 +36,10 @@ class FrameDecoder:
                     continue
                 submitted = (pair, [pool.submit(decode_grey, m) for m in pair.images[: len(self._cameras)]])
                 if pending is not None and (frame := self._frame(*pending)) is not None:
-                    yield pending[0], frame
+                    yield frame
                 pending = submitted
             if pending is not None and (frame := self._frame(*pending)) is not None:
-                yield pending[0], frame
+                yield frame
 
     def _fits(self, pair: StereoPair) -> bool:
         """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
@@ -62,13 +62,13 @@ class FrameDecoder:
         self._sizes_fit = True
         return True
 
-    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> StereoFrame | None:
+    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> RecordedFrame | None:
         try:
             decoded = self._scaler.to_uint8(*[image.result() for image in images])
         except UndecodableImage as error:
             self._skip(str(error))
             return None
-        return StereoFrame(pair.stamp_ns, decoded[0], decoded[-1])
+        return recorded_frame(pair, decoded)
 
     def _skip(self, problem: str) -> None:
         self.skipped += 1

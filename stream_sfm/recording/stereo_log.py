@@ -9,8 +9,9 @@ from ..errors import ConfigError, LogError
 from ..mcap_file.damage import Damage
 from ..sources.recognise import open_source
 from ..sources.source import Source
-from ..types import StereoFrame, Trajectory
+from ..types import Selection, Trajectory
 from .frame_decoder import FrameDecoder
+from .frames import RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
@@ -124,42 +125,18 @@ class StereoLog:
         """Yield all pairs in ascending order of stamps, not decoded; see `PairReader.pairs`."""
         return self._reader.pairs()
 
-    def frames(
-        self,
-        start_s: float | None = None,
-        end_s: float | None = None,
-        max_frames: int | None = None,
-        stride: int = 1,
-    ) -> Iterator[StereoFrame]:
-        """Yield the frames between `start_s` and `end_s`, seconds from the first pair, both included.
-
-        Of these every `stride`-th, at most `max_frames`. Raises as `pairs`, and LogError where no frame can be
-        delivered.
-        """
-        for _, frame in self.decoded(start_s, end_s, max_frames, stride):
-            yield frame
-
-    def decoded(
-        self,
-        start_s: float | None = None,
-        end_s: float | None = None,
-        max_frames: int | None = None,
-        stride: int = 1,
-    ) -> Generator[tuple[StereoPair, StereoFrame], None, None]:
-        """Yield the same frames as `frames`, each with the recorded pair it was decoded from."""
-        if stride < 1:
-            raise ValueError(f"stride must be at least 1, got {stride}")
-        if max_frames is not None and max_frames < 1:
-            raise ValueError(f"max_frames must be at least 1, got {max_frames}")
+    def frames(self, selection: Selection | None = None) -> Generator[RecordedFrame, None, None]:
+        """Yield the selected frames. Raises as `pairs`, and LogError where no frame can be delivered."""
+        selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
         delivered = 0
-        with closing(self._selected(start_s, end_s, stride)) as pairs:
+        with closing(self._selected(selection)) as pairs:
             try:
                 with closing(decoder.frames(pairs)) as frames:
-                    for item in frames:
+                    for frame in frames:
                         delivered += 1
-                        yield item
-                        if delivered == max_frames:
+                        yield frame
+                        if delivered == selection.max_frames:
                             break
             finally:
                 pairs.close()  # first: it completes `stats`
@@ -172,9 +149,8 @@ class StereoLog:
         if not delivered:
             raise LogError(f"{self.path}: no image could be decoded: {decoder.problem}")
 
-    def _selected(
-        self, start_s: float | None, end_s: float | None, stride: int
-    ) -> Generator[StereoPair, None, None]:
+    def _selected(self, selection: Selection) -> Generator[StereoPair, None, None]:
+        start_s, end_s = selection.start_s, selection.end_s
         start_ns = 0 if start_s is None else round(start_s * 1e9)
         end_ns = None if end_s is None else round(end_s * 1e9)
         first_ns: int | None = None
@@ -187,7 +163,7 @@ class StereoLog:
                 if end_ns is not None and since_ns > end_ns:
                     break
                 if since_ns >= start_ns:
-                    if count % stride == 0:
+                    if count % selection.stride == 0:
                         yield pair
                     count += 1
         if not count:

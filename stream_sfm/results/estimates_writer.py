@@ -41,7 +41,7 @@ from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..mcap_file.summary_order import reorder_summary
-from ..types import FrameEstimate
+from ..types import Frame, FrameEstimate
 from . import ros as odometry
 from .schema import SCHEMA_VERSION, EstimateRecord, TimingRecord, estimate_record, json_schema
 
@@ -109,7 +109,7 @@ class EstimatesWriter:
         }
         return {topic: writer.register_channel(topic, kind, schema) for topic, (kind, schema) in kinds.items()}
 
-    def write(self, estimate: FrameEstimate) -> None:
+    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append all messages of one frame."""
         stamp = estimate.stamp_ns
         if self._frames_in_chunk == 0:

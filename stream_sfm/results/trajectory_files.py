@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..types import FrameEstimate, Trajectory
+from ..types import Frame, FrameEstimate, Trajectory
 
 
 class TumWriter:
@@ -24,7 +24,7 @@ class TumWriter:
         if comment:
             self._file.write(f"# {comment}\n".encode())
 
-    def write(self, estimate: FrameEstimate) -> None:
+    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append one line."""
         self._file.write((tum_line(estimate.stamp_ns, estimate.world_from_cam) + "\n").encode())
         self._file.flush()
@@ -40,7 +40,7 @@ class KittiWriter:
     def __init__(self, path: str | Path) -> None:
         self._file = PartFile(path)
 
-    def write(self, estimate: FrameEstimate) -> None:
+    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append one line."""
         self._file.write((kitti_line(estimate.world_from_cam) + "\n").encode())
         self._file.flush()

@@ -17,17 +17,16 @@ from ..errors import ConfigError, OutputError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.image_header import image_format
-from ..types import FrameEstimate, Status, Trajectory
+from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
 
-Picture = NDArray[np.uint8] | bytes
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 _TRUTH_TOLERANCE_NS = 50_000_000
 _TAIL_FRAMES = 5  # how far back the tail of a track reaches
 
 
 class RerunSink:
-    """A `Sink`; `write` takes the images too. See `open_viewer` for the arguments and errors.
+    """A `Sink` that shows each frame in Rerun. See `open_viewer` for the arguments and errors.
 
     Takes the same time and memory a frame however long the run; the viewer holds what it is given up to its own
     memory limit.
@@ -105,14 +104,14 @@ class RerunSink:
         for path, style in layout.styles().items():
             log(path, style, static=True)
 
-    def write(self, estimate: FrameEstimate, left: Picture | None = None, right: Picture | None = None) -> None:
-        """Show a frame; `left`, `right`: (h, w) uint8, or the compressed bytes as recorded."""
+    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
+        """Show an estimate, and the images of its frame if that is given: `pictures` where it has them."""
         stream = self._stream
         stream.set_time("frame", sequence=estimate.frame_index)
         stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
-        for side, picture in zip(self._sides, (left, right), strict=False):
-            if picture is not None:
-                stream.log(f"{side}/image", _picture(picture))
+        pictures: tuple[Picture, ...] = () if frame is None else frame.pictures or frame.images
+        for side, picture in zip(self._sides, pictures, strict=False):
+            stream.log(f"{side}/image", _picture(picture))
         stream.log(layout.CAMERA, _transform(estimate.world_from_cam))
         position = estimate.world_from_cam[:3, 3]
         if self._previous is not None:

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from stream_sfm import open_log
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.cli.main import main
-from stream_sfm.config import Config, DenseConfig
+from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
 from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays, std_along_ray
 from stream_sfm.dense.fusion import Fusion
@@ -227,7 +227,7 @@ def test_a_preview_shows_the_nearer_surface_and_the_background():
 
 def test_room_against_its_depth():
     log = open_log(ROOM)
-    mesh = surface_of_frame(log, log.decoded(), 0, Config()).mesh
+    mesh = surface_of_frame(log, 0).mesh
     points = mesh.vertices.astype(float)
     ray = points / np.linalg.norm(points, axis=1, keepdims=True)
     cov = mesh.std_m.astype(float)[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
@@ -259,7 +259,7 @@ def test_colours_are_those_of_the_camera(tmp_path: Path):
     grey = np.clip(texture(120, 160, 11), 0, 255)
     orange = np.stack([0.1 * grey, 0.5 * grey, grey], axis=-1).astype(np.uint8)  # blue, green, red
     log = open_log(colour_log(tmp_path / "c.mcap", orange))
-    red, green, blue = surface_of_frame(log, log.decoded(), 0, Config()).mesh.colours.mean(axis=0)
+    red, green, blue = surface_of_frame(log, 0).mesh.colours.mean(axis=0)
     assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)
 
 

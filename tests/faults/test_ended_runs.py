@@ -20,6 +20,7 @@ from stream_sfm.cli.main import main
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.results.estimates_reader import read_estimates, read_trajectory
 from stream_sfm.results.trajectory_files import read_tum
+from tests.helpers.sinks import Calling
 from tests.helpers.wall_log import write_wall_log
 
 FAST = sfm.Config(method="frame-to-frame")
@@ -49,7 +50,7 @@ def processes() -> Iterator[Any]:
 
 
 def _replay_and_tell(log: Path, out: Path, told: Connection) -> None:
-    replay(log, out, FAST, on_frame=lambda e: told.send(e.frame_index))
+    replay(log, out, FAST, sinks=[Calling(lambda e: told.send(e.frame_index))])
 
 
 def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None:

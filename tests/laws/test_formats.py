@@ -12,12 +12,11 @@ from mcap.reader import make_reader
 from stream_sfm.batch.collect import run_batch
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import Selection
-from stream_sfm.comparison.files import compare_into
+from stream_sfm.comparison.compare import compare
 from stream_sfm.config import Config
 from stream_sfm.executors import processes
 from stream_sfm.pipeline.replay import replay
-from stream_sfm.recording import open_log
+from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
 
 LOG = ROOT / "logs/room.mcap"
@@ -57,7 +56,7 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("formats") / "run"
-    replay(LOG, folder, max_frames=8, there_and_back=True)
+    replay(LOG, folder, selection=Selection(max_frames=8), there_and_back=True)
     return folder
 
 
@@ -93,7 +92,7 @@ def test_report(tmp_path: Path) -> None:
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
     methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=24)
-    compare_into(open_log(LOG), tmp_path, Config(), methods, chosen, there_and_back=True)
+    compare(LOG, tmp_path, selection=chosen, methods=methods, there_and_back=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])

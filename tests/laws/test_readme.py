@@ -58,10 +58,10 @@ def user(tmp_path_factory) -> Path:
     log = sfm.open_log(ROOT / "logs/room.mcap")
     for name in ("left", "right", "l", "r"):
         (folder / name).mkdir()
-    for pair, frame in log.decoded(max_frames=FRAMES):
+    for frame in log.frames(sfm.Selection(max_frames=FRAMES)):
         for name, image in (("left", frame.left), ("right", frame.right)):
-            cv2.imwrite(str(folder / name / f"{pair.stamp_ns}.png"), image)
-            cv2.imwrite(str(folder / name[0] / f"{pair.stamp_ns}.png"), image)
+            cv2.imwrite(str(folder / name / f"{frame.stamp_ns}.png"), image)
+            cv2.imwrite(str(folder / name[0] / f"{frame.stamp_ns}.png"), image)
     for name in ("calibration.toml", "c.toml"):
         (folder / name).write_text(log.rig.to_toml(), encoding="utf-8")
     return folder
@@ -97,11 +97,11 @@ def test_program_runs(page: str, number: int, user: Path, monkeypatch) -> None:
     log = sfm.open_log("logs/room.mcap")
 
     def my_cameras():
-        for pair, frame in log.decoded(max_frames=FRAMES):
-            yield pair.stamp_ns, frame.left, frame.right
+        for frame in log.frames(sfm.Selection(max_frames=FRAMES)):
+            yield frame.stamp_ns, frame.left, frame.right
 
     if not Path("estimates.mcap").exists():
-        sfm.replay(log, ".", max_frames=FRAMES)
+        sfm.replay(log, ".", selection=sfm.Selection(max_frames=FRAMES))
     # a window needs a display; the program names the other way itself
     program = program.replace("view=True", 'rrd="run.rrd"')
     scope: dict[str, Any] = {"sfm": sfm, "my_cameras": my_cameras}

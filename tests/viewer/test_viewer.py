@@ -34,9 +34,9 @@ def _run(rrd, compressed: bool):
     viewer = sfm.viewer.open_viewer(_rig(), rrd, ground_truth=truth)
     for n in range(4):
         left, right = _images(n)
-        estimate = engine.step(sfm.StereoFrame(1 + n * 10**8, left, right))
-        pictures = [cv2.imencode(".png", i)[1].tobytes() for i in (left, right)] if compressed else (left, right)
-        viewer.write(estimate, *pictures)
+        pictures = tuple(cv2.imencode(".png", i)[1].tobytes() for i in (left, right)) if compressed else ()
+        frame = sfm.StereoFrame(1 + n * 10**8, left, right, pictures)
+        viewer.write(engine.step(frame), frame)
     viewer.close()
 
 

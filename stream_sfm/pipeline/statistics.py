@@ -1,23 +1,51 @@
-"""What a replay remembers of each frame, little enough for any length, and the figures made of it."""
+"""What a run remembers of its frames, little enough for any length, and the figures made of it."""
 
+import time
 from array import array
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import FrameError
 from ..evaluation import path_length_m
 from ..geometry.se3 import Array
-from ..recording import ReadStats
-from ..types import FrameEstimate, Status, Trajectory
+from ..types import Frame, FrameEstimate, Status, Trajectory
 
 STAGES = ("decode", "frontend", "estimator", "total")
+T = TypeVar("T")
 
 
-class Account:
-    """Poses, covariances, times and statuses of a run."""
+class Stopwatch:
+    """Times a run frame by frame. `waited_s`: how long the run waited for the current frame."""
 
     def __init__(self) -> None:
+        self.waited_s = 0.0
+        self._asked_s = time.perf_counter()
+
+    def frames(self, frames: Iterable[T]) -> Iterator[T]:
+        """The same frames, timed."""
+        self._asked_s = time.perf_counter()
+        for frame in frames:
+            self.waited_s = self.elapsed_s
+            yield frame
+            self._asked_s = time.perf_counter()
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the run asked for the current frame."""
+        return time.perf_counter() - self._asked_s
+
+
+class RunStatistics:
+    """A sink that keeps poses, covariances, times and the number of frames of each status.
+
+    With a stopwatch, the total time of a frame is from asking for it until it is written here, after the results.
+    Without one it is the sum of the estimate's own timings: where several methods share a frame.
+    """
+
+    def __init__(self, stopwatch: Stopwatch | None = None) -> None:
+        self._stopwatch = stopwatch
         self.stamps_ns = array("q")
         self._poses = array("d")
         self._covs = array("d")
@@ -27,24 +55,34 @@ class Account:
         self.first_refusal: FrameError | None = None
         self._first_lost: FrameEstimate | None = None
 
-    def add(self, estimate: FrameEstimate, decode_s: float, total_s: float) -> None:
-        """Remember one estimate; `total_s` from asking for the frame until its results are written."""
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Remember one estimate."""
         self.stamps_ns.append(estimate.stamp_ns)
         self._poses.frombytes(np.ascontiguousarray(estimate.world_from_cam, dtype=float).tobytes())
         self._covs.frombytes(np.ascontiguousarray(estimate.cov_pose, dtype=float).tobytes())
         timings = estimate.timings_ms
-        self._times_ms["decode"].append(1e3 * decode_s)
+        if self._stopwatch is None:
+            decode_ms, total_ms = timings.get("decode", 0.0), sum(timings.values())
+        else:
+            decode_ms, total_ms = 1e3 * self._stopwatch.waited_s, 1e3 * self._stopwatch.elapsed_s
+        self._times_ms["decode"].append(decode_ms)
         self._times_ms["frontend"].append(timings.get("rectify", 0.0) + timings.get("frontend", 0.0))
         self._times_ms["estimator"].append(timings.get("estimator", 0.0))
-        self._times_ms["total"].append(1e3 * total_s)
+        self._times_ms["total"].append(total_ms)
         self.statuses[str(estimate.status)] += 1
         if estimate.status == Status.LOST and self._first_lost is None:
             self._first_lost = estimate
 
+    def close(self) -> None:
+        """Nothing to finish."""
+
     def refuse(self, error: FrameError) -> None:
-        """The engine did not take a frame."""
+        """Count a frame that the engine did not take."""
         self.refused += 1
         self.first_refusal = self.first_refusal or error
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
@@ -53,7 +91,7 @@ class Account:
         )
 
     def warnings(self) -> list[str]:
-        """Frames that were refused or lost, for people."""
+        """Sentences about frames that were refused or lost."""
         notes = []
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
@@ -65,8 +103,8 @@ class Account:
             )
         return notes
 
-    def figures(self) -> dict[str, Any]:
-        """Durations and lengths: the part of the summary that follows from the estimates."""
+    def summary(self) -> dict[str, Any]:
+        """The part of summary.json that follows from the estimates: statuses, durations, lengths."""
         n = len(self.stamps_ns)
         wall_s = sum(self._times_ms["total"]) / 1e3
         return {
@@ -76,21 +114,6 @@ class Account:
             "timing_ms": {stage: _percentiles(times) for stage, times in self._times_ms.items()},
             "frames_per_s": n / wall_s if wall_s else 0.0,
         }
-
-
-def log_figures(stats: ReadStats, account: Account, whole: bool) -> dict[str, int]:
-    """`frames` of the summary. `read`: left images read; `paired`: stereo frames among them, of the selection if
-    the replay was not of the `whole` log; `estimated`: frames with an estimate of any status, of which `degraded`
-    and `lost`; `dropped`: images out of order, undecodable or refused."""
-    estimated = len(account.stamps_ns)
-    return {
-        "read": stats.left_read,
-        "paired": stats.paired if whole else estimated + account.refused,
-        "estimated": estimated,
-        "degraded": account.statuses["degraded"],
-        "lost": account.statuses["lost"],
-        "dropped": stats.dropped_backwards + stats.undecodable + account.refused,
-    }
 
 
 def peak_rss_mib() -> float | None:

@@ -18,11 +18,12 @@ import numpy as np
 import pytest
 
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import Selection, compare
-from stream_sfm.config import Config, read_config
+from stream_sfm.comparison.compare import compare
+from stream_sfm.config import read_config
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording import StereoLog, open_log
 from stream_sfm.types import Trajectory
+from tests.helpers.sinks import Calling
 from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
 
 SIZE = (256, 192)
@@ -199,7 +200,7 @@ def test_depth_images_are_not_kept_for_a_method_that_failed(
         alive.append(sum(ref() is not None for ref in given))
 
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(12), truth=True)))
-    compare(log, Config(), ("ekf", "frame-to-frame"), Selection(), there_and_back=False, on_frame=count)
+    compare(log, methods=("ekf", "frame-to-frame"), there_and_back=False, sinks=[Calling(count)])
     assert len(given) == 12 and max(alive) < 4
 
 
@@ -210,22 +211,20 @@ def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.RETURN_LIMIT_BYTES", 10_000)
+    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.KEPT_LIMIT_BYTES", 10_000)
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
-    found = compare(log, Config(), ("frame-to-frame",), Selection())
+    found = compare(log, methods=("frame-to-frame",)).comparison
     assert "not done" in found.return_note and not found.runs[0].back
 
 
 def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
-    from stream_sfm.comparison.files import compare_into
-
     def stop(estimate: Any) -> None:
         if estimate.frame_index == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
     log = open_log(write_log(tmp_path / "log.mcap", spec()))
-    found, numbers = compare_into(log, tmp_path / "out", Config(), ("frame-to-frame",), on_frame=stop)
-    assert found.interrupted and not numbers["complete"] and numbers["frames"] == 5
+    result = compare(log, tmp_path / "out", methods=("frame-to-frame",), sinks=[Calling(stop)])
+    assert result.comparison.interrupted and not result.report["complete"] and result.report["frames"] == 5
     assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
 

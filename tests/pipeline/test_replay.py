@@ -13,14 +13,16 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.config import read_config
 from stream_sfm.importers.common import calibration_messages
-from stream_sfm.pipeline.replay import ReplayInterrupted, new_run_folder, point_latest_to, replay
+from stream_sfm.pipeline.replay import ReplayInterrupted, replay
 from stream_sfm.recording import open_log
 from stream_sfm.recording.log_writer import StereoLogWriter
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
+from stream_sfm.results.folder import new_run_folder, point_latest_to
 from stream_sfm.results.trajectory_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
+from tests.helpers.sinks import Calling
 from tests.helpers.wall_log import write_wall_log
 
 FILES = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml"}
@@ -92,14 +94,14 @@ def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: 
 
 def test_the_cloud_is_the_estimate(wall_log: Path, tmp_path: Path):
     seen = []
-    replay(wall_log, tmp_path / "out", FAST, max_frames=3, on_frame=seen.append)
+    replay(wall_log, tmp_path / "out", FAST, sfm.Selection(max_frames=3), sinks=[Calling(seen.append)])
     for estimate, cloud in zip(seen, read_clouds(tmp_path / "out" / "estimates.mcap"), strict=True):
         assert (cloud.track_ids == estimate.track_ids).all()
         assert np.allclose(cloud.points, estimate.points_in_cam, rtol=1e-6)
 
 
 def test_a_selection_is_counted_as_such(wall_log: Path):
-    result = replay(wall_log, None, FAST, start_s=0.1, end_s=0.4, stride=2)
+    result = replay(wall_log, None, FAST, sfm.Selection(0.1, 0.4, stride=2))
     assert result.out_dir is None
     assert len(result.trajectory) == 4
     assert result.summary["frames"]["paired"] == result.summary["frames"]["estimated"] == 4
@@ -142,7 +144,7 @@ def test_an_exception_in_the_caller_s_hands_loses_nothing(wall_log: Path, tmp_pa
             raise RuntimeError("the caller's own")
 
     with pytest.raises(RuntimeError, match="the caller's own"):
-        replay(wall_log, tmp_path / "out", FAST, on_frame=explode)
+        replay(wall_log, tmp_path / "out", FAST, sinks=[Calling(explode)])
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["complete"] is False and summary["frames"]["estimated"] == 3
@@ -157,7 +159,7 @@ def test_a_signal_ends_the_run_after_the_frame_in_hand(number, wall_log: Path, t
 
     before = signal.getsignal(number)
     with pytest.raises(ReplayInterrupted) as caught:
-        replay(wall_log, tmp_path / "out", FAST, on_frame=interrupt)
+        replay(wall_log, tmp_path / "out", FAST, sinks=[Calling(interrupt)])
     assert signal.getsignal(number) == before
     assert len(caught.value.result.trajectory) == 5
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
@@ -173,7 +175,7 @@ def test_a_folder_that_cannot_be_made_is_an_output_error(wall_log: Path, tmp_pat
 
 def test_a_failing_sink_does_not_take_the_others_with_it(wall_log: Path, tmp_path: Path):
     class Full:
-        def write(self, estimate):
+        def write(self, estimate, frame):
             if estimate.frame_index == 3:
                 raise sfm.OutputError("cannot write: no space left on device")
 
@@ -189,8 +191,9 @@ def test_a_failing_sink_does_not_take_the_others_with_it(wall_log: Path, tmp_pat
 def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(wall_log: Path, tmp_path: Path):
     script = (
         "import os, signal, sys; from stream_sfm.pipeline.replay import replay; from stream_sfm.config import Config\n"
-        "kill = lambda e: e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
-        "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), on_frame=kill)"
+        "class Kill:\n"
+        "    def write(self, e, f): e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
+        "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), sinks=[Kill()])"
     )
     out = tmp_path / "out"
     done = subprocess.run([sys.executable, "-c", script, str(wall_log), str(out)], env=os.environ, timeout=120)
@@ -247,7 +250,7 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
 
 def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
     """Twice the frames less one; the mirrored stamps go on ascending; what it is off is in the summary."""
-    result = replay(ROOM, tmp_path / "out", max_frames=12, there_and_back=True)
+    result = replay(ROOM, tmp_path / "out", selection=sfm.Selection(max_frames=12), there_and_back=True)
     assert len(result.trajectory) == 23
     steps = np.diff(result.trajectory.stamps_ns)
     assert (steps > 0).all() and (steps[:11] == steps[:10:-1]).all()
@@ -260,8 +263,8 @@ def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
     assert found["end_position_m"] < 4 * std_end
 
 
-def test_a_way_back_that_is_too_long_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.RETURN_LIMIT_BYTES", 10_000)
-    summary = replay(ROOM, max_frames=3, there_and_back=True).summary
+def test_frames_too_many_to_be_fed_backwards_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.KEPT_LIMIT_BYTES", 10_000)
+    summary = replay(ROOM, selection=sfm.Selection(max_frames=3), there_and_back=True).summary
     assert summary["there_and_back"] is None
-    assert any("way back" in w for w in summary["warnings"])
+    assert any("not fed backwards" in w for w in summary["warnings"])
