@@ -76,7 +76,7 @@ class EstimatesWriter:
                 "software_version": __version__,
                 "schema_version": str(SCHEMA_VERSION),
                 "method": config.method,
-                "unscaled": str(config.mono).lower(),
+                "unscaled": str(rig.unscaled).lower(),
             },
         )
         self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})

@@ -3,68 +3,13 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
-from stream_sfm.errors import ConfigError
 from stream_sfm.frontend.corners import corner_strength, detect
 from stream_sfm.frontend.front_end import StereoFrontEnd
 from stream_sfm.frontend.stereo_matching import match_along_rows
 from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
-
-
-def test_rectifier_of_a_rectified_pair_touches_nothing() -> None:
-    stereo = rig()
-    rectifier = Rectifier(stereo)
-    image = np.arange(320 * 240, dtype=np.uint32).astype(np.uint8).reshape(240, 320)
-    left, right = rectifier.rectify(image, image)
-    assert left is image and right is image
-    assert rectifier.valid.all()
-    assert np.allclose(rectifier.rect_from_cam, np.eye(3))
-    assert rectifier.projection.f_px == pytest.approx(260.0)
-    assert rectifier.projection.cx_left_px == pytest.approx(stereo.left.K[0, 2])
-
-
-def test_rectified_rays_agree_with_the_physical_cameras() -> None:
-    """A point projected by the physical cameras and one projected by the rectified pair are the same image point."""
-    stereo = rig(vergence_rad=0.06)
-    rectifier = Rectifier(stereo)
-    points = np.random.default_rng(0).uniform((-0.5, -0.5, 2), (0.5, 0.5, 4), (30, 3))
-    z = rectifier.projection.project(points @ rectifier.rect_from_cam.T)
-    assert np.allclose(z[:, 1], z[:, 3])
-    # map pixels of the rectified images back through the remap tables: paint a spot and look where it lands
-    for camera, in_camera, uv in (
-        (stereo.left, points, z[:, :2]),
-        (stereo.right, se3.transform(stereo.right_from_left, points), z[:, 2:]),
-    ):
-        raw = in_camera @ camera.K.T
-        raw = raw[:, :2] / raw[:, 2:]
-        side = 0 if camera is stereo.left and in_camera is points else 1
-        for (u, v), (ru, rv) in zip(raw[:5], uv[:5], strict=True):
-            grid_v, grid_u = np.mgrid[:240, :320]
-            spot = (255 * np.exp(-((grid_u - u) ** 2 + (grid_v - v) ** 2) / 18)).astype(np.uint8)
-            moved = rectifier.rectify(spot, spot)[side].astype(float)
-            centre = np.array([(moved * grid_u).sum(), (moved * grid_v).sum()]) / moved.sum()
-            assert np.allclose(centre, (ru, rv), atol=0.15)
-
-
-def test_exchanged_cameras_are_refused_with_a_cure() -> None:
-    stereo = rig()
-    with pytest.raises(ConfigError, match="exchange left and right"):
-        Rectifier(StereoRig(stereo.right, stereo.left, se3.inverse(stereo.right_from_left)))
-
-
-def test_fisheye_and_strong_distortion_keep_the_middle() -> None:
-    k = np.array([[260.0, 0, 159.5], [0, 260.0, 119.5], [0, 0, 1]])
-    lenses = (("equidistant", (0.01, -0.002, 0.0, 0.0)), ("equidistant", ()), ("plumb_bob", (-0.35, 0.15, 0, 0)))
-    for model, d in lenses:
-        camera = Camera(320, 240, k, d, model)
-        rectifier = Rectifier(StereoRig(camera, camera, rig().right_from_left))
-        assert rectifier.valid[120, 160]
-        assert rectifier.valid.mean() > 0.7
-        assert 0.5 * 260 < rectifier.projection.f_px < 259  # a lens that bends is never taken for a pinhole
 
 
 def test_detect_covers_evenly_and_keeps_its_distance() -> None:
