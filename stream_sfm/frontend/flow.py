@@ -31,24 +31,33 @@ class Flow:
     def __init__(self, config: FrontendConfig, area: ValidArea) -> None:
         radius_px = 3 * config.window_radius_px // 4  # of the half-size image: one and a half times the patch
         self._window = (2 * radius_px + 1, 2 * radius_px + 1)
-        self._max_level = config.pyramid_levels - 1  # of a pyramid whose lowest level is halved once already
+        self._levels = config.pyramid_levels
         self._area = area
 
     def track(
-        self, before_half: Image, images: PreparedImages, left_px: Array, predicted_px: Array
+        self,
+        before_half: Image,
+        images: PreparedImages,
+        left_px: Array,
+        predicted_px: Array,
+        levels: int | None = None,
+        zoom: float = 1.0,
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Positions (n, 2) in the new left image, and which were found within the valid area.
 
         From positions `left_px` (n, 2) in the previous left image, given at half its size, started at `predicted_px`.
+        Pyramid of so many `levels`, halvings of the image (None: as configured). `zoom`: of the previous image around
+        its middle, for patches that have come closer.
         """
         start = np.ascontiguousarray(predicted_px, np.float32)
+        before_half, left_half_px = _zoomed(before_half, left_px / 2, zoom)
         at, status, _ = cv2.calcOpticalFlowPyrLK(
             before_half,
             images.left_half,
-            np.ascontiguousarray(left_px / 2, np.float32).reshape(-1, 1, 2),
+            np.ascontiguousarray(left_half_px, np.float32).reshape(-1, 1, 2),
             start.reshape(-1, 1, 2) / 2,
             winSize=self._window,
-            maxLevel=self._max_level,
+            maxLevel=(self._levels if levels is None else levels) - 1,  # the lowest level is halved once already
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=_MIN_EIGENVALUE,
@@ -56,6 +65,17 @@ class Flow:
         found = status[:, 0] > 0  # the rest of what comes back is not initialised
         positions: Array = np.where(found[:, None], 2 * np.asarray(at)[:, 0], start).astype(np.float64)
         return positions, found & self._area.contains(positions)
+
+
+def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:
+    """An image enlarged around its middle, and where positions (n, 2) are in it."""
+    if zoom == 1.0:
+        return image, at_px
+    height, width = image.shape
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    shift = middle * (1 - zoom)
+    enlarge = np.array([[zoom, 0, shift[0]], [0, zoom, shift[1]]])
+    return np.asarray(cv2.warpAffine(image, enlarge, (width, height)), np.uint8), zoom * at_px + shift
 
 
 def exposure_hypotheses(before: PreparedImages, now: PreparedImages) -> list[Image]:

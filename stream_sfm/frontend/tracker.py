@@ -17,27 +17,15 @@ from ..geometry.stereo import StereoProjection
 from .alignment import AlignedViews, Candidates, TemplateAligner
 from .corners import detect
 from .depth_source import DepthSource
-from .flow import Flow, exposure_hypotheses
+from .flow import Flow
 from .prepared import PreparedImages
+from .rough_motion import RoughMotion, RoughMotionFinder
 from .tracks import Tracks
 from .warps import anchor_from_now
 
-_STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
-# Fraction of the flow that the rough motion explains; below, the next hypothesis is tried.
-_MIN_FLOW_AGREEMENT = 0.4
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-
-
-@dataclass(frozen=True, slots=True)
-class RoughMotion:
-    """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, and which of them
-    `agree` (n,) with it."""
-
-    cam_from_previous: Array
-    left_px: Array
-    agree: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +56,9 @@ class Tracker:
         self.aligner = aligner
         self.depth = depth
         self.flow = Flow(config.frontend, aligner.area)
+        self.rough_motion = RoughMotionFinder(
+            projection, config.frontend, self.flow, config.robust.gate_probability
+        )
         self.tracks = Tracks.none()
         self.next_id = 0
         self.cam_from_start = np.eye(4)
@@ -81,7 +72,7 @@ class Tracker:
     def follow(self, images: PreparedImages, stamp_ns: int) -> Followed | None:
         """Follow all tracks from the previous frame into this one; None, and no track, where no motion is found."""
         dt_s = (stamp_ns - self.stamp_ns) / 1e9
-        rough = self._track_by_flow(images, se3.exp(self.velocity * dt_s))
+        rough = self._find_rough_motion(images, dt_s)
         if rough is None:
             self._lose()
             return None
@@ -101,33 +92,12 @@ class Tracker:
     def _lose(self) -> None:
         self.tracks, self.velocity = Tracks.none(), np.zeros(6)
 
-    def _track_by_flow(self, images: PreparedImages, predicted: Array) -> RoughMotion | None:
-        """The motion that flow shows, for the first exposure hypothesis under which most of it is rigid."""
+    def _find_rough_motion(self, images: PreparedImages, dt_s: float) -> RoughMotion | None:
+        """The motion since the previous frame by flow, started where the last velocity leads."""
         if self.previous is None or not len(self.tracks):
             return None
-        start_px = self.projection.project_homogeneous(self.tracks.moved(predicted).points)[:, :2]
-        for before_half in exposure_hypotheses(self.previous, images):
-            at_px, found = self.flow.track(before_half, images, self.tracks.left_px, start_px)
-            motion = self._find_robust_motion(at_px, found, predicted)
-            if motion is not None:
-                return motion
-        return None
-
-    def _find_robust_motion(self, at_px: Array, found: NDArray[np.bool_], predicted: Array) -> RoughMotion | None:
-        """The rigid motion that positions (n, 2) agree on, started at the predicted motion, then at none."""
-        n = int(found.sum())
-        z_px = np.full((n, 4), np.nan)
-        z_px[:, :2] = at_px[found]
-        cov_px = np.broadcast_to(_STD_FLOW_PX**2 * np.eye(4), (n, 4, 4))
-        points = self.tracks.points[found]
-        cov_points = self.tracks.cov_points(self._var_ray)[found]
-        for start in (predicted, np.eye(4)):
-            motion = resect(self.projection, points, cov_points, z_px, cov_px, start, self._gate_probability)
-            if motion.ok and motion.accepted.mean() > _MIN_FLOW_AGREEMENT:
-                agree = np.zeros(len(at_px), bool)
-                agree[found] = motion.accepted
-                return RoughMotion(motion.cam_from_ref, at_px, agree)
-        return None
+        predicted, known = se3.exp(self.velocity * dt_s), bool(self.velocity.any())
+        return self.rough_motion.find(self.previous, images, self.tracks, self._var_ray, predicted, known)
 
     def _predict_patches(self, rough: RoughMotion) -> Candidates:
         """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""

@@ -1,0 +1,137 @@
+"""The rough motion since the previous image: optical flow that most tracks agree with, searched for ever more widely.
+
+First as far as motions between frames usually go. Where that explains too little, or nothing is known of the motion
+yet, through a deeper pyramid, from the predicted motion, from none, and from motions forward and backward that change
+the size of patches. A motion that only some tracks agree with leads the others: flow started from it needs to reach
+only what it leaves over.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import FrontendConfig
+from ..geometry.resection import resect
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from .flow import Flow, exposure_hypotheses
+from .prepared import Image, PreparedImages
+from .tracks import Tracks
+
+_STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
+# Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
+# is made, and the best of all is taken if it explains the smaller share of all tracks.
+_ENOUGH = 0.4
+_LEAST = 0.2
+_LEAST_VIEWS = 12  # twice the unknowns' worth of chance agreement
+# Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
+# third of the image is reached. OpenCV leaves out levels that are smaller than the window.
+_MORE_LEVELS = 3
+_LEAD_ROUNDS = 3
+# Changes of size that are tried. Flow alone follows a patch that grows or shrinks by a quarter; with these, 0.55 to
+# 1.8.
+_ZOOMS = (1.4, 1 / 1.4)
+
+
+@dataclass(frozen=True, slots=True)
+class RoughMotion:
+    """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, which of them `agree`
+    (n,) with it, and the `share` of the found ones that do."""
+
+    cam_from_previous: Array
+    left_px: Array
+    agree: NDArray[np.bool_]
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """Flow from a `start` (4, 4) through so many pyramid `levels`, with the previous image enlarged by `zoom`."""
+
+    start: Array
+    levels: int
+    zoom: float = 1.0
+
+
+class RoughMotionFinder:
+    """Finds rough motions by flow."""
+
+    def __init__(
+        self, projection: StereoProjection, config: FrontendConfig, flow: Flow, gate_probability: float
+    ) -> None:
+        self.projection = projection
+        self.config = config
+        self.flow = flow
+        self._gate_probability = gate_probability
+
+    def find(
+        self,
+        previous: PreparedImages,
+        images: PreparedImages,
+        tracks: Tracks,
+        var_ray: float,
+        predicted: Array,
+        motion_known: bool,
+    ) -> RoughMotion | None:
+        """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
+        best: RoughMotion | None = None
+        for attempt in self._attempts(tracks, predicted, motion_known):
+            for before_half in exposure_hypotheses(previous, images):
+                found = self._led(before_half, images, tracks, var_ray, attempt)
+                if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
+                    best = found
+                if best is not None and best.share > _ENOUGH:
+                    return best
+        if best is None or best.agree.sum() < max(_LEAST_VIEWS, _LEAST * len(tracks)):
+            return None
+        return best
+
+    def _attempts(self, tracks: Tracks, predicted: Array, motion_known: bool) -> Iterator[_Attempt]:
+        """What to try, in order."""
+        near, deep = self.config.pyramid_levels, self.config.pyramid_levels + _MORE_LEVELS
+        if motion_known:
+            yield _Attempt(predicted, near)
+        yield _Attempt(predicted, deep)
+        if motion_known:
+            yield _Attempt(np.eye(4), deep)
+        rho = float(np.median(tracks.points[:, 3]))
+        if rho > 0:
+            for zoom in _ZOOMS:
+                forward = np.eye(4)
+                forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
+                yield _Attempt(forward, deep, zoom)
+
+    def _led(
+        self, before_half: Image, images: PreparedImages, tracks: Tracks, var_ray: float, attempt: _Attempt
+    ) -> RoughMotion | None:
+        """The motion by flow of an attempt; where few agree with it, by flow started from that motion again."""
+        best = self._run(before_half, images, tracks, var_ray, attempt)
+        for _ in range(_LEAD_ROUNDS):
+            if best is None or best.share > _ENOUGH or best.agree.sum() < _LEAST_VIEWS:
+                break
+            again = _Attempt(best.cam_from_previous, self.config.pyramid_levels, attempt.zoom)
+            found = self._run(before_half, images, tracks, var_ray, again)
+            if found is None or found.agree.sum() <= best.agree.sum():
+                break
+            best = found
+        return best
+
+    def _run(
+        self, before_half: Image, images: PreparedImages, tracks: Tracks, var_ray: float, attempt: _Attempt
+    ) -> RoughMotion | None:
+        """One run of flow, and the rigid motion that most of it agrees on."""
+        start_px = self.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
+        at_px, found = self.flow.track(before_half, images, tracks.left_px, start_px, attempt.levels, attempt.zoom)
+        n = int(found.sum())
+        z_px = np.full((n, 4), np.nan)
+        z_px[:, :2] = at_px[found]
+        cov_px = np.broadcast_to(_STD_FLOW_PX**2 * np.eye(4), (n, 4, 4))
+        points, cov_points = tracks.points[found], tracks.cov_points(var_ray)[found]
+        motion = resect(self.projection, points, cov_points, z_px, cov_px, attempt.start, self._gate_probability)
+        if not motion.ok:
+            return None
+        agree = np.zeros(len(tracks), bool)
+        agree[found] = motion.accepted
+        return RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
