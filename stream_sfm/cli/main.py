@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
     try:
-        args = parser.parse_args(argv)
+        args = parser.parse(argv)
     except SystemExit as stop:  # --help, --version and usage errors, already printed
         return stop.code if isinstance(stop.code, int) else ExitCode.DONE
     if args.command is None:

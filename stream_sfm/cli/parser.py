@@ -29,22 +29,22 @@ class Parser(argparse.ArgumentParser):
         """Print the error and exit as for every wrong use."""
         self.exit(ExitCode.USAGE, f"{self.prog}: {message}\nhint: `{self.prog} --help` lists everything it takes\n")
 
-    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
-        """As in argparse; an unknown option is answered by those that look like it."""
-        parsed, unknown = self.parse_known_args(args, namespace)
-        if unknown:
-            parser = self.command_parser(getattr(parsed, "command", None))
-            name = next((text for text in unknown if text.startswith("-")), unknown[0]).split("=")[0]
+    def parse(self, arguments: Sequence[str] | None) -> argparse.Namespace:
+        """Parse like `parse_args`; an unknown option is answered by the nearest one."""
+        parsed, rest = self.parse_known_args(arguments)
+        if rest:
+            parser = self.chosen(parsed)
+            name = next((text for text in rest if text.startswith("-")), rest[0]).split("=")[0]
             kind = "option" if name.startswith("-") else "argument"
-            parser.error(f"unknown {kind} {name}{did_you_mean(name, parser.option_names())}")
+            parser.error(f"unknown {kind} {name!r}{did_you_mean(name, parser.option_names())}")
         return parsed
 
-    def command_parser(self, command: str | None) -> "Parser":
-        """The parser of a command, this one where there is none of that name."""
+    def chosen(self, parsed: argparse.Namespace) -> "Parser":
+        """The parser of the command that was given; this one if there was none."""
         for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction) and command in action.choices:
-                found: Parser = action.choices[command]
-                return found
+            if isinstance(action, argparse._SubParsersAction):
+                parser: Parser | None = action.choices.get(getattr(parsed, action.dest))
+                return parser.chosen(parsed) if parser else self
         return self
 
     def option_names(self) -> list[str]:
@@ -57,12 +57,12 @@ class Parser(argparse.ArgumentParser):
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """A sentence that a name is not known, with the nearest ones, else with all."""
+    """A sentence that a name is not known, with the nearest one, else with all."""
     nearest = did_you_mean(name, known)
     return f"unknown {kind.lower()} {name!r}{nearest or '; known are ' + ', '.join(known)}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence that suggests the names nearest to `name`; empty where none is near."""
-    nearest = get_close_matches(name, list(known), n=2, cutoff=0.6)
-    return f"; did you mean {' or '.join(nearest)}?" if nearest else ""
+    """The end of a sentence that suggests the name nearest to `name`; empty where none is near."""
+    nearest = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {nearest[0]}?" if nearest else ""

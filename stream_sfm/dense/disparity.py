@@ -124,7 +124,7 @@ def std_along_ray(
     The point is X = ray · f B / d; hence |∂X/∂d| = |ray| f B / d² = |ray| Z² / (f B).
     """
     fb = projection.f_px * projection.baseline_m
-    return np.linalg.norm(ray, axis=-1) * fb / np.square(disparity_px, dtype=float) * std_px
+    return np.asarray(np.linalg.norm(ray, axis=-1) * fb / np.square(disparity_px, dtype=float) * std_px)
 
 
 def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:

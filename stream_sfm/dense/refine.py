@@ -10,6 +10,8 @@ An untextured background beside a textured object is matched as part of it, as f
 to the background, or to unknown pixels, the Σ g² of σ is therefore taken over the close surroundings of the pixel.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ def refine(
     v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
     unknown = np.float32(np.nanmin(start_px) - _FAR_BELOW_PX)
 
-    def total(values: NDArray, size: int = size) -> Image:
+    def total(values: NDArray[Any], size: int = size) -> Image:
         masked = np.where(known, values, 0).astype(np.float32)
         return np.asarray(cv2.boxFilter(masked, -1, (size, size), normalize=False), np.float32)
 

@@ -113,4 +113,5 @@ def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> N
     """Whether the camera turns faster than 5° per second between frames i and i + span, (n − span,)."""
     motion = se3.inverse(world_from_cam[:-span]) @ world_from_cam[span:]
     seconds = (stamps_ns[span:] - stamps_ns[:-span]) / 1e9
-    return np.linalg.norm(se3.log_so3(motion[:, :3, :3]), axis=1) > _TURNING_RAD_S * seconds
+    turned = np.linalg.norm(se3.log_so3(motion[:, :3, :3]), axis=1)
+    return np.asarray(turned > _TURNING_RAD_S * seconds)

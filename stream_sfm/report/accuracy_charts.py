@@ -82,7 +82,8 @@ def drift(traces: Traces) -> list[Markup]:
 
 def _segments(traces: Traces) -> tuple[list[Series], list[Series]]:
     """t_rel and r_rel against the length of the segments."""
-    t_rel, r_rel = [], []
+    t_rel: list[Series] = []
+    r_rel: list[Series] = []
     for name, t in traces.items():
         lengths, step = lengths_for_path(float(t.distance_m[-1]))
         found = [(x, segment_errors(t.estimate, t.truth, (x,), step)) for x in lengths if x > 0]

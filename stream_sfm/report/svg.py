@@ -139,7 +139,7 @@ class _Axis:
 
 
 def _nice(step: float) -> float:
-    base = 10 ** math.floor(math.log10(step))
+    base = 10.0 ** math.floor(math.log10(step))
     return next(m * base for m in (1, 2, 5, 10) if m * base >= step * (1 - 1e-9))
 
 

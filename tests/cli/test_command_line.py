@@ -14,9 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stream_sfm import estimators
+from stream_sfm.cli import compare
+from stream_sfm.cli.arguments import METHODS
 from stream_sfm.cli.hints import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.hints import OPTIONS
 from stream_sfm.cli.main import COMMANDS, build_parser, main
+from stream_sfm.comparison.compare import COMPARED
 from stream_sfm.config import Config, read_config
 from tests.helpers.stereo_logs import Spec, video, write_log
 from tests.helpers.wall_log import write_wall_log
@@ -136,6 +140,45 @@ def test_an_error_is_followed_by_the_options_and_commands_that_help(wall_log: Pa
     assert (
         hint("replay", str(wall_log), "--set", "widow.frames=8") == "hint: `stream-sfm config` prints every setting"
     )
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["replya", "x.mcap"], "unknown command 'replya'; did you mean replay?"),
+        (["replay", "x.mcap", "--max-frame=3", "--wieuw"], "unknown option '--wieuw'; did you mean --view?"),
+        (["fly"], "unknown command 'fly'; known are replay, batch, "),
+        (["import", "kiti", "d", "o.mcap"], "unknown kind 'kiti'; did you mean kitti?"),
+        (["import", "kitti", "d", "o.mcap", "--pose-s=x"], "unknown option '--pose-s'; did you mean --poses?"),
+        (["simulate", "effciency"], "unknown experiment 'effciency'; did you mean efficiency?"),
+        (["replay", "x.mcap", "y.mcap"], "unknown argument 'y.mcap'"),
+    ],
+)
+def test_a_misspelt_name_is_answered_by_the_nearest(arguments: list[str], says: str, capsys):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert says in error and "hint: `stream-sfm" in error
+
+
+def test_the_program_alone_prints_its_help(capsys):
+    assert main([]) == 2
+    assert "usage: stream-sfm COMMAND" in capsys.readouterr().err
+
+
+def test_no_name_is_broken_between_two_lines_of_help(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    for command in COMMAND_NAMES:
+        assert main([command, "--help"]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert not [line for line in lines if line.endswith("-") or len(line) > 80], command
+    assert main(["replay", "--help"]) == 0
+    words = capsys.readouterr().out.replace(",", " ").split()
+    assert set(METHODS) <= set(words), "--method names them all"
+
+
+def test_the_parser_knows_the_methods():
+    assert tuple(estimators.METHODS) == METHODS
+    assert tuple(compare.DEFAULT_METHODS.split(",")) == COMPARED
 
 
 def test_hints_name_options_that_exist():
