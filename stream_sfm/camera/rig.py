@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .calibration import read_file, toml_file
+from .calibration import read, toml_file
 from .models import Camera
 
 _MAX_POSE = 1e6  # metres, of any element: more is a damaged file
@@ -62,18 +62,25 @@ class StereoRig:
         return float(np.linalg.norm(self.right_from_left[:3, 3]))
 
     @classmethod
-    def from_calibration(cls, path: str | Path) -> "StereoRig":
-        """Read a calibration file (TOML, described in docs/formats.md). Raises ConfigError naming file and key."""
-        return cls.parse_calibration(read_file(path), path)
+    def from_calibration(cls, path: read.Where, image_size: tuple[int, int] | None = None) -> "StereoRig":
+        """Read a calibration. Raises ConfigError naming file and key.
+
+        `path` is a file, the two files of left and right, or the folder they are in, in any format of docs/formats.md.
+        `image_size` (width, height) serves formats that do not tell it.
+        """
+        return cls._of_pair(read.read_pair(path, image_size), path)
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "StereoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        left, right, right_from_left = toml_file.parse_pair(content, name)
+        return cls._of_pair(read.parse_pair(content, name), name)
+
+    @classmethod
+    def _of_pair(cls, pair: tuple[Camera, Camera, Array], name: read.Where) -> "StereoRig":
         try:
-            return cls(left, right, right_from_left)
+            return cls(*pair)
         except ConfigError as error:
-            raise ConfigError(f"calibration {name}: {error}") from None
+            raise ConfigError(f"calibration {read.named(name)}: {error}") from None
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
@@ -96,14 +103,14 @@ class MonoRig:
         return f"<MonoRig {self.left!r}>"
 
     @classmethod
-    def from_calibration(cls, path: str | Path) -> "MonoRig":
-        """Read the left camera of a calibration file, which need not have another. Raises ConfigError."""
-        return cls.parse_calibration(read_file(path), path)
+    def from_calibration(cls, path: read.Where, image_size: tuple[int, int] | None = None) -> "MonoRig":
+        """Read the left camera of a calibration, which need not have another. As `StereoRig.from_calibration`."""
+        return cls(read.read_left(path, image_size))
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "MonoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        return cls(toml_file.parse_left(content, name))
+        return cls(read.parse_left(content, name))
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""

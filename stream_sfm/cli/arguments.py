@@ -81,7 +81,11 @@ def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     group = parser.add_argument_group("cameras")
     group.add_argument("--left", metavar="TOPIC", help="topic of the left images (default: found automatically)")
     group.add_argument("--right", metavar="TOPIC", help="topic of the right images (default: found automatically)")
-    group.add_argument("--calibration", metavar="FILE", help="use this calibration (TOML) instead of the log's own")
+    group.add_argument(
+        "--calibration",
+        metavar="FILE",
+        help="use this calibration instead of the log's own: a file or folder, ours (TOML) or of other tools",
+    )
     return group
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.calibration.read import Where
 from ..camera.models import MAX_PIXELS
 from ..camera.rig import StereoRig
 from ..errors import LogError
@@ -37,7 +38,7 @@ def inspect_log(
     path: str | Path,
     left: str | None = None,
     right: str | None = None,
-    calibration: str | Path | StereoRig | None = None,
+    calibration: Where | StereoRig | None = None,
 ) -> dict[str, Any]:
     """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
@@ -95,7 +96,7 @@ class _Inspection:
             "calibration_check": None,
         }
 
-    def run(self, left: str | None, right: str | None, calibration: str | Path | StereoRig | None) -> None:
+    def run(self, left: str | None, right: str | None, calibration: Where | StereoRig | None) -> None:
         """Find the pair, its frames and its calibration, and check whether they fit each other."""
         try:
             choice = choose_cameras(self.source, self.survey, left, right)

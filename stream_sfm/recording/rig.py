@@ -1,16 +1,17 @@
 """The stereo rig from two calibration messages, in the ROS sense of K, D, R and P.
 
-P belongs to the rectified images: P[3] = −f·baseline for the right camera. R turns camera axes into rectified
-axes. So a point X of the left camera is in the right one R_rᵀ (R_l X + t) with t = (Tx, Ty, 0), Tx = P[3]/P[0].
-Images that are rectified already (by the name of their topic) are pinholes with P and neither D nor R. A pose of
-the right camera that comes from elsewhere takes the place of R and P[3].
+What R and P say of the pose is in `camera/calibration/ros.py`. Images that are rectified already (by the name of
+their topic) are pinholes with P and neither D nor R. A pose of the right camera that comes from elsewhere takes the
+place of R and P[3].
 """
 
 from pathlib import Path
 
 import numpy as np
 
-from ..camera.models import DISTORTION_COEFFICIENTS, Camera
+from ..camera.calibration import ros
+from ..camera.calibration.document import make_camera
+from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError, RigError
@@ -18,11 +19,6 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
-_MODELS = {
-    "": "plumb_bob", "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "brown_conrady": "plumb_bob",
-    "rational_polynomial": "rational_polynomial",
-    "equidistant": "equidistant", "kannala_brandt": "equidistant", "fisheye": "equidistant", "none": "none",
-}  # fmt: skip
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
 REMEDY = "give the calibration of these cameras"
 
@@ -34,8 +30,7 @@ def calibration_error(problem: str, *hints: str) -> LogError:
 
 def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
     """Whether P of both cameras is filled in and contains the baseline."""
-    filled = all(m.P[0, 0] > 0 and m.P[1, 1] > 0 for m in (left, right))
-    return filled and bool((_offset(right) != _offset(left)).any())
+    return ros.gives_baseline(left.P, right.P)
 
 
 def rig_from_messages(
@@ -51,9 +46,8 @@ def rig_from_messages(
     """
     try:
         if right_from_left is None:
-            offset = _offset(right) - _offset(left)
             r_left, r_right = (np.eye(3) if rectified else _rotation(path, m) for m in (left, right))
-            right_from_left = se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
+            right_from_left = ros.pose_from_projections(r_left, left.P, r_right, right.P)
         return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
         raise calibration_error(f"{path}: topics {left.topic} and {right.topic}: {error}") from None
@@ -95,10 +89,6 @@ def check_sides(path: Path, rig: StereoRig) -> None:
         )
 
 
-def _offset(message: CalibrationMessage) -> Array:
-    return np.array([message.P[0, 3] / message.P[0, 0], message.P[1, 3] / message.P[1, 1], 0.0])
-
-
 def _rotation(path: Path, message: CalibrationMessage) -> Array:
     if not message.R.any():
         return np.eye(3)
@@ -113,29 +103,8 @@ def _camera(path: Path, message: CalibrationMessage, rectified: bool) -> Camera:
     if rectified:
         k = message.P[:3, :3] if message.P[0, 0] > 0 else message.K
         return Camera(message.width, message.height, k, (), "none")
-    model, coefficients = _MODELS.get(message.distortion_model), message.D
-    if model is None and any(coefficients):
-        raise calibration_error(
-            f"{path}: topic {message.topic}: distortion model {message.distortion_model!r} is not supported; "
-            "supported are plumb_bob, rational_polynomial, equidistant (kannala_brandt)"
-        )
-    if model == "plumb_bob" and any(coefficients[5:]):
-        model = "rational_polynomial"  # some drivers send eight coefficients under the older name
-    # A fisheye lens whose coefficients are all zero is still a fisheye.
-    if model is None or model == "none" or (model != "equidistant" and not any(coefficients)):
-        return Camera(message.width, message.height, message.K, (), "none")
-    return Camera(message.width, message.height, message.K, _fit_coefficients(path, message, model), model)
-
-
-def _fit_coefficients(path: Path, message: CalibrationMessage, model: str) -> tuple[float, ...]:
-    """As many coefficients as the model takes: drivers leave out zeros, or append them."""
-    counts, sent = DISTORTION_COEFFICIENTS[model], message.D
-    if len(sent) in counts:
-        return sent
-    count = next((n for n in counts if n > 0 and not any(sent[n:])), None)
-    if count is None:
-        raise calibration_error(
-            f"{path}: topic {message.topic}: {len(sent)} distortion coefficients are not supported, only the first "
-            f"{max(counts)} of {model} (no thin prism, no tilt): rectify the images first"
-        )
-    return (*sent, *[0.0] * count)[:count]
+    size = (message.width, message.height)
+    try:
+        return make_camera(size, message.K, message.distortion_model, message.D)
+    except ConfigError as error:
+        raise calibration_error(f"{path}: topic {message.topic}: {error}") from None

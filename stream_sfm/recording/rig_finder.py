@@ -6,14 +6,15 @@ that were never calibrated. Where P gives no baseline, the transform between the
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
+from ..camera.calibration.read import Where, named
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError
 from ..mcap_file.damage import Damage
 from ..sources.source import Source
-from .messages import MessageDecoder
+from .images import image_size
+from .messages import MessageDecoder, UndecodableMessage
 from .rig import calibration_error, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages
 from .topics import PairChoice, choose_calibration, is_rectified
@@ -32,30 +33,43 @@ class FoundRig:
 
 
 def find_rig(
-    source: Source, survey: Survey, choice: PairChoice, calibration: str | Path | StereoRig | None = None
+    source: Source, survey: Survey, choice: PairChoice, calibration: Where | StereoRig | None = None
 ) -> FoundRig:
     """The rig of the two cameras; `calibration` as in `open_log`. Raises LogError; ConfigError for `calibration`."""
     if isinstance(calibration, StereoRig):
         return FoundRig(calibration, "given by the caller")
     if calibration is not None:
-        return FoundRig(StereoRig.from_calibration(calibration), str(calibration))
-    rig = _attached(source, StereoRig.parse_calibration)
-    return FoundRig(rig, f"attachment {ATTACHMENT}") if rig else _sent(source, survey, choice)
+        rig = StereoRig.from_calibration(calibration, _image_size(source, choice.left))
+        return FoundRig(rig, named(calibration))
+    attached = _attached(source, StereoRig.parse_calibration)
+    return FoundRig(attached, f"attachment {ATTACHMENT}") if attached else _sent(source, survey, choice)
 
 
 def find_camera(
-    source: Source, survey: Survey, topic: str, calibration: str | Path | StereoRig | MonoRig | None = None
+    source: Source, survey: Survey, topic: str, calibration: Where | StereoRig | MonoRig | None = None
 ) -> MonoRig:
     """The rig of one image topic, from the same places and with the same errors as `find_rig`."""
     if isinstance(calibration, StereoRig | MonoRig):
         return MonoRig(calibration.left)
     if calibration is not None:
-        return MonoRig.from_calibration(calibration)
+        return MonoRig.from_calibration(calibration, _image_size(source, topic))
     if rig := _attached(source, MonoRig.parse_calibration):
         return rig
     sent_on = _calibration_topic(source, survey, topic, 0)
     message, _ = read_calibration_messages(source, survey, (sent_on, sent_on), MessageDecoder(source.path))
     return camera_from_message(source.path, message, is_rectified(topic))
+
+
+def _image_size(source: Source, topic: str) -> tuple[int, int] | None:
+    """The size of the first image of a topic that can be told, for calibrations that do not contain it."""
+    decoder = MessageDecoder(source.path)
+    for message in source.messages(Damage(), frozenset([topic])):
+        try:
+            if (size := image_size(decoder.image(message))) is not None:
+                return size
+        except UndecodableMessage:
+            continue
+    return None
 
 
 def _attached(source: Source, parse: Callable[[bytes, str], Rig]) -> Rig | None:

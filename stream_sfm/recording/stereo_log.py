@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
+from ..camera.calibration.read import Where
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
 from ..mcap_file.damage import Damage
@@ -25,14 +26,15 @@ def open_log(
     path: str | Path,
     left: str | None = None,
     right: str | None = None,
-    calibration: str | Path | StereoRig | MonoRig | None = None,
+    calibration: Where | StereoRig | MonoRig | None = None,
     mono: bool = False,
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
-    `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a calibration file or a
-    rig, instead of the one in the log. `mono`: use the left camera alone; the log need not have another. Raises
-    LogError where the log cannot be used, ConfigError for the calibration.
+    `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
+    any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
+    alone; the log need not have another. Raises LogError where the log cannot be used, ConfigError for the
+    calibration.
     """
     source = open_source(path)
     try:
@@ -47,7 +49,7 @@ def _open(
     source: Source,
     left: str | None,
     right: str | None,
-    calibration: str | Path | StereoRig | MonoRig | None,
+    calibration: Where | StereoRig | MonoRig | None,
     mono: bool,
 ) -> "StereoLog":
     damage = Damage()

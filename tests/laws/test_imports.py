@@ -35,7 +35,7 @@ HOMES = {
     "google": ("recording", "results"),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("recording", "results"),
     "rosbags": ("recording", "results", "sources"),
-    "ruamel": ("sources",),
+    "ruamel": ("camera", "sources"),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
     "matplotlib": ("simulation/figures.py",),

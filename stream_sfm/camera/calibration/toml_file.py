@@ -22,8 +22,7 @@ Instead of the last section, `right_from_left = [[…], […], […], [0, 0, 0, 
 one camera (`Config.mono`) the first section is enough.
 """
 
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,20 +32,28 @@ from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
+from .document import Document, Pair, Size
 
+NAME = "TOML of stream_sfm"
+FILES = 1
+_SECTIONS = {"left", "right", "right_from_left"}
 _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
 
 
-def parse_pair(content: bytes, name: str | Path) -> tuple[Camera, Camera, Array]:
-    """Left camera, right camera and `right_from_left` (4, 4), metres, of a file called `name`. Raises ConfigError."""
-    data = _tables(content, name)
-    left, right = _camera(name, data, "left"), _camera(name, data, "right")
-    return left, right, _right_from_left(name, data.get("right_from_left"))
+def matches(data: Mapping[str, Any]) -> bool:
+    """Whether the content of a file are the sections of this format."""
+    return bool(set(data) & _SECTIONS)
 
 
-def parse_left(content: bytes, name: str | Path) -> Camera:
-    """The left camera alone; the file need not have another. Raises ConfigError."""
-    return _camera(name, _tables(content, name), "left")
+def pair(documents: Sequence[Document], size: Size | None) -> Pair:
+    """The pair of one file."""
+    name, data = _sections(documents[0])
+    return _camera(name, data, "left"), _camera(name, data, "right"), _right_from_left(name, data)
+
+
+def left(documents: Sequence[Document], size: Size | None) -> Camera:
+    """The left camera alone; the file need not have another."""
+    return _camera(*_sections(documents[0]), "left")
 
 
 def text(cameras: Mapping[str, Camera], right_from_left: Array | None = None) -> str:
@@ -62,16 +69,12 @@ def text(cameras: Mapping[str, Camera], right_from_left: Array | None = None) ->
     return "\n".join(lines) + "\n"
 
 
-def _tables(content: bytes, path: str | Path) -> dict[str, Any]:
-    try:
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"calibration {path} is not TOML: {error}") from None
-    _known(path, "the top", data, {"left", "right", "right_from_left"})
-    return data
+def _sections(document: Document) -> tuple[str, Mapping[str, Any]]:
+    _known(document.name, "the top", document.data, _SECTIONS)
+    return document.name, document.data
 
 
-def _known(path: str | Path, where: str, table: dict[str, Any], known: set[str]) -> None:
+def _known(path: str | Path, where: str, table: Mapping[str, Any], known: set[str]) -> None:
     unknown = sorted(set(table) - known)
     if unknown:
         raise ConfigError(
@@ -79,7 +82,7 @@ def _known(path: str | Path, where: str, table: dict[str, Any], known: set[str])
         )
 
 
-def _camera(path: str | Path, data: dict[str, Any], name: str) -> Camera:
+def _camera(path: str | Path, data: Mapping[str, Any], name: str) -> Camera:
     table = data.get(name)
     if not isinstance(table, dict):
         raise ConfigError(f"calibration {path}: section [{name}] is missing")
@@ -108,7 +111,8 @@ def _camera(path: str | Path, data: dict[str, Any], name: str) -> Camera:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _right_from_left(path: str | Path, value: Any) -> Array:
+def _right_from_left(path: str | Path, data: Mapping[str, Any]) -> Array:
+    value = data.get("right_from_left")
     where = f"calibration {path}: right_from_left"
     if value is None:
         raise ConfigError(

@@ -1,0 +1,203 @@
+"""A calibration file as nested dictionaries, whatever it is written in: TOML, YAML, OpenCV's FileStorage, or rows."""
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...errors import ConfigError
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ..models import DISTORTION_COEFFICIENTS, Camera
+
+Pair = tuple[Camera, Camera, Array]  # left, right, right_from_left (4, 4) in metres
+Size = tuple[int, int]  # width, height in pixels
+
+MAX_BYTES = 2**20  # calibration files are kilobytes
+# What the models of this package are called elsewhere.
+DISTORTION_MODELS = {
+    "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",
+    "rational_polynomial": "rational_polynomial", "none": "none",
+    "equidistant": "equidistant", "equi": "equidistant", "fisheye": "equidistant", "kannala_brandt": "equidistant",
+}  # fmt: skip
+_TOML_SECTION = re.compile(rb"^\s*\[(left|right|right_from_left)\b", re.MULTILINE)
+_ROW = re.compile(r"^(\w+):((?:\s+[-+\d.eE]+){3,})\s*$", re.MULTILINE)  # KITTI: a name and at least three numbers
+_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: files give as few as four digits
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """The content of one file; `name` is its path, for messages."""
+
+    name: str
+    data: Mapping[str, Any]
+    is_toml: bool = False
+
+    def error(self, problem: str) -> ConfigError:
+        """An error that names the file."""
+        return ConfigError(f"calibration {self.name}: {problem}")
+
+    def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
+        """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).
+
+        Matrices may be given flat, in rows, or as a mapping with `data`.
+        """
+        if isinstance(value, Mapping) and "data" in value:
+            value = value["data"]
+        try:
+            array = np.array(value, dtype=float) if value is not None else np.array(None, dtype=object)
+        except (TypeError, ValueError):
+            array = np.array(None, dtype=object)
+        if array.dtype == float and shape is not None and array.size == int(np.prod(shape)):
+            array = array.reshape(shape)
+        fits = array.dtype == float and (array.ndim == 1 if shape is None else array.shape == shape)
+        if not fits or not np.isfinite(array).all():
+            wanted = "a list of numbers" if shape is None else f"{'×'.join(map(str, shape))} numbers"
+            raise self.error(f"{key} must be {wanted}, finite, got {_short(value)}")
+        return array
+
+    def rotation(self, value: Any, key: str) -> Array:
+        """`value` as a rotation matrix (3, 3)."""
+        matrix = self.numbers(value, key, (3, 3))
+        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(matrix) < 0:
+            raise self.error(f"{key} is not a rotation matrix: {matrix.tolist()}")
+        return matrix
+
+    def pose(self, value: Any, key: str) -> Array:
+        """`value` as a pose (4, 4): rotation and translation in metres."""
+        pose = self.numbers(value, key, (4, 4))
+        self.rotation(pose[:3, :3], key)
+        return np.asarray(se3.orthonormalise(pose))
+
+    def camera(self, size: Size, k: Array, model: Any, coefficients: Sequence[float]) -> Camera:
+        """A camera; `model` has any of the names in use, `coefficients` may be padded or cut short with zeros."""
+        try:
+            return make_camera(size, k, str(model), coefficients)
+        except ConfigError as error:
+            raise self.error(str(error)) from None
+
+
+class Format(Protocol):
+    """What a module of a format has. `FILES`: how many a pair needs, 0 for one or two."""
+
+    NAME: str
+    FILES: int
+
+    def matches(self, data: Mapping[str, Any]) -> bool:
+        """Whether the content of a file is of this format."""
+        ...
+
+    def pair(self, documents: Sequence[Document], size: Size | None) -> Pair:
+        """The pair; `size` of the images, where the format does not tell it. Raises ConfigError."""
+        ...
+
+    def left(self, documents: Sequence[Document], size: Size | None) -> Camera:
+        """The left camera alone. Raises ConfigError."""
+        ...
+
+
+def make_camera(size: Size, k: Array, model: str, coefficients: Sequence[float]) -> Camera:
+    """A camera with its distortion as other tools write it. Raises ConfigError for models that are not supported."""
+    known = DISTORTION_MODELS.get(model.strip().lower() or "plumb_bob")
+    if known is None and any(coefficients):
+        raise ConfigError(
+            f"distortion model {model!r} is not supported; supported are {', '.join(DISTORTION_MODELS)}"
+        )
+    if known == "plumb_bob" and any(coefficients[5:]):
+        known = "rational_polynomial"  # some tools write eight coefficients under the older name
+    # A fisheye lens whose coefficients are all zero is still a fisheye.
+    if known is None or known == "none" or (known != "equidistant" and not any(coefficients)):
+        return Camera(*size, k, (), "none")
+    return Camera(*size, k, _fit_coefficients(known, tuple(coefficients)), known)
+
+
+def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]:
+    """As many coefficients as the model takes: tools leave out zeros, or append them."""
+    counts = DISTORTION_COEFFICIENTS[model]
+    if len(given) in counts:
+        return given
+    count = next((n for n in counts if n > 0 and not any(given[n:])), None)
+    if count is None:
+        raise ConfigError(
+            f"{len(given)} distortion coefficients are not supported, only the first {max(counts)} of {model} (no "
+            "thin prism, no tilt): rectify the images first"
+        )
+    return (*given, *[0.0] * count)[:count]
+
+
+def load(content: bytes, name: str | Path) -> Document:
+    """The document in the content of a file. Raises ConfigError where it is in no language that is known."""
+    name = str(name)
+    if len(content) > MAX_BYTES:
+        raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
+    if name.lower().endswith(".toml") or _TOML_SECTION.search(content):
+        return Document(name, _load_toml(content, name), is_toml=True)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ConfigError(f"calibration {name} is not a text file") from None
+    if text.lstrip().startswith("%YAML:") or "opencv-matrix" in text or "<opencv_storage" in text:
+        return Document(name, _load_opencv(text, name))
+    if rows := dict(_ROW.findall(text)):
+        return Document(name, {key: row.split() for key, row in rows.items()})
+    return Document(name, _load_yaml(text, name))
+
+
+def _load_toml(content: bytes, name: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"calibration {name} is not TOML: {error}") from None
+
+
+def _load_yaml(text: str, name: str) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        data = YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(f"{error}".split())
+        raise ConfigError(f"calibration {name} is neither TOML nor YAML: {problem}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"calibration {name} has no keys: it is not a calibration file")
+    return data
+
+
+def _load_opencv(text: str, name: str) -> dict[str, Any]:
+    import cv2
+
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        try:
+            root = storage.root()
+            return {key: _node(root.getNode(key)) for key in _keys(root)}
+        finally:
+            storage.release()
+    except (cv2.error, SystemError) as error:  # the latter with the former as its cause, where no storage was made
+        cause = error if isinstance(error, cv2.error) else error.__cause__
+        problem = cause.err if isinstance(cause, cv2.error) else "it is damaged"
+        raise ConfigError(f"calibration {name} is not a file of OpenCV's FileStorage: {problem}") from None
+
+
+def _node(node: Any) -> Any:
+    """A value of OpenCV's FileStorage."""
+    if node.isMap():
+        matrix = node.mat() if "data" in _keys(node) else None
+        return matrix if matrix is not None else {key: _node(node.getNode(key)) for key in _keys(node)}
+    if node.isSeq():
+        return [_node(node.at(n)) for n in range(node.size())]
+    return node.string() if node.isString() else node.real()
+
+
+def _keys(node: Any) -> list[str]:
+    return list(node.keys())  # a node has keys but is not a dictionary
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}…"
