@@ -1,7 +1,7 @@
-"""Every tunable of the package: one frozen struct a room, the unit in the name, TOML in and out.
+"""Every setting of the package: one frozen struct per part, units in the names, read from and written to TOML.
 
-Unknown keys and values out of range are ConfigErrors that name their path. The defaults are one configuration
-for all logs.
+Unknown keys and values out of range are ConfigErrors that name the setting. The defaults are one configuration for all
+logs.
 """
 
 import tomllib
@@ -15,7 +15,7 @@ from .errors import ConfigError
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The base of all sections: every value is checked when a section is made, by whatever way."""
+    """The base of all sections; every value is checked when a section is made, in Python or from a file."""
 
     def __post_init__(self) -> None:
         for field in msgspec.structs.fields(self):
@@ -85,27 +85,25 @@ class WindowConfig(_Section, frozen=True, kw_only=True):
     """The cross-frame estimator."""
 
     frames: Annotated[int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)] = 8
-    max_iterations: Annotated[int, Meta(description="Gauss-Newton steps a frame", ge=1, le=50)] = 6
+    max_iterations: Annotated[int, Meta(description="Gauss-Newton steps per frame, at most", ge=1, le=50)] = 6
 
 
 class RobustConfig(_Section, frozen=True, kw_only=True):
-    """What counts as an outlier, for every estimator."""
+    """Outliers and lost frames, for every estimator."""
 
     gate_probability: Annotated[
-        float, Meta(description="share of good views that the χ² gate keeps", gt=0.5, lt=1)
+        float, Meta(description="fraction of good views that the χ² gate keeps", gt=0.5, lt=1)
     ] = 0.999
-    min_inliers: Annotated[int, Meta(description="with fewer accepted views than this a frame is lost", ge=4)] = 8
-    degraded_inliers: Annotated[
-        int, Meta(description="with fewer accepted views than this a frame is degraded", ge=4)
-    ] = 25
+    min_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is lost", ge=4)] = 8
+    degraded_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is degraded", ge=4)] = 25
 
 
 class MotionConfig(_Section, frozen=True, kw_only=True):
-    """What is assumed of the camera's motion where the images do not tell: used while lost only."""
+    """The camera's motion while tracking is lost."""
 
-    std_acceleration_m_s2: Annotated[float, Meta(description="unmodelled acceleration while lost", gt=0)] = 3.0
+    std_acceleration_m_s2: Annotated[float, Meta(description="σ of the acceleration while lost, m/s²", gt=0)] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
-        float, Meta(description="unmodelled angular acceleration while lost", gt=0)
+        float, Meta(description="σ of the angular acceleration while lost, rad/s²", gt=0)
     ] = 3.0
 
 
@@ -163,13 +161,13 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
 
 
 class Config(_Section, frozen=True, kw_only=True):
-    """All settings; every one has a default."""
+    """All settings; each has a default."""
 
     method: Annotated[
-        str, Meta(description="cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
+        str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
     mono: Annotated[
-        bool, Meta(description="the left camera only: no scale, the first baseline is the unit of length")
+        bool, Meta(description="use the left camera only; the unit of length is then the first baseline")
     ] = False
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
@@ -183,23 +181,15 @@ class Config(_Section, frozen=True, kw_only=True):
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
 
     def needs_scale(self, what: str) -> None:
-        """Raises ConfigError where `what` is to be done with one camera."""
+        """Raise a ConfigError if `what` is to be done with one camera."""
         if self.mono:
             raise ConfigError(f"{what} needs two cameras: leave mono out of the configuration")
 
 
-def _convert(data: Any, kind: type, where: str) -> Any:
-    try:
-        return msgspec.convert(data, kind)
-    except msgspec.ValidationError as error:
-        text = str(error).replace("`$.", "`")
-        raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
-
-
 def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
-    """The configuration of a TOML file (None: the defaults) with `section.key=value` overrides on top.
+    """Read the configuration of a TOML file (None: the defaults), then apply `section.key=value` overrides.
 
-    Raises ConfigError naming file and key.
+    Raises ConfigError naming the file and the key.
     """
     data: dict[str, Any] = {}
     where = ""
@@ -212,26 +202,34 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"configuration {path} is not TOML: {error}") from None
     for override in overrides:
-        key, sign, text = override.partition("=")
-        if not sign:
-            raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
-        try:
-            value = tomllib.loads(f"x = {text}")["x"]
-        except tomllib.TOMLDecodeError:
-            value = text  # a bare word is a string
-        *sections, leaf = key.strip().split(".")
-        target = data
-        for section in sections:
-            target = target.setdefault(section, {})
-            if not isinstance(target, dict):
-                raise ConfigError(f"setting {override!r}: {section} is not a section")
-        target[leaf] = value
-    return _convert(data, Config, where)
+        _apply(override, data)
+    try:
+        return msgspec.convert(data, Config)
+    except msgspec.ValidationError as error:
+        text = str(error).replace("`$.", "`")  # the path of the setting, from the top
+        raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
+
+
+def _apply(override: str, data: dict[str, Any]) -> None:
+    """Set what an override such as `window.frames=12` says in the content of a TOML file."""
+    key, sign, text = override.partition("=")
+    if not sign:
+        raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
+    try:
+        value = tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        value = text  # a bare word is a string
+    *sections, leaf = key.strip().split(".")
+    for section in sections:
+        data = data.setdefault(section, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"setting {override!r}: {section} is not a section")
+    data[leaf] = value
 
 
 def config_to_toml(config: Config) -> str:
-    """The whole configuration as commented TOML that `read_config` takes back unchanged."""
-    lines = ["# stream_sfm configuration; every key may be left out"]
+    """Return the whole configuration as commented TOML, which `read_config` reads back unchanged."""
+    lines = ["# stream_sfm configuration; every setting may be left out"]
     sections = [n for n in config.__struct_fields__ if isinstance(getattr(config, n), _Section)]
     lines += _section_lines(config, [n for n in config.__struct_fields__ if n not in sections])
     for name in sections:

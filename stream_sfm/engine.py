@@ -1,7 +1,7 @@
-"""The page to read first: one stereo frame in, one estimate out. No I/O, no printing.
+"""The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
-frame -> observer (rectification and front-end: observations) -> estimator (solution) -> observer (the estimate in axes
-of the physical left camera).
+frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
+the axes of the physical left camera.
 """
 
 import threading
@@ -19,7 +19,7 @@ from .types import Frame, FrameEstimate
 
 
 class Engine:
-    """Stereo odometry, live: `step` takes bounded time and memory however long the run.
+    """Estimates the camera's motion and the structure in view, frame by frame, in bounded time and memory.
 
     One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
     thread. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a rig or configuration
@@ -34,24 +34,23 @@ class Engine:
 
     @property
     def rig(self) -> StereoRig | MonoRig:
-        """The cameras that are used."""
+        """The cameras that the estimates are made with."""
         return self.observer.rig
 
     def prepare(self, frame: Frame, frame_index: int | None = None) -> PreparedImages:
-        """Do what `step` does first with the images and needs no other frame for, so that another thread can do it
-        one frame ahead.
+        """Do the work on the images that depends on no other frame, for `step` to use.
 
-        Pure: it may be called at any time, in any order, also for frames that are never stepped. Where the
-        `frame_index` of the coming estimate is known (frames count from 0), more of the work is done here; the
-        estimates are the same.
+        Another thread can do this one frame ahead: it changes nothing, and may be called at any time, in any order,
+        also for frames that are never stepped. With the `frame_index` of the coming estimate (frames count from 0)
+        more of the work is done here; the estimates are the same. Raises FrameError for images of the wrong kind.
         """
         return self.observer.prepare(frame, frame_index)
 
     def step(self, frame: Frame, prepared: PreparedImages | None = None) -> FrameEstimate:
-        """The estimate of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
+        """Return the estimate of the next frame; `prepared` is what `prepare` returned for it, if it was called.
 
-        Raises FrameError for images of the wrong kind or a stamp that does not advance; the engine is then
-        unchanged and takes the next frame. Raises EngineBusyError while another thread is in `step`.
+        Raises FrameError for images of the wrong kind or a stamp that does not increase; the engine is then unchanged
+        and takes the next frame. Raises EngineBusyError while another thread is in `step`.
         """
         with self._exclusively():
             observed = self.observer.observe(frame, prepared)
@@ -61,7 +60,7 @@ class Engine:
 
     @contextmanager
     def _exclusively(self) -> Iterator[None]:
-        """Frames depend on each other: two at the same time would leave a wrong pose behind."""
+        """Refuse a second thread: two frames at the same time would leave a wrong pose behind."""
         if not self._stepping.acquire(blocking=False):
             raise EngineBusyError(
                 "step was called while another thread is in it: give all frames of a stream to its engine from one "

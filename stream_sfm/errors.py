@@ -1,8 +1,8 @@
-"""Every exception this package raises on purpose, and the exit codes of the command line.
+"""Every exception that this package raises on purpose, and the exit codes of the command line.
 
     StreamSfmError
     ├── ConfigError        a setting, a calibration file or an argument is wrong      (exit code 2)
-    │   └── RigError       no image can be rectified by this calibration
+    │   └── RigError       no image can be rectified with this calibration
     ├── InputError         a log or a frame cannot be used                            (exit code 3)
     │   ├── LogError       the file is not a log, is damaged, or holds no stereo pair
     │   └── FrameError     one frame is unusable: type, shape, stamp
@@ -18,13 +18,13 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """How every command ends."""
+    """The code that a command ends with."""
 
     DONE = 0
-    DEFECT = 1  # a defect of stream_sfm
+    DEFECT = 1  # a defect of stream_sfm itself
     USAGE = 2  # usage or configuration
     INPUT = 3  # input unreadable, unsuitable or only partly read; output that cannot be written
-    INTERRUPTED = 130  # Ctrl-C or SIGTERM, with everything so far written
+    INTERRUPTED = 130  # Ctrl-C or SIGTERM; everything up to then has been written
 
 
 class StreamSfmError(Exception):
@@ -49,7 +49,7 @@ class ConfigError(StreamSfmError):
 
 
 class RigError(ConfigError):
-    """No image can be rectified by this calibration. Where the calibration came with a log, it is a LogError."""
+    """No image can be rectified with this calibration. If the calibration came with a log, it is a LogError."""
 
 
 class InputError(StreamSfmError):
@@ -63,7 +63,7 @@ class LogError(InputError):
 
 
 class FrameError(InputError):
-    """One frame is unusable; the engine that refused it is unchanged and usable."""
+    """One frame is unusable; the engine that refused it is unchanged and takes the next one."""
 
 
 class OutputError(StreamSfmError):
@@ -73,4 +73,4 @@ class OutputError(StreamSfmError):
 
 
 class EngineBusyError(StreamSfmError):
-    """`Engine.step` was called while another thread was inside it; that other step is not affected."""
+    """`Engine.step` was called while another thread was in it; that other call is not affected."""

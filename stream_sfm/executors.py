@@ -1,4 +1,4 @@
-"""Where work runs in parallel: processes of this machine, or a Dask cluster. Both are concurrent.futures executors."""
+"""Executors of concurrent.futures for parallel work: processes on this machine, or a Dask cluster."""
 
 import os
 from collections.abc import Iterator
@@ -8,17 +8,17 @@ from multiprocessing import get_context
 
 from .errors import ConfigError
 
-# A worker has one thread for matrices and one for images: processes share the cores, and sums come in one order.
+# One thread for matrices and one for images per worker: the workers share the cores, and sums keep one order.
 ONE_THREAD = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
 )
-_ANSWER_S = 10
-_WORKER_S = 30
+_ANSWER_S = 10  # a scheduler that is there answers in milliseconds
+_WORKER_S = 30  # workers that have just been started need some seconds
 
 
 @contextmanager
 def processes(workers: int) -> Iterator[Executor]:
-    """Fresh processes of this machine; what is submitted must be picklable."""
+    """Start new processes on this machine; what is submitted must be picklable."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)  # inherited, and read when NumPy and OpenCV are loaded there
     try:
@@ -34,9 +34,9 @@ def processes(workers: int) -> Iterator[Executor]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Executor]:
-    """The workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
+    """Use the workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
 
-    What is still to do when the context is left is cancelled. Raises ConfigError where no worker can be reached.
+    Work that is not done when the context ends is cancelled. Raises ConfigError where no worker can be reached.
     """
     try:
         from distributed import Client
@@ -62,7 +62,7 @@ def cluster(address: str) -> Iterator[Executor]:
             raise ConfigError(
                 f"the Dask scheduler at {address} has no worker: start some with `dask worker {address}`"
             ) from None
-        executor = client.get_executor(pure=False)  # the same call again is new work, not a known result
+        executor = client.get_executor(pure=False)  # the same call again is new work, not a cached result
         try:
             yield executor
         finally:

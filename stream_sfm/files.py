@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are whole; JSON as all of them hold it."""
+"""Files that get their name only when they are complete, and JSON as every file of the package holds it."""
 
 import os
 from collections.abc import Iterator
@@ -12,11 +12,11 @@ from .errors import OutputError
 
 
 class PartFile:
-    """A binary file written as `<name>.part` and moved to `<name>` by `close`.
+    """A binary file that is written as `<name>.part` and renamed to `<name>` by `close`.
 
-    What was flushed survives a killed process under the temporary name. Raises OutputError naming the file where
-    the disk refuses; the file then takes no more and keeps its temporary name, so that what stands under the final
-    one has no gap.
+    If the process is killed, what was flushed is left under the temporary name. Raises OutputError naming the file if
+    the disk refuses; the file then takes no more data and keeps its temporary name, so that a file under its final
+    name never has a gap.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -29,21 +29,21 @@ class PartFile:
             raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
 
     def write(self, data: bytes) -> int:
-        """Append."""
+        """Append bytes."""
         with self._or_fail():
             return self._file.write(data)
 
     def flush(self) -> None:
-        """Hand everything over to the operating system."""
+        """Pass everything on to the operating system."""
         with self._or_fail():
             self._file.flush()
 
     def tell(self) -> int:
-        """Bytes written so far."""
+        """Return the number of bytes written so far."""
         return self._file.tell()
 
     def close(self) -> None:
-        """Flush and move into place; nothing the second time."""
+        """Flush and rename the file; a second call does nothing."""
         if self._file.closed:
             return
         try:
@@ -69,7 +69,7 @@ class PartFile:
 
 
 def write_whole(path: str | Path, *parts: bytes) -> None:
-    """Write a file at once. Raises OutputError naming it."""
+    """Write a file in one go. Raises OutputError naming it."""
     file = PartFile(path)
     for part in parts:
         file.write(part)
@@ -77,5 +77,5 @@ def write_whole(path: str | Path, *parts: bytes) -> None:
 
 
 def json_bytes(value: Any) -> bytes:
-    """Indented JSON and a line end; what is not finite becomes null."""
+    """Return indented JSON with a final newline; numbers that are not finite become null."""
     return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"

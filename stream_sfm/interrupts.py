@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as data: a run looks between two frames whether it should end, and ends by itself."""
+"""Ctrl-C and SIGTERM as data: a run checks between two frames whether to end, and then ends in order."""
 
 import signal
 import threading
@@ -10,16 +10,16 @@ from typing import Any
 
 @dataclass(slots=True)
 class Interruption:
-    """Whether somebody wants the run to end."""
+    """Whether the run has been asked to end."""
 
     requested: bool = False
 
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Interruption]:
-    """Within, the first SIGINT or SIGTERM sets `requested` and does nothing else; a second one acts as usual.
+    """Let the first SIGINT or SIGTERM only set `requested` while the context lasts; a second one acts as usual.
 
-    Signals can be handled in the main thread only; in another one nothing changes.
+    Signals can be handled in the main thread only; in another thread nothing changes.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""What all methods share: a frame in, observations out; a solution in, the estimate in the camera's own axes out.
+"""What all methods share: from a frame to its observations, and from a solution to the estimate that is reported.
 
 `Engine` is an Observer with one estimator, `compare` an Observer with several.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera.axes import RectifiedAxes
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
 from .config import Config
@@ -34,10 +35,10 @@ class Observed:
 
 
 class Observer:
-    """Rectification and front-end of one rig. Frames come in order of time, from one thread.
+    """Rectifies the frames of one rig and runs the front-end on them. Frames come in order of time, from one thread.
 
-    `rig`: the cameras that are used, with `Config.mono` the left one alone; `projection`: of the rectified images, in
-    whose axes observations and solutions are. Raises ConfigError for a rig that cannot work.
+    `rig`: the cameras that are used, with `Config.mono` the left one only; `projection`: of the rectified images;
+    observations and solutions are in their axes. Raises ConfigError for a rig that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -47,12 +48,12 @@ class Observer:
         self.projection: StereoProjection = self.rectifier.projection
         front_end = MonoFrontEnd if self.rig.unscaled else StereoFrontEnd
         self._frontend: FrontEnd = front_end(self.projection, config, self.rectifier.valid)
-        self._axes = _Axes(self.rectifier.rect_from_cam)
+        self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
     def rectify(self, frame: Frame) -> list[Image]:
-        """The images of the cameras that are used, rectified."""
+        """Return the rectified images of the cameras that are used."""
         return self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
 
     def prepare(
@@ -61,20 +62,21 @@ class Observer:
         frame_index: int | None = None,
         rectified: Sequence[Image] | None = None,
     ) -> PreparedImages:
-        """Compute from the images alone what `observe` needs. Pure, so that any thread may do it ahead.
+        """Do the work on the images that depends on no other frame; it changes nothing, so any thread may do it.
 
-        With the `frame_index` that the frame is going to have (frames count from 0), more of the work is done here;
-        the observations are the same. `rectified`: what `rectify` returned for the frame, if that was done already.
-        Raises FrameError for images of the wrong kind.
+        With the `frame_index` that the frame will have (frames count from 0) more of the work is done here; the
+        observations are the same. `rectified` is what `rectify` returned for the frame, if it was called. Raises
+        FrameError for images of the wrong kind.
         """
         self._check_images(frame, "the frame")
         images = self.rectify(frame) if rectified is None else rectified
         return self._frontend.prepare(images[0], images[-1], frame_index)
 
     def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
-        """The observations of the next frame; `prepared`: what `prepare` returned for it, if that was done already.
+        """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
 
-        Raises FrameError for images of the wrong kind or a stamp that does not advance; nothing has changed then.
+        Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer is then
+        unchanged.
         """
         where = f"frame {self._next_index}"
         self._check_images(frame, where)
@@ -94,10 +96,10 @@ class Observer:
         return Observed(observations, timings_ms)
 
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
-        """The solution of the latest frame, in rectified axes, as the estimate in axes of the physical left camera.
+        """Turn the solution of the latest frame, in rectified axes, into axes of the physical left camera.
 
-        The covariance of each point gets the error of disparity that all its views share. Points seen for the first
-        time are not reported yet: one match of left and right may be wrong, and only a second view can tell.
+        The covariance of each point gets the disparity error that all its views share. Points seen for the first time
+        are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
         observations, axes = observed.observations, self._axes
         n_old = len(observations.track_ids) - observations.n_new
@@ -136,7 +138,7 @@ class Observer:
         )
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
-        """(n, 3, 3) m²: what the error of disparity that all views of a point share does to points (n, 3), eq. (18)."""
+        """Covariances (n, 3, 3), m², of points (n, 3) by the disparity error that all views share, eq. (18)."""
         p = self.projection
         std_px = self._frontend.std_bias_px(track_ids)
         relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
@@ -145,7 +147,7 @@ class Observer:
         return cov
 
     def _cov_ended(self, solution: Solution) -> Array:
-        """Covariances (k, 3, 3) in the rectified world of the points that have left the estimator."""
+        """Covariances (k, 3, 3), in the rectified world, of the points that left the estimator with this frame."""
         last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
         in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
         cov_shared = self._cov_shared(in_last, solution.ended_ids)
@@ -153,6 +155,7 @@ class Observer:
         return cov
 
     def _check_images(self, frame: Frame, where: str) -> None:
+        """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""
         if not isinstance(frame, StereoFrame | MonoFrame):
             raise FrameError(f"{where} is {_described(frame)}; give a StereoFrame(stamp_ns, left, right)")
         where = f"{where} (stamp {frame.stamp_ns} ns)"
@@ -162,27 +165,28 @@ class Observer:
         for (side, camera), image in zip(cameras.items(), images, strict=False):
             if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
                 kind = getattr(image, "dtype", type(image).__name__)
-                raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (mono, h × w)")
+                raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (grey, h × w)")
             if image.shape != (camera.height, camera.width):
                 raise FrameError(
                     f"{where}: the {side} image has shape {image.shape}, the calibration says "
-                    f"({camera.height}, {camera.width}); give mono images of the calibrated size"
+                    f"({camera.height}, {camera.width}); give grey images of the calibrated size"
                 )
 
     def _check_stamp(self, frame: Frame, where: str) -> None:
+        """Raise a FrameError where the stamp is not an integer after that of the last frame."""
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
             raise FrameError(
                 f"{where}: stamp_ns is {_described(frame.stamp_ns)}; give an integer number of nanoseconds"
             )
         if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
             raise FrameError(
-                f"{where} (stamp {frame.stamp_ns} ns): stamps must grow, the last frame had {self._last_stamp_ns} ns; "
-                "drop this frame"
+                f"{where} (stamp {frame.stamp_ns} ns): stamps must increase, and the last frame had "
+                f"{self._last_stamp_ns} ns; drop this frame"
             )
 
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
-    """The rig that is estimated with. Here alone `Config.mono` decides; all that follows goes by this rig."""
+    """Return the rig to estimate with. `Config.mono` is asked here only; everything else asks the rig."""
     if config.mono:
         return MonoRig(rig.left)
     if rig.unscaled:
@@ -206,36 +210,10 @@ def _check_arguments(rig: object, config: object) -> None:
 
 
 def _described(value: object) -> str:
-    """What an argument of a wrong kind is, in few words."""
+    """Say in a few words what an argument of the wrong kind is."""
     if value is None:
         return "None"
     if isinstance(value, type):
         return f"the class {value.__name__}"
     text = f" ({value!r})" if isinstance(value, str | int | float | Path) else ""
     return f"of type {type(value).__name__}{text}"
-
-
-class _Axes:
-    """From rectified axes, of camera and world, to those of the physical left camera.
-
-    The world is the first left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
-    """
-
-    def __init__(self, rect_from_cam: Array) -> None:
-        self._rotation = rect_from_cam.T
-        self._rect_from_cam = np.eye(4)
-        self._rect_from_cam[:3, :3] = rect_from_cam
-        self._rotation_6 = np.zeros((6, 6))
-        self._rotation_6[:3, :3] = self._rotation_6[3:, 3:] = self._rotation
-
-    def poses(self, world_from_cam: Array) -> Array:
-        return self._rect_from_cam.T @ world_from_cam @ self._rect_from_cam
-
-    def cov_pose(self, cov: Array) -> Array:
-        return self._rotation_6 @ cov @ self._rotation_6.T
-
-    def points(self, points: Array) -> Array:
-        return points @ self._rotation.T
-
-    def cov_points(self, cov: Array) -> Array:
-        return self._rotation @ cov @ self._rotation.T

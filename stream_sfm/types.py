@@ -1,7 +1,7 @@
-"""The frozen records that travel between rooms, and the protocols of what they travel through.
+"""The frozen records that modules hand to each other, and the protocols of those that take them.
 
-Arrays are float64 unless said, and never written to. A record is equal to itself only, for arrays have no truth value,
-and its `repr` is one short line.
+Arrays are float64 unless stated otherwise, and are never written to. A record is equal only to itself, and its `repr`
+is one short line.
 """
 
 import math
@@ -19,19 +19,19 @@ Picture = NDArray[np.uint8] | bytes  # (h, w) grey values, or a compressed image
 
 
 class Status(StrEnum):
-    """What the estimate of a frame is worth; `FrameEstimate.reason` says why."""
+    """How far the estimate of a frame can be trusted; `FrameEstimate.reason` says why."""
 
-    INITIALISING = "initialising"  # the first frame of a (new) map: pose by definition or by prediction
+    INITIALISING = "initialising"  # the first frame of a map; its pose is known by definition or by prediction
     OK = "ok"
-    DEGRADED = "degraded"  # estimated, but from few or badly placed points
-    LOST = "lost"  # predicted only; the covariance says how much that is worth
+    DEGRADED = "degraded"  # estimated from few points, or from points in an unfavourable arrangement
+    LOST = "lost"  # predicted only; the covariance grows accordingly
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoFrame:
-    """One pair of images of the same moment, (h, w) uint8, as the cameras deliver them; `stamp_ns` integer.
+    """Two images of the same moment as the cameras deliver them: `stamp_ns` an integer, images (h, w) uint8.
 
-    `pictures`: the same images for a viewer, where they came compressed and need not be compressed again.
+    `pictures`, if given, are what a viewer shows: the same images, for instance as the JPEG bytes they arrived in.
     """
 
     stamp_ns: int
@@ -50,7 +50,7 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoFrame:
-    """One image (h, w) uint8 of a camera that has no partner; the rest as in StereoFrame."""
+    """One image of a camera that has no partner; everything as in StereoFrame."""
 
     stamp_ns: int
     left: NDArray[np.uint8]
@@ -70,10 +70,10 @@ Frame = StereoFrame | MonoFrame
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which frames of a log are used; without arguments all of them.
+    """Says which frames of a log are used; without arguments all of them.
 
-    `start_s`, `end_s`: seconds from the first frame, both included; `stride`: every N-th frame of those; `max_frames`:
-    at most so many of the rest. Raises ConfigError for a selection that no frame can be in.
+    First those from `start_s` to `end_s`, seconds after the first frame, both included; of these every `stride`-th;
+    of these the first `max_frames`. Raises ConfigError for a selection that cannot contain a frame.
     """
 
     start_s: float | None = None
@@ -99,7 +99,7 @@ class Selection:
         return self == Selection()
 
     def count(self, frames: int | None) -> int | None:
-        """How many of so many frames are used; None where that is not known, without their times for instance."""
+        """Return how many of a log's frames are used at most; None where that is not known."""
         if self.start_s is not None or self.end_s is not None or frames is None:
             return self.max_frames
         used = -(-frames // self.stride)
@@ -108,7 +108,7 @@ class Selection:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MapStart:
-    """One camera: all that the front-end knows of a frame's depths, from which a map can begin there.
+    """All that a front-end with one camera knows about the depths in a frame, for a map to start from.
 
     `z_px` (n, 4), `cov_px` (n, 4, 4): the frame's views with virtual right sides made of those depths.
     `first_from_cam` (4, 4), `cov_first_from_cam` (6, 6): the motion since the frame whose distance is the unit.
@@ -125,15 +125,18 @@ class MapStart:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observations:
-    """What the front-end saw in one frame, in pixels of the rectified pair.
+    """What the front-end found in one frame, in pixels of the rectified images.
 
-    `track_ids` (n,) int64, unique, ascending: a point keeps its id while it is tracked; an id that is missing
-    in one frame never comes back. `z_px` (n, 4) = (u_left, v_left, u_right, v_right), the right side NaN where
-    it was not found; the first view of an id has both sides. `cov_px` (n, 4, 4). `cam_from_previous` (4, 4) the
-    front-end's own robust motion since the previous frame, a start value only, or None. `note` says what the
-    front-end met ("image is black"), empty when nothing. `n_new` of the ids are new. `std_drift_px` (n,): how far
-    the patch may have slid over its surface since the previous frame, for patches seen from a changing direction;
-    None where points are points. `start`: of one camera, where it knows depths.
+    - `track_ids` (n,) int64, unique, ascending: a point keeps its id while it is tracked; an id that is missing in
+      one frame does not return. The last `n_new` of them are new.
+    - `z_px` (n, 4) = (u_left, v_left, u_right, v_right), `cov_px` (n, 4, 4): the views; the right side is NaN where
+      it was not found. The first view of a point has both sides.
+    - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
+      None.
+    - `note`: what the front-end noticed, such as "image is black"; or empty.
+    - `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen
+      from a changing direction; None where points are exact.
+    - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
     frame_index: int
@@ -158,15 +161,10 @@ def _no_ids() -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
-    """What an estimator says after one frame, in rectified camera axes.
+    """The result of an estimator for one frame, in the axes of the rectified left camera.
 
-    `world_from_cam` (4, 4), `cov_pose` (6, 6) of the right perturbation, translation first. CC local structure:
-    `points_in_cam` (n, 3) m, `cov_points` (n, 3, 3) m² of the points seen now, `track_ids` (n,). WC structure:
-    `points_in_world`, `cov_points_in_world`, same rows; `ended_*` are points that left the estimator with this
-    frame, final (ids (k,), points in world (k, 3), covariances (k, 3, 3)).
-    `window_world_from_cam` (b, 4, 4): all frames of the window, oldest first, with `window_frame_indices` (b,).
-    `rejected_ids`: views of this frame judged to be outliers. `nis`, `nis_dof`: whitened squared innovation of
-    the accepted views and its degrees of freedom.
+    Fields as in `FrameEstimate`, and `rejected_ids`: points whose views in this frame were judged to be outliers;
+    `iterations`: of the solver.
     """
 
     status: Status
@@ -194,25 +192,35 @@ class Solution:
 
 
 class Estimator(Protocol):
-    """Observations in, one Solution a frame out; every method of the package keeps this contract.
+    """Takes the observations of each frame and returns a Solution; the contract of every method.
 
-    The first frame's camera is the world. A frame with too few views is answered with status lost and a
+    The world is the camera of the first frame. A frame with too few views is answered with status lost and a
     predicted pose; the next frame with enough points starts a new map from there.
     """
 
     name: str
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; frames come in order."""
+        """Return the solution of the next frame; frames come in order."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrameEstimate:
-    """The result of one frame, in axes of the physical left camera. Names and shapes as in `Solution`.
+    """The result for one frame, in the axes of the physical left camera; lengths in metres.
 
-    `counts`: tracked, new, used, rejected. `timings_ms`: stage -> milliseconds (the only field that differs
-    between two runs of one log). `unscaled`: of one camera; for metres read its first baseline, everywhere.
+    - `frame_index` from 0, `stamp_ns`, `status`, and `reason`: why the status is not ok.
+    - `world_from_cam` (4, 4): the pose; the world is the left camera of the first frame. `cov_pose` (6, 6): of the
+      perturbation on its right, translation first; metres², radians².
+    - `track_ids` (n,), `points_in_cam` (n, 3), `cov_points` (n, 3, 3): the local structure, points seen now in
+      camera axes; `points_in_world`, `cov_points_in_world`: the same points in the world.
+    - `ended_ids` (k,), `ended_points_in_world` (k, 3), `ended_cov_points_in_world` (k, 3, 3): points that left the
+      estimator with this frame, as they are in the end.
+    - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
+    - `counts`: points tracked, new, used, rejected. `nis`, `nis_dof`: whitened squared innovation of the accepted
+      views, and its degrees of freedom.
+    - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
+    - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
     """
 
     frame_index: int
@@ -243,20 +251,20 @@ class FrameEstimate:
 
 
 class Sink(Protocol):
-    """Watches a run frame by frame: files, a viewer, a progress bar, a queue."""
+    """Watches a run frame by frame: a file, a viewer, a progress bar, a queue."""
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Take the estimate of the next frame, and the frame itself."""
+        """Take the estimate of the next frame, and the frame it was made from."""
         ...
 
     def close(self) -> None:
-        """No more will come."""
+        """Finish: no more frames will come."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
-    """Poses in time: `stamps_ns` (n,) int64 ascending, `world_from_cam` (n, 4, 4), `cov_pose` (n, 6, 6) or None."""
+    """Poses over time: `stamps_ns` (n,) int64, ascending; `world_from_cam` (n, 4, 4); `cov_pose` (n, 6, 6) or None."""
 
     stamps_ns: NDArray[np.int64]
     world_from_cam: Array
@@ -271,12 +279,12 @@ class Trajectory:
 
 
 def _size(image: NDArray[np.uint8]) -> str:
-    """Width × height; the type of what is no image, for a frame can be made of anything until an engine meets it."""
+    """Width × height of an image; the type of anything else, which only an engine refuses."""
     shape = getattr(image, "shape", ())
     return "×".join(map(str, [*shape[1::-1], *shape[2:]])) if len(shape) > 1 else type(image).__name__
 
 
 def _pose(world_from_cam: Array, cov_pose: Array, unit: str = "m") -> str:
-    """Position, and the σ of it: the square root of the trace of its covariance."""
+    """Position and its σ, the square root of the trace of its covariance."""
     x, y, z = world_from_cam[:3, 3]
     return f"t=({x:.3f}, {y:.3f}, {z:.3f}) {unit} σ={np.sqrt(np.trace(cov_pose[:3, :3])):.2g} {unit}"

@@ -157,7 +157,7 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     engine.step(frames[0])
     good = frames[1]
     wrong = [
-        (dataclasses.replace(good, stamp_ns=0), "stamps must grow"),
+        (dataclasses.replace(good, stamp_ns=0), "stamps must increase"),
         (dataclasses.replace(good, stamp_ns=1.5), r"frame 1: stamp_ns is of type float \(1.5\); give an integer"),
         ((good.stamp_ns, good.left, good.right), "frame 1 is of type tuple; give a StereoFrame"),
         (None, "frame 1 is None; give a StereoFrame"),
@@ -165,7 +165,7 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
         (dataclasses.replace(good, left=good.left.astype(float)), "left image is float64"),
         (dataclasses.replace(good, right=None), "right image is NoneType"),
         (dataclasses.replace(good, right=good.right[:-1]), "calibration says"),
-        (dataclasses.replace(good, left=np.stack([good.left] * 3, axis=2)), "mono"),
+        (dataclasses.replace(good, left=np.stack([good.left] * 3, axis=2)), "grey"),
     ]
     for frame, message in wrong:
         with pytest.raises(sfm.FrameError, match=message):

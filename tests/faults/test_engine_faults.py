@@ -178,11 +178,11 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     "frames of another size": lambda: Fault(during(range(10, 14), lambda i: i[:-2]), "io{9}r{4}o{10}", "calibration"),
     "stamps backwards": lambda: Fault(
         [replace(seen(n), stamp_ns=(n - 5) * PERIOD_NS) if at_fault(n) else seen(n) for n in range(24)],
-        "io{9}r{4}o{10}", "stamps must grow",
+        "io{9}r{4}o{10}", "stamps must increase",
     ),
     "stamps equal": lambda: Fault(
         [replace(seen(n), stamp_ns=9 * PERIOD_NS) if at_fault(n) else seen(n) for n in range(24)],
-        "io{9}r{4}o{10}", "stamps must grow",
+        "io{9}r{4}o{10}", "stamps must increase",
     ),
 }  # fmt: skip
 
