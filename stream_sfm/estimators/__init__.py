@@ -1,9 +1,14 @@
-"""Everything that turns observations into motion and structure; each keeps the contract `types.Estimator`.
+"""Everything that turns observations into motion and structure; each method keeps the contract `types.Estimator`.
 
-Not here: pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of docs/mathematics.md.
+Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of docs/mathematics.md.
 
-`METHODS` is the list: name -> (module, class). They are imported when asked for, so that a method's heavy
-dependency (filterpy for the EKF) costs nothing to the others.
+* `cross_frame/`: the default, a window with a joint prior, for two cameras and for one.
+* `baselines/`: the methods to compare with, and the batch that bounds them all.
+* Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
+  `triangulation`.
+
+`METHODS` lists them: name -> (module, class). A method is imported when it is asked for, so that its heavy dependency
+(filterpy for the EKF) costs the others nothing.
 """
 
 from importlib import import_module
@@ -26,7 +31,7 @@ METHODS: dict[str, tuple[str, str]] = {
 
 
 def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
-    """A fresh estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
+    """Return a new estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
     if projection.virtual_right:
         from .cross_frame.mono import CrossFrameMono
 

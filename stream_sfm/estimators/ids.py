@@ -7,7 +7,7 @@ Ids = NDArray[np.int64]
 
 
 def among(ids: Ids, known: Ids) -> NDArray[np.bool_]:
-    """Which of `ids` (n,) are in `known` (ascending): np.isin at a sixth of its time for some hundred ids."""
+    """Return which of `ids` (n,) are in `known` (ascending): np.isin in a sixth of its time for a few hundred ids."""
     if not len(known):
         return np.zeros(len(ids), bool)
     at = np.searchsorted(known, ids)

@@ -1,6 +1,6 @@
-"""Poses, the rectified camera pair, resection and covariance transport. No I/O, no images.
+"""Poses, the rectified camera pair, robust resection, χ² gates and small linear algebra; no images and no files.
 
-Conventions, said once here (equations: docs/mathematics.md, section 1):
+The conventions of the whole package (equations: docs/mathematics.md, section 1):
 
 * A pose is a 4×4 float64 array named `target_from_source`; `target_from_source @ point_in_source`.
 * A perturbation acts on the right, `T ⊞ ξ = T · Exp(ξ)`, with ξ = (translation, rotation); every 6×6

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 _EYE = np.eye(3)
-_SMALL = 1e-4  # below this angle the series are exact to double precision (next term ~ angle⁴/120)
+_LEAST_ANGLE = 1e-150  # rad, in place of 0 where an angle divides: its square is still a normal double
+_SMALL = 1e-4  # sine of half an angle; closed form: the next term of the series, n⁴/5, is below a double's rounding
 
 
 def skew(v: ArrayLike) -> Array:
-    """[v]× of (…, 3) vectors, (…, 3, 3): skew(a) @ b = a × b."""
+    """Return [v]× (…, 3, 3) of vectors (…, 3): skew(a) @ b = a × b."""
     v = np.asarray(v, dtype=float)
     m = np.zeros((*v.shape[:-1], 3, 3))
     m[..., 0, 1], m[..., 0, 2] = -v[..., 2], v[..., 1]
@@ -24,15 +25,17 @@ def skew(v: ArrayLike) -> Array:
 
 
 def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
-    """sin θ/θ, (1−cos θ)/θ², (θ−sin θ)/θ³ of angles ≥ 0. The last one loses digits as θ² falls, but it always stands
-    before a product of that size."""
-    a = np.maximum(angle, 1e-150)
+    """Return sin θ/θ, (1−cos θ)/θ² and (θ−sin θ)/θ³ of angles θ ≥ 0.
+
+    The last one loses digits as θ² falls, but it always multiplies a product of that size.
+    """
+    a = np.maximum(angle, _LEAST_ANGLE)
     sine, half = np.sin(a) / a, np.sin(a / 2) / a
     return sine, 2 * half * half, (1 - sine) / (a * a)  # 1 − cos θ = 2 sin²(θ/2) without cancellation
 
 
 def exp_so3(rotation: ArrayLike) -> Array:
-    """Rotation matrix (…, 3, 3) of a rotation vector (…, 3) in radians."""
+    """Return the rotation matrix (…, 3, 3) of a rotation vector (…, 3) in radians."""
     w = np.asarray(rotation, dtype=float)
     a, b, _ = _coefficients(np.linalg.norm(w, axis=-1))
     k = skew(w)
@@ -40,7 +43,7 @@ def exp_so3(rotation: ArrayLike) -> Array:
 
 
 def log_so3(rotation_matrix: ArrayLike) -> Array:
-    """Rotation vector (…, 3), radians, norm ≤ π, of rotation matrices (…, 3, 3). Valid at 0 and π."""
+    """Return the rotation vector (…, 3) rad, norm ≤ π, of rotation matrices (…, 3, 3). Valid at 0 and π."""
     return _vector_from_quat(quat_xyzw_from_matrix(rotation_matrix))
 
 
@@ -55,14 +58,14 @@ def _vector_from_quat(q: Array) -> Array:
 
 
 def _left_jacobian(w: Array) -> Array:
-    """V(ω) with t = V ρ in Exp(ρ, ω), eq. (3) (Barfoot, eq. 8.33)."""
+    """Return V(ω) (…, 3, 3) with t = V ρ in Exp(ρ, ω), eq. (3) (Barfoot, eq. 8.33)."""
     _, b, c = _coefficients(np.linalg.norm(w, axis=-1))
     k = skew(w)
     return _EYE + b[..., None, None] * k + c[..., None, None] * (k @ k)
 
 
 def exp(xi: ArrayLike) -> Array:
-    """Exp of tangents (…, 6) = (translation, rotation): poses (…, 4, 4), eq. (3) (Barfoot, eq. 8.33)."""
+    """Return the poses (…, 4, 4) Exp(ξ) of tangents (…, 6) = (translation, rotation), eq. (3) (Barfoot, eq. 8.33)."""
     xi = np.asarray(xi, dtype=float)
     m = np.zeros((*xi.shape[:-1], 4, 4))
     m[..., :3, :3], m[..., :3, 3] = skew(xi[..., 3:]), xi[..., :3]
@@ -72,7 +75,7 @@ def exp(xi: ArrayLike) -> Array:
 
 
 def log(pose: ArrayLike) -> Array:
-    """Log of poses (…, 4, 4): tangents (…, 6) = (translation, rotation), inverse of `exp`."""
+    """Return the tangents (…, 6) = (translation, rotation) of poses (…, 4, 4); the inverse of `exp`."""
     pose = np.asarray(pose, dtype=float)
     w = log_so3(pose[..., :3, :3])
     rho = np.linalg.solve(_left_jacobian(w), pose[..., :3, 3:])[..., 0]
@@ -80,7 +83,7 @@ def log(pose: ArrayLike) -> Array:
 
 
 def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Array:
-    """Pose (…, 4, 4) from rotation matrices (…, 3, 3) and translations (…, 3)."""
+    """Return the pose (…, 4, 4) of rotation matrices (…, 3, 3) and translations (…, 3)."""
     rotation = np.asarray(rotation, dtype=float)
     translation = np.asarray(translation, dtype=float)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
@@ -90,14 +93,14 @@ def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Ar
 
 
 def inverse(pose: ArrayLike) -> Array:
-    """Inverse of rigid motions (…, 4, 4)."""
+    """Return the inverse of rigid motions (…, 4, 4)."""
     pose = np.asarray(pose, dtype=float)
     r_t = np.swapaxes(pose[..., :3, :3], -1, -2)
     return from_rotation_translation(r_t, -(r_t @ pose[..., :3, 3:])[..., 0])
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """Ad(T) (…, 6, 6): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ), eq. (4) (Barfoot, eq. 8.40)."""
+    """Return Ad(T) (…, 6, 6) of poses (…, 4, 4): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ), eq. (4) (Barfoot, eq. 8.40)."""
     pose = np.asarray(pose, dtype=float)
     r, t = pose[..., :3, :3], pose[..., :3, 3]
     ad = np.zeros((*pose.shape[:-2], 6, 6))
@@ -107,7 +110,7 @@ def adjoint(pose: ArrayLike) -> Array:
 
 
 def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
-    """Points (…, n, 3) carried by a pose (…, 4, 4)."""
+    """Return points (…, n, 3) carried by a pose (…, 4, 4)."""
     pose = np.asarray(target_from_source, dtype=float)
     return np.asarray(points_in_source) @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
 
@@ -122,11 +125,11 @@ def point_in_source_jacobian(points_in_source: Array) -> Array:
 
 
 def orthonormalise(pose: ArrayLike) -> Array:
-    """The same pose with its rotation, nearly one already, projected back onto SO(3).
+    """Return the pose with its rotation, which is nearly one, projected back onto SO(3).
 
-    Needed after compositions: a constant-velocity prediction multiplies the loss of orthonormality by 2.4
-    a frame. Newton-Schulz iteration to the polar factor: an error of 10⁻³ is below 10⁻¹² after two steps
-    (Higham, Functions of Matrices, section 8.3).
+    Compositions need it: a constant-velocity prediction multiplies the loss of orthonormality by 2.4 per frame.
+    Newton-Schulz iteration to the polar factor: an error of 10⁻³ is below 10⁻¹² after two steps (Higham, Functions of
+    Matrices, section 8.3).
     """
     pose = np.array(pose, dtype=float)
     r = pose[..., :3, :3]
@@ -137,7 +140,7 @@ def orthonormalise(pose: ArrayLike) -> Array:
 
 
 def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
-    """Unit quaternions (…, 4) in the order x, y, z, w, with w ≥ 0, of rotation matrices (…, 3, 3)."""
+    """Return unit quaternions (…, 4) in the order x, y, z, w, with w ≥ 0, of rotation matrices (…, 3, 3)."""
     r = np.asarray(rotation_matrix, dtype=float)
     trace = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
     # The 4×4 symmetric matrix 4·q·qᵀ: its row with the largest diagonal is the best conditioned.
@@ -155,7 +158,7 @@ def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
 
 
 def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
-    """Rotation matrices (…, 3, 3) of quaternions (…, 4), x, y, z, w, of any non-zero norm."""
+    """Return rotation matrices (…, 3, 3) of quaternions (…, 4) in the order x, y, z, w, of any non-zero norm."""
     q = np.asarray(quat_xyzw, dtype=float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     k = skew(q[..., :3])

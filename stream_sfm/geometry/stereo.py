@@ -18,10 +18,10 @@ MIN_DEPTH = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class StereoProjection:
-    """Projection of a rectified pair. Pixels; `baseline_m` > 0.
+    """The projection of a rectified pair, in pixels; `baseline_m` > 0.
 
-    `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common view so. `virtual_right`: there is
-    one camera only, and `baseline_m` is in units of its first motion.
+    `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common field of view that way.
+    `virtual_right`: there is one camera only, and `baseline_m` is in units of its first motion.
     """
 
     f_px: float
@@ -34,14 +34,14 @@ class StereoProjection:
     virtual_right: bool = False
 
     def project(self, points_in_cam: Array) -> Array:
-        """z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""
+        """Return z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
         s = self.f_px / depth
         v = s * y + self.cy_px
         return np.stack([s * x + self.cx_left_px, v, s * (x - self.baseline_m) + self.cx_right_px, v], axis=-1)
 
     def jacobian(self, points_in_cam: Array) -> Array:
-        """A = ∂z/∂X, (…, 4, 3), at points (…, 3), eq. (9)."""
+        """Return A = ∂z/∂X (…, 4, 3) at points (…, 3), eq. (9)."""
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]
         s = self.f_px / depth
         a = np.zeros((*points_in_cam.shape[:-1], 4, 3))
@@ -52,14 +52,14 @@ class StereoProjection:
         return a
 
     def project_homogeneous(self, points: Array) -> Array:
-        """z (…, 4) of homogeneous points (X, Y, Z, ρ) in the camera, (…, 4); ρ = 0 is a point at infinity."""
+        """Return z (…, 4) of homogeneous points (X, Y, Z, ρ) in the camera, (…, 4); ρ = 0 is a point at infinity."""
         s = self.f_px / points[..., 2]
         u, v = s * points[..., 0], s * points[..., 1] + self.cy_px
         right = u - s * self.baseline_m * points[..., 3] + self.cx_right_px
         return np.stack([u + self.cx_left_px, v, right, v], axis=-1)
 
     def jacobian_homogeneous(self, points: Array) -> Array:
-        """∂z/∂(X, Y, Z, ρ), (…, 4, 4), at homogeneous points (…, 4)."""
+        """Return ∂z/∂(X, Y, Z, ρ) (…, 4, 4) at homogeneous points (…, 4)."""
         s = self.f_px / points[..., 2]
         sx, sy = -s * points[..., 0] / points[..., 2], -s * points[..., 1] / points[..., 2]
         a = np.zeros((*points.shape[:-1], 4, 4))
@@ -71,22 +71,22 @@ class StereoProjection:
         return a
 
     def depth_m(self, z_px: Array) -> Array:
-        """Depth (…) from the disparity of z (…, 4); infinite or negative where the disparity is not positive."""
+        """Return the depth (…) m from the disparity of z (…, 4); infinite or negative where that is not positive."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         with np.errstate(divide="ignore"):
             return self.f_px * self.baseline_m / disparity
 
     def inverse_depth(self, z_px: Array) -> Array:
-        """1/Z (…), 1/m, from the disparity of z (…, 4), eq. (10); 0 at infinity, NaN without the right side."""
+        """Return 1/Z (…), 1/m, from the disparity of z (…, 4), eq. (10); 0 at infinity, NaN without the right side."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         return disparity / (self.f_px * self.baseline_m)
 
     def rays(self, z_px: Array) -> Array:
-        """(X/Z, Y/Z) (…, 2) of the left side of views (…, 2 or 4)."""
+        """Return (X/Z, Y/Z) (…, 2) of the left side of views (…, 2 or 4)."""
         return (z_px[..., :2] - (self.cx_left_px, self.cy_px)) / self.f_px
 
     def triangulate(self, z_px: Array) -> Array:
-        """Points (…, 3) of stereo views (…, 4): exact when the two rows agree, their mean otherwise."""
+        """Return points (…, 3) of stereo views (…, 4): exact when the two rows agree, their mean otherwise."""
         depth = self.depth_m(z_px)
         x = (z_px[..., 0] - self.cx_left_px) * depth / self.f_px
         y = (0.5 * (z_px[..., 1] + z_px[..., 3]) - self.cy_px) * depth / self.f_px
@@ -101,7 +101,7 @@ def clamp_depth(points_in_cam: Array) -> Array:
 
 
 def information_of_views(z_px: Array, cov_px: Array) -> Array:
-    """Information (…, 4, 4) of views with covariance (…, 4, 4); a side that is NaN in z counts for nothing."""
+    """Return the information (…, 4, 4) of views with covariance (…, 4, 4); a side that is NaN in z has none."""
     seen = np.isfinite(z_px)
     both = seen[..., :, None] & seen[..., None, :]
     cov = np.where(both, cov_px, np.eye(4))
@@ -109,7 +109,7 @@ def information_of_views(z_px: Array, cov_px: Array) -> Array:
 
 
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array:
-    """R (…, 4, 4) with RᵀR the `information_of_views`: R r is a residual in standard deviations, eq. (11)."""
+    """Return R (…, 4, 4) with RᵀR = `information_of_views`: R r is a residual in standard deviations, eq. (11)."""
     seen = np.isfinite(z_px)
     both = seen[..., :, None] & seen[..., None, :]
     return np.where(both, np.linalg.inv(np.linalg.cholesky(np.where(both, cov_px, np.eye(4)))), 0.0)

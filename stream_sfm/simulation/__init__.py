@@ -1,4 +1,4 @@
-"""The paper's simulation: scenes, motions, noise, Monte-Carlo runs, and the definitions of its table and figure.
+"""The simulation of the paper: scenes, motions, noise, Monte-Carlo trials, and its table and figure as studies.
 
-Observations are made without images. Not here: rendered images (`tools/render/`), the estimators.
+Observations are simulated without images. Not here: rendered images (`tools/render/`), the estimators.
 """

@@ -1,7 +1,7 @@
-"""The paper's Figure 6: errors against the frame number, one curve a batch size, for CC and for WC.
+"""Figure 6 of the paper: errors against the frame number, one curve per batch size, for CC and for WC.
 
-The paper's own scene: natural visibility, about 200 mm a frame, round-off noise. Beside its curves the default
-estimator, the EKF, frame-to-frame concatenation, and the bound.
+The scene is the paper's own: natural visibility, about 200 mm per frame, round-off noise. Beside the paper's curves
+stand the default estimator, the EKF, frame-to-frame concatenation, and the bound.
 """
 
 from concurrent.futures import Executor
@@ -15,8 +15,8 @@ from .measure import QUANTITIES, Method, measure, stacked
 from .scenes import Scene
 from .trials import Progress, run_trials
 
-BATCHES = (1, 2, 4, 8)
-FRAMES = tuple(range(1, 31))
+BATCHES = (1, 2, 4, 8)  # paper: the batch sizes b of its figure
+FRAMES = tuple(range(1, 31))  # paper: 31 frames
 SCENE = Scene()
 METHODS = (
     *(Method("cross-frame-cc", b, f"cc_b{b}") for b in BATCHES),
@@ -28,7 +28,7 @@ METHODS = (
 
 
 def figure6(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
-    """RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m; label "bound" too."""
+    """Return RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m, with label "bound"."""
     job = partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES)
     data = stacked(run_trials(job, trials, seed, executor, progress))
     return {

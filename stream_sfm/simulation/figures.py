@@ -1,4 +1,4 @@
-"""The figures of the studies, PNG and SVG. matplotlib is loaded here only, without a display."""
+"""The figures of the studies as PNG and SVG. Only this file loads matplotlib, and without a display."""
 
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ _STYLE: Any = {
     "legend.frameon": False,
     "svg.hashsalt": "stream-sfm",
 }
+_DPI = 160  # legible on a screen of high density; a smaller file than for print
+_LOG_SCALE_ABOVE = 20  # times the expected value: beyond it the consistent estimators would share one spot
 _BATCH_COLOURS = ("#9ecae1", "#4f97c8", "#2171b5", "#08306b")
 _OTHERS = {
     "frame-to-frame": ("frame to frame", "#d95f02", "-"),
@@ -37,16 +39,16 @@ _ROWS = (
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write name.png and name.svg; returns their paths."""
+    """Write name.png and name.svg, and return their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    figure.savefig(paths[0], dpi=160)
+    figure.savefig(paths[0], dpi=_DPI)
     figure.savefig(paths[1], metadata={"Date": None})
     plt.close(figure)
     return paths
 
 
 def figure6(report: dict[str, Any]) -> Figure:
-    """Six panels: CC left, WC right; pose, global structure, local structure against the frame number."""
+    """Draw six panels: CC left, WC right; pose, global and local structure against the frame number."""
     with plt.rc_context(_STYLE):
         figure, axes = plt.subplots(3, 2, figsize=(8.2, 8.6), sharex=True, sharey="row", layout="constrained")
         for column, (kind, title) in enumerate((("cc", "camera-centred (CC)"), ("wc", "world-centred (WC)"))):
@@ -73,7 +75,7 @@ def _curves(axis: Axes, report: dict[str, Any], kind: str, quantity: str, scale:
 
 
 def efficiency(report: dict[str, Any]) -> Figure:
-    """Variance over the bound of every estimator, with intervals; one panel a quantity."""
+    """Draw the variance over the bound of every estimator, with intervals; one panel per quantity."""
     return _bars(
         report["conditions"]["nominal"]["estimators"],
         "over_bound",
@@ -89,7 +91,7 @@ def efficiency(report: dict[str, Any]) -> Figure:
 
 
 def consistency(report: dict[str, Any]) -> Figure:
-    """Mean normalised squared errors of every estimator; the dotted line is what an honest covariance gives."""
+    """Draw the mean normalised squared errors of every estimator; the dotted line is that of a true covariance."""
     return _bars(
         report["conditions"]["nominal"]["estimators"],
         None,
@@ -115,7 +117,7 @@ def _bars(
                 middle, range(len(names)), xerr=np.maximum(spread, 0), fmt="o", color="#2171b5", capsize=2
             )
             axis.axvline(expected[quantity], color="black", ls=":")
-            if middle.max() > 20 * expected[quantity]:
+            if middle.max() > _LOG_SCALE_ABOVE * expected[quantity]:
                 axis.set_xscale("log")
             axis.set_title(label)
         axes[0].set_yticks(range(len(names)), names)
@@ -124,7 +126,7 @@ def _bars(
 
 
 def rates(report: dict[str, Any]) -> Figure:
-    """Drift rate over the length of tracks, and local structure over the window, on their laws."""
+    """Draw the drift rate over the track length, and local structure over the window, with their laws."""
     with plt.rc_context(_STYLE):
         figure, (left, right) = plt.subplots(1, 2, figsize=(8.2, 3.4), layout="constrained")
         spans = report["drift_over_span"]

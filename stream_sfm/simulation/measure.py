@@ -1,4 +1,4 @@
-"""One trial of several estimators on one simulated sequence: squared and normalised errors, the bound, eq. (62)."""
+"""One trial of several estimators on one simulated sequence: squared and normalised errors, and the bound, eq. (62)."""
 
 from collections.abc import Sequence as Listed
 from dataclasses import dataclass
@@ -16,29 +16,30 @@ from ..types import Solution, Status
 from .scenes import Scene, Sequence
 
 QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
-NORMALISED = ("nees_pose", "nees_point", "nees_point_in_world")  # expected 6, 3, 3
+NORMALISED = ("nees_pose", "nees_point", "nees_point_in_world")  # closed form: 6, 3 and 3 are expected
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """An estimator of a study: `key` names it in results, `name` is its name in METHODS, `b` its window."""
+    """An estimator of a study: `name` in METHODS, a window of `frames`, and the `key` of its results."""
 
     name: str
     frames: int = 8
-    key: str = ""
+    key: str = ""  # empty: the name
 
     @property
     def label(self) -> str:
+        """The key of its results."""
         return self.key or self.name
 
 
 def measure(
     seed: np.random.SeedSequence, scene: Scene, methods: Listed[Method], frames: Listed[int], bound: bool = True
 ) -> dict[str, dict[str, Array]]:
-    """label -> quantity -> (len(frames),): rotation (rad²), position (m²), structure (m², mean over the points in
-    view), `bound_<quantity>` of the very same points, and NEES; NaN where the frame was lost.
+    """Run one trial, and return label -> quantity -> values (len(frames),), NaN where the frame was lost.
 
-    With `bound`, an entry "bound" holds the variances of the bound itself.
+    Quantities: rotation (rad²), position (m²), structure (m², mean over the points in view), `bound_<quantity>` of the
+    very same points, and NEES. With `bound`, an entry "bound" holds the variances of the bound itself.
     """
     sequence = scene.sequence(seed)
     bounds = {n: _bound(sequence, n) for n in frames} if bound else {}
@@ -86,7 +87,7 @@ def _measure_one(
 
 
 def errors(sequence: Sequence, frame: int, solution: Solution) -> dict[str, float]:
-    """Squared and normalised errors of one frame against the truth."""
+    """Return squared and normalised errors of one frame against the truth."""
     truth = sequence.world_from_cam[frame]
     points = sequence.points_in_world[solution.track_ids]
     xi = se3.log(se3.inverse(solution.world_from_cam) @ truth)
@@ -109,7 +110,7 @@ def _nees(error: Array, cov: Array) -> float:
 
 
 def stacked(trials: list[dict[str, dict[str, Array]]]) -> dict[str, dict[str, Array]]:
-    """label -> quantity -> (trials, frames) of a list of trials."""
+    """Return label -> quantity -> values (trials, frames) of a list of trials."""
     return {
         label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]}
         for label in trials[0]

@@ -1,4 +1,4 @@
-"""True camera paths: (n, 4, 4) poses world_from_cam, the first one being the world."""
+"""True camera paths: poses world_from_cam (n, 4, 4), of which the first is the world's origin."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,11 @@ from ..geometry.se3 import Array
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A path with `step_m` between frames along +x, `turn_rad` a frame about the vertical axis, and hand shake:
-    each pose but the first is off the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis."""
+    """A path of steps along +x with a steady turn about the vertical axis, and hand shake.
+
+    `step_m` and `turn_rad` per frame. Each pose but the first is off the smooth path by a Gaussian of `shake_m` and
+    `shake_rad` on each axis.
+    """
 
     step_m: float
     turn_rad: float = 0.0
@@ -19,7 +22,7 @@ class Motion:
     shake_rad: float = 0.0
 
     def poses(self, frames: int, rng: np.random.Generator) -> Array:
-        """The path (frames, 4, 4) of one trial."""
+        """Draw the path (frames, 4, 4) of one trial."""
         step = se3.exp(np.array([self.step_m, 0, 0, 0, -self.turn_rad, 0]))
         path = np.empty((frames, 4, 4))
         path[0] = np.eye(4)
@@ -30,7 +33,8 @@ class Motion:
         return path @ se3.exp(shake)
 
 
-# The paper says "about 200 mm between frames"; the shake is ours, and keeps round-off noise from repeating itself.
+# Paper: about 200 mm between frames. Ours: the shake, which keeps round-off noise from repeating itself; 10 mm, at
+# which the path stays short against the depth of the scene; and the turn of 0.03 rad, a right angle in fifty frames.
 MOTIONS = {
     "lateral": Motion(step_m=0.200, shake_m=0.005, shake_rad=0.005),
     "slow": Motion(step_m=0.010, shake_m=0.0005, shake_rad=0.005),

@@ -1,4 +1,4 @@
-"""The paper's Table 1: how error variances grow with the frame number n, the span k of a track, the window b.
+"""Table 1 of the paper: how error variances grow with the frame number n, the span k of a track, the window b.
 
 For every entry: the paper's rate, the measured exponent, and what exact theory (the Cramér–Rao bound of the same
 trials) says. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
@@ -22,12 +22,12 @@ from .trials import Progress, run_trials
 METHOD = Method("cross-frame")
 SPANS = (2, 4, 8, 16)  # L of the drift rates
 WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
-_DRIFT_FRAMES = (32, 96)
-_BOUND_SHARE = 0.08  # the bound hardly varies between scenes
+_DRIFT_FRAMES = (32, 96)  # between them drift is measured: twice the longest span and more from the start
+_BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little between scenes
 
 
 class Run(msgspec.Struct, frozen=True):
-    """Exponents are fitted over `frames` of a scene."""
+    """A sequence of the table: exponents are fitted over `frames` of a scene."""
 
     title: str
     scene: Scene
@@ -37,15 +37,15 @@ class Run(msgspec.Struct, frozen=True):
 _SLOW, _LATERAL = MOTIONS["slow"], MOTIONS["lateral"]
 RUNS = {
     "non_transitory_slow": Run(
-        "non-transitory, 10 mm a frame", Scene(motion=_SLOW, track_length=31), tuple(range(1, 31))
+        "non-transitory, 10 mm per frame", Scene(motion=_SLOW, track_length=31), tuple(range(1, 31))
     ),
-    "simple_slow": Run("simple, 10 mm a frame", Scene(motion=_SLOW, track_length=2), tuple(range(1, 31))),
+    "simple_slow": Run("simple, 10 mm per frame", Scene(motion=_SLOW, track_length=2), tuple(range(1, 31))),
     "simple_lateral": Run(
-        "simple, 200 mm a frame", Scene(frames=81, motion=_LATERAL, track_length=2), tuple(range(20, 81, 4))
+        "simple, 200 mm per frame", Scene(frames=81, motion=_LATERAL, track_length=2), tuple(range(20, 81, 4))
     ),
-    "general_slow": Run("general L = 8, 10 mm a frame", Scene(motion=_SLOW, track_length=8), tuple(range(8, 31))),
+    "general_slow": Run("general L = 8, 10 mm per frame", Scene(motion=_SLOW, track_length=8), tuple(range(8, 31))),
     "general_lateral": Run(
-        "general L = 8, 200 mm a frame", Scene(motion=_LATERAL, track_length=8), tuple(range(8, 31))
+        "general L = 8, 200 mm per frame", Scene(motion=_LATERAL, track_length=8), tuple(range(8, 31))
     ),
 }
 
@@ -80,7 +80,7 @@ _THEORY = {
 
 
 def rates(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
-    """Table 1 measured; see the module. Keys: `table` (rows), `drift_over_span`, `structure_over_window`."""
+    """Measure Table 1; see the module. Keys: `table` (rows), `drift_over_span`, `structure_over_window`."""
     table = []
     for name, run in RUNS.items():
         job = partial(measure, scene=run.scene, methods=(METHOD,), frames=run.frames)
@@ -114,17 +114,17 @@ def rates(trials: int, seed: int, executor: Executor | None, progress: Progress 
 
 
 def bound_trials(trials: int) -> int:
-    """Trials of the laws that are evaluated on the bound."""
-    return max(2, round(_BOUND_SHARE * trials))
+    """Return the number of trials of the laws that are evaluated on the bound."""
+    return max(2, round(_BOUND_FRACTION * trials))
 
 
 def total_trials(trials: int) -> int:
-    """How many trials `rates` runs altogether."""
+    """Return how many trials `rates` runs altogether."""
     return len(RUNS) * trials + 2 * bound_trials(trials)
 
 
 def drift_rates(seed: np.random.SeedSequence) -> Array:
-    """Growth a frame of the bound's variance, (len(SPANS), 2: rad², m²), one image support for all L."""
+    """Return the growth per frame of the bound's variance, (len(SPANS), 2: rad², m²), one image support for all L."""
     rows = []
     for length in SPANS:
         s = Scene(
@@ -143,7 +143,7 @@ def drift_rates(seed: np.random.SeedSequence) -> Array:
 
 
 def structure_over_window(seed: np.random.SeedSequence) -> Array:
-    """Mean variance of local structure from the last b frames alone, (len(WINDOWS),) m², at L = 16."""
+    """Return the mean variance of local structure from the last b frames alone, (len(WINDOWS),) m², at L = 16."""
     length = max(SPANS)
     s = Scene(frames=2 * length, motion=_SLOW, track_length=length).sequence(seed)
     values = []
@@ -154,7 +154,7 @@ def structure_over_window(seed: np.random.SeedSequence) -> Array:
 
 
 def structure_law(length: int, window: int) -> float:
-    """(1/L)(H_b + (L − b)/b): variance of a point seen `length` times, from a window, in views of one frame."""
+    """Return (1/L)(H_b + (L − b)/b): the variance of a point seen `length` times, in units of that of one view."""
     harmonic = sum(1 / k for k in range(1, window + 1))
     return (harmonic + (length - window) / window) / length
 

@@ -1,9 +1,7 @@
-"""Random scenes seen by the paper's converging pair, section 4.1: what is true, and what is observed.
+"""Random scenes seen by the converging pair of the paper, section 4.1: what is true, and what is observed.
 
-512×480 px, points uniform in depth from 2 to 3 m. The paper gives no focal length, baseline or convergence;
-ours: f = 600 px, 250 mm, axes crossing at 2500 mm. Points are projected into the two physical cameras, where
-noise is added; coordinates and covariance are then mapped into the rectified pair in which estimators work.
-All poses and points are in the axes of the rectified left camera.
+Points are projected into the two physical cameras, where noise is added; coordinates and covariance are then mapped
+into the rectified pair in which estimators work. All poses and points are in axes of the rectified left camera.
 """
 
 from dataclasses import dataclass
@@ -17,18 +15,25 @@ from ..geometry.stereo import StereoProjection
 from ..types import Observations
 from .motions import MOTIONS, Motion
 
-WIDTH, HEIGHT, F_PX, BASELINE_M, CROSSING_M = 512, 480, 600.0, 0.250, 2.5
-NEAR_M, FAR_M = 2.0, 3.0
-ROUND_OFF_PX = 12**-0.5  # standard deviation of rounding to whole pixels
-FRAME_NS = 100_000_000
-_PATIENCE = 50  # rounds of drawing points before less image support is accepted
-_BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera
+WIDTH, HEIGHT = 512, 480  # px; paper
+NEAR_M, FAR_M = 2.0, 3.0  # paper: points are uniform in depth between them
+F_PX, BASELINE_M, CROSSING_M = (
+    600.0,
+    0.250,
+    2.5,
+)  # ours, the paper gives none: axes cross in mid-scene
+ROUND_OFF_PX = 12**-0.5  # closed form: standard deviation of rounding to whole pixels
+FRAME_NS = 100_000_000  # ours: ten frames per second
+_MAX_DRAWS = 50  # rounds of drawing points before less image support is asked for
+_LESS_SUPPORT = 0.95  # factor of the support in each round after that
+_BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera, half a track and more
+_NEAREST_M = 0.1  # depth from which a point can be in view at all; the scene begins twenty times as far
 _CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 _TOE_IN_RAD = float(np.arctan(BASELINE_M / 2 / CROSSING_M))
 
 
 def rectified_projection() -> StereoProjection:
-    """The rectified pair; its principal points are moved so that the crossing point keeps its place."""
+    """Return the rectified pair, with principal points such that the crossing point keeps its place."""
     shift = F_PX * np.tan(_TOE_IN_RAD)
     return StereoProjection(
         f_px=F_PX,
@@ -49,7 +54,7 @@ _RECTIFIED_FROM_PHYSICAL = (
 
 
 def physical_views(points_in_cam: Array) -> Array:
-    """Pixels (…, 2 sides, 2) of points (…, 3), rectified left axes, in the two physical cameras."""
+    """Return the pixels (…, 2 sides, 2) of points (…, 3), rectified left axes, in the two physical cameras."""
     sides = []
     for offset, rectified in zip((0.0, BASELINE_M), _RECTIFIED_FROM_PHYSICAL, strict=True):
         p = (points_in_cam - [offset, 0.0, 0.0]) @ rectified  # = (Rᵀ X)ᵀ
@@ -58,7 +63,7 @@ def physical_views(points_in_cam: Array) -> Array:
 
 
 def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
-    """Rectified z (…, 4) and covariance (…, 4, 4) of physical pixels (…, 2, 2) with noise std_px."""
+    """Return rectified z (…, 4) and covariance (…, 4, 4) of physical pixels (…, 2, 2) with noise std_px."""
     z = np.empty((*pixels.shape[:-2], 4))
     cov = np.zeros((*pixels.shape[:-2], 4, 4))
     centres = ((_PROJECTION.cx_left_px, _CENTRE[1]), (_PROJECTION.cx_right_px, _CENTRE[1]))
@@ -74,7 +79,7 @@ def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """One trial: truth and observations.
+    """The truth and the observations of one trial.
 
     `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) by track id; `frame`, `track` (k,) of all views, ascending.
     """
@@ -90,8 +95,10 @@ class Sequence:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A recipe. With `track_length` (L) and `visible` (M) every point is seen in exactly L successive frames and
-    M points at a time, born evenly; without, in whichever frames both images hold it, at `density` points a frame.
+    """A recipe of trials.
+
+    With `track_length` (L) and `visible` (M) every point is seen in exactly L successive frames, and M points at a
+    time, with births spread evenly; without, in whichever frames both images hold it, at `density` points per frame.
 
     A point of a controlled scene is drawn from what the cameras of `support_frames` (default L) around the middle
     of its track all see, so that runs of different L can share one image support. `std_px`: `round_off` noise of
@@ -141,7 +148,7 @@ class Scene:
         return Sequence(_PROJECTION, path, points, frame, track, self.std_px, tuple(observations))
 
     def _controlled(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """M·(n + L − 1)/L points whose tracks start evenly from frame 1 − L on; (p, 3) and seen (n, p)."""
+        """Draw M·(n + L − 1)/L points whose tracks start evenly from frame 1 − L on; (p, 3) and seen (n, p)."""
         length = min(self.track_length or self.frames, self.frames)
         if length == self.frames:
             birth = np.zeros(self.visible, int)
@@ -150,7 +157,7 @@ class Scene:
             birth = np.arange(count) * length // self.visible + 1 - length
         support = self.support_frames or length
         middle = birth + (length - 1) / 2
-        twist = _twist(path)  # before and after the path it goes on so: only image support depends on it
+        twist = _twist(path)  # the path goes on like this at both ends; only image support depends on it
         centre = se3.exp(twist * middle[:, None])
         offsets = np.linspace(-(support - 1) / 2, (support - 1) / 2, 3 if support > 1 else 1)
         points = np.empty((len(birth), 3))
@@ -164,37 +171,37 @@ class Scene:
             points[open_[inside]] = world[inside]
             open_ = open_[~inside]
             rounds += 1
-            if rounds > _PATIENCE:  # no place is in view for that long: be content with less
-                offsets = 0.95 * offsets
+            if rounds > _MAX_DRAWS:  # no place is in view for that long: ask for less
+                offsets = _LESS_SUPPORT * offsets
         n = np.arange(self.frames)[:, None]
         return points, (n >= birth) & (n < birth + length)
 
     def _natural(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """Points along the path and beyond its ends, `density` of them in view of a frame; (p, 3), seen (n, p)."""
+        """Draw points along the path and beyond its ends, `density` of them in view per frame; (p, 3), seen (n, p)."""
         tried = int(2 * self.density * (self.frames + 2 * _BEYOND_ENDS))
         anchor = se3.exp(_twist(path) * rng.uniform(-_BEYOND_ENDS, self.frames - 1 + _BEYOND_ENDS, (tried, 1)))
         world = np.einsum("pij,pj->pi", anchor[:, :3, :3], _draw_in_view(rng, tried)) + anchor[:, :3, 3]
         seen = np.stack([_in_view(se3.transform(se3.inverse(p), world)) for p in path])
-        share = seen.sum() / self.frames / tried  # of the points, in view of an average frame
-        count = min(tried, round(self.density / max(share, 1e-9)))
+        visible = seen.sum() / self.frames / tried  # fraction of the points in view of an average frame
+        count = min(tried, round(self.density / max(visible, 1 / tried)))
         return world[:count], seen[:, :count]
 
 
 def _twist(path: Array) -> Array:
-    """The motion (6,) of one frame on the smooth path through the first and last pose."""
+    """Return the motion (6,) per frame on the smooth path through the first and last pose."""
     xi = se3.log(path[-1]) / max(1, len(path) - 1)
     return np.asarray(xi)
 
 
 def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:
-    """Whether both physical images hold the points (…, 3)."""
+    """Return whether both physical images hold the points (…, 3)."""
     pixels = physical_views(points_in_cam)
     inside = (pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])
-    return np.asarray((points_in_cam[..., 2] > 0.1) & inside.all(axis=(-1, -2)))
+    return np.asarray((points_in_cam[..., 2] > _NEAREST_M) & inside.all(axis=(-1, -2)))
 
 
 def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
-    """Points (n, 3) uniform in depth and over the left image, rectified left axes; the right image is not asked."""
+    """Draw points (n, 3) uniform in depth and over the left image, whether or not the right image holds them."""
     depth = rng.uniform(NEAR_M, FAR_M, n)
     pixel = rng.uniform([-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], (n, 2))
     ray = np.column_stack([(pixel - _CENTRE) / F_PX, np.ones(n)]) @ _RECTIFIED_FROM_PHYSICAL[0].T
@@ -202,7 +209,7 @@ def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
 
 
 def _tracks(seen: NDArray[np.bool_], points: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Views as (frame, track) rows, ascending; a point that comes back into view is a new track with a new id."""
+    """Return views as (frame, track) rows, ascending; a point that comes back into view is a track with a new id."""
     born = seen & ~np.vstack([np.zeros((1, seen.shape[1]), bool), seen[:-1]])
     birth_frame, birth_point = np.nonzero(born)  # ascending by frame: ids ascend with time
     number = np.zeros(seen.shape, np.intp)

@@ -21,7 +21,7 @@ EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A scene in which estimators are compared, at `frames` of it; `share` of the trials asked for are run."""
+    """A scene in which estimators are compared at `frames`; of the trials asked for, the fraction `share` is run."""
 
     name: str
     scene: Scene
@@ -31,6 +31,7 @@ class Condition:
     bound: bool = True
 
     def trials(self, asked: int) -> int:
+        """Return how many trials are run."""
         return max(2, round(asked * self.share)) if asked > 1 else 1
 
 
@@ -94,7 +95,7 @@ def efficiency(
     progress: Progress | None = None,
     conditions: tuple[Condition, ...] = (),
 ) -> Report:
-    """Variance of each estimator over the bound and, paired, over the default's; by condition."""
+    """Measure the variance of each estimator over the bound and, paired, over the default's; by condition."""
     return _study("efficiency", _efficiency_of, conditions or (NOMINAL, NOISY, LONG))(
         trials, seed, executor, progress
     )
@@ -107,7 +108,7 @@ def consistency(
     progress: Progress | None = None,
     conditions: tuple[Condition, ...] = (),
 ) -> Report:
-    """Mean normalised squared errors of each estimator; by condition."""
+    """Measure the mean normalised squared errors of each estimator; by condition."""
     return _study("consistency", _consistency_of, conditions or (NOMINAL, NOISY, LONG))(
         trials, seed, executor, progress
     ) | {"expected": EXPECTED}
@@ -132,5 +133,5 @@ def _study(
 
 
 def total_trials(trials: int, conditions: tuple[Condition, ...] = (NOMINAL, NOISY, LONG)) -> int:
-    """How many trials a study runs altogether."""
+    """Return how many trials a study runs altogether."""
     return sum(c.trials(trials) for c in conditions)

@@ -1,4 +1,4 @@
-"""Monte-Carlo trials, here or in parallel: the same seed gives the same numbers wherever and in how many they run."""
+"""Monte-Carlo trials in this process or in many: the same seed gives the same numbers everywhere."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -17,7 +17,7 @@ def run_trials(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[Result]:
-    """`job` of each trial's own seed, in order of trials, by the `executor` or (None) in this process.
+    """Return `job` of each trial's own seed, in the order of trials, run by `executor` or (None) in this process.
 
     `job` must be picklable: a function of a module, or functools.partial of one.
     """

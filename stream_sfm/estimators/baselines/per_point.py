@@ -26,7 +26,7 @@ from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
 from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
 from ..motion_model import MotionModel
-from .bundle_adjustment import Adjusted
+from .bundle_adjustment import Adjustment
 from .per_point_map import PerPointMap
 from .per_point_priors import LeavingRule, camera_centred, camera_centred_literal, world_centred
 
@@ -95,7 +95,7 @@ class _PerPointWindow:
         inliers: int,
         rejected: NDArray[np.int64],
         ended: WorldPoints,
-        result: Adjusted,
+        result: Adjustment,
     ) -> Solution:
         """Read the Solution off the window, and give the pose to the motion model."""
         world_from_cam, cov_pose = current.newest_pose()

@@ -13,10 +13,10 @@ from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
-from .bundle_adjustment import Adjusted, Covariances, NormalEquations, PointPriors, WeightedViews, adjust
+from .bundle_adjustment import Adjustment, Covariances, NormalEquations, PointPriors, WeightedViews, adjust
 from .per_point_priors import Leaving, LeavingRule, with_every_point
 
-_TOLERANCE = 1e-6  # relative decrease of the sum of squares: a hundredth of a standard deviation, all together
+_TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +93,12 @@ class PerPointMap:
     def _has_prior(self) -> NDArray[np.bool_]:
         return np.asarray((self._priors.information != 0).any(axis=(1, 2)))
 
-    def solve(self) -> Adjusted:
+    def solve(self) -> Adjustment:
         """Estimate all motions and points of the window at once; views that do not fit leave, once."""
         result, self.covariances = self._solve()
         return result
 
-    def _solve(self) -> tuple[Adjusted, Covariances]:
+    def _solve(self) -> tuple[Adjustment, Covariances]:
         for last in (False, True):
             poses = np.stack([f.ref_from_cam for f in self.window])
             free = np.array([not f.held for f in self.window])
@@ -118,7 +118,7 @@ class PerPointMap:
                 replace(f, ref_from_cam=p) for f, p in zip(self.window, result.ref_from_cam, strict=True)
             ]
             dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
-            bad = result.share > chi2_gates(dof, self._config.robust.gate_probability)
+            bad = result.squares > chi2_gates(dof, self._config.robust.gate_probability)
             if last or not bad.any():
                 break
             for k, frame in enumerate(self.window):
