@@ -5,9 +5,11 @@ import numpy as np
 from ..geometry.se3 import Array
 from .models import Camera
 
+_ON_AXIS = 1e-12  # of x and y at depth 1: nearer to the axis a fisheye bends nothing
+
 
 def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
-    """Pixels (n, 2) of points (n, 3), Z > 0, in the unrectified image.
+    """Project points (n, 3), Z > 0, into the image as delivered: pixels (n, 2).
 
     OpenCV's models and coefficient order: plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (… k4 k5 k6),
     equidistant (Kannala–Brandt, θ polynomial).
@@ -20,7 +22,7 @@ def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
         r = np.hypot(x, y)
         theta = np.arctan(r)
         bent = theta * (1 + theta**2 * (d[0] + theta**2 * (d[1] + theta**2 * (d[2] + theta**2 * d[3]))))
-        factor = np.where(r > 1e-12, bent / np.where(r > 1e-12, r, 1.0), 1.0)
+        factor = np.where(r > _ON_AXIS, bent / np.where(r > _ON_AXIS, r, 1.0), 1.0)
         x, y = x * factor, y * factor
     elif any(d):
         k1, k2, p1, p2, k3, k4, k5, k6 = (*d, *(0.0,) * (8 - len(d)))

@@ -8,6 +8,8 @@ from ..errors import ConfigError
 from ..geometry.se3 import Array
 
 MAX_PIXELS = 2**25  # of an image: more is a damaged header, or hostile
+_MIN_EDGE_PX = 16  # of an image: less holds no patch
+# How many coefficients each lens model takes, in OpenCV's order.
 DISTORTION_COEFFICIENTS = {
     "none": (0,),
     "plumb_bob": (0, 4, 5),
@@ -35,10 +37,10 @@ class Camera:
         d = tuple(float(x) for x in np.ravel(np.asarray(self.D, dtype=float)))
         object.__setattr__(self, "K", k)
         object.__setattr__(self, "D", d)
-        if self.width < 16 or self.height < 16 or self.width * self.height > MAX_PIXELS:
+        if self.width < _MIN_EDGE_PX or self.height < _MIN_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
-                f"camera size {self.width}×{self.height}: give width and height in pixels, each at least 16, "
-                f"together at most {MAX_PIXELS / 1e6:.0f} megapixels"
+                f"camera size {self.width}×{self.height}: give width and height in pixels, each at least "
+                f"{_MIN_EDGE_PX}, together at most {MAX_PIXELS / 1e6:.0f} megapixels"
             )
         if k.shape != (3, 3) or not np.isfinite(k).all():
             raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")
