@@ -203,4 +203,4 @@ def test_the_viewer_shows_one_camera(one_camera_log, tmp_path) -> None:
     viewer = sfm.viewer.open_viewer(log.rig, rrd)
     sfm.replay(log, None, MONO, sfm.Selection(max_frames=4), sinks=[viewer])
     data = rrd.read_bytes()
-    assert b"left image and tracks" in data and b"right image and tracks" not in data
+    assert b"left image with tracks" in data and b"right image with tracks" not in data
