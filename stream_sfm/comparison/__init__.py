@@ -1,1 +1,1 @@
-"""Every method on the same observations."""
+"""Compares methods on the same observations. `compare.py` is the page to read."""

@@ -1,6 +1,6 @@
-"""All methods on one log in one pass: the front-end does not depend on the method, so it runs once.
+"""Compares methods on one log in one pass: the front-end does not depend on the method, so it runs once.
 
-log -> observer -> the same observations to the estimator of every method -> a result folder per method, and the report.
+log -> observer -> the same observations for the estimator of every method -> a result folder each, and the report.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ComparisonResult:
-    """`report` as in report.json; `out_dir` (None: nothing was to be written); `comparison`: what the report shows."""
+    """The result of a comparison: `report` as in report.json, `out_dir` (None: nothing was written), all records."""
 
     report: dict[str, Any]
     out_dir: Path | None
@@ -88,7 +88,7 @@ def compare(
 
 
 class _Run:
-    """One comparison: an observer, the methods that share its observations, and what the report needs."""
+    """One comparison: the observer, the methods that share its observations, and the records for the report."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class _Run:
         self.problems: list[str] = []
 
     def forwards(self, kept: KeptFrames | None, interruption: Interruption) -> None:
-        """Take the frames one by one, until the log ends or breaks off, or somebody interrupts; close the sinks."""
+        """Take the frames one by one until the log ends or the run is interrupted; then close the sinks."""
         try:
             for frame in self.stopwatch.frames(self.log.frames(self.selection)):
                 self.take(frame)
@@ -126,7 +126,7 @@ class _Run:
             close_all([*(sink for method in self.methods for sink in method.sinks), *self.sinks])
 
     def take(self, frame: RecordedFrame) -> None:
-        """One frame through the observer, its observations through all methods."""
+        """Pass one frame through the observer, and its observations through all methods."""
         try:
             observed = self.observer.observe(frame)
         except FrameError as error:
@@ -146,7 +146,7 @@ class _Run:
                 sink.write(estimate, frame)
 
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
-        """Feed the frames backwards; returns what the report says about it."""
+        """Feed the frames backwards; return what the report says about it."""
         if self.problems:
             return f"not done: {self.problems[0]}"
         if kept.too_many:
@@ -165,7 +165,7 @@ class _Run:
     def result(
         self, truth: Trajectory | None, inspection: dict[str, Any], return_note: str, interrupted: bool
     ) -> Comparison:
-        """All that the report is made of."""
+        """Return all that the report is made of."""
         warnings = [*self.log.stats.warnings, *([self.depth.problem] if self.depth.problem else []), *self.problems]
         return Comparison(
             log=self.log.path.name,

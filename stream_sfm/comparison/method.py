@@ -1,4 +1,4 @@
-"""One method of a comparison: the shared observations through its estimator into its record and its result folder."""
+"""Runs one method of a comparison: the shared observations through its estimator into its record and its folder."""
 
 import time
 from pathlib import Path
@@ -19,9 +19,9 @@ from ..types import FrameEstimate, Observations, Selection, Sink, Solution
 
 
 class ComparedMethod:
-    """An estimator, the sinks that watch it, and the record that the report is made of.
+    """One method: its estimator, the sinks that watch it, and its record for the report.
 
-    A method that fails ends there, and does not cost the others their results; `record.failure` says why.
+    If the estimator fails, the method ends there, `record.failure` says why, and the other methods go on.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class ComparedMethod:
         self.sinks += [] if self._folder is None else [self._folder]
 
     def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
-        """The estimate of a frame, after it went into all sinks; None when the method has failed, now or before."""
+        """Estimate a frame, and pass the estimate to all sinks; None if the method has failed, now or before."""
         solved = self._solve(observed)
         if solved is None:
             return None
@@ -57,13 +57,13 @@ class ComparedMethod:
         return estimate
 
     def take_backwards(self, observed: Observed) -> None:
-        """A frame of the way back: only its pose is kept."""
+        """Estimate a frame of the way back; only its pose is kept."""
         solved = self._solve(observed, " (on the way back)")
         if solved is not None:
             self.record.back.append(solved[1].world_from_cam)
 
     def finished_record(self) -> MethodRun:
-        """The record, with the errors of the local structure where all depth images could be read."""
+        """Return the record with the errors of the local structure, if all depth images could be read."""
         self.record.structure = self._structure.comparison
         return self.record
 
@@ -97,7 +97,7 @@ class ComparedMethod:
         return solution, self._observer.estimate(observed, solution, estimator_ms)
 
     def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
-        """RMS residual of the current views against the current points, pixels; NaN where there is none."""
+        """Return the RMS residual of the current views against the current points, pixels; NaN without points."""
         rows = np.flatnonzero(np.isin(observations.track_ids, solution.track_ids))
         points = solution.points_in_cam[np.isin(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3

@@ -1,4 +1,4 @@
-"""What the report shows of a comparison beside the methods: tracking, gaps, pictures, and two maps compared."""
+"""Records what the report shows beside the methods: tracking, gaps in time, pictures, and CC against WC points."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from ..report.records import FrontRecord, Snapshot
 from ..report.thumbnails import jpeg
 from ..types import Frame, FrameEstimate, Observations
 
-_SNAPSHOT_WIDTH = 560
-_GAP = 1.6  # of the usual time between frames
-_USUAL_OVER = 50  # frames
+_SNAPSHOT_WIDTH = 560  # pixels; chosen by hand, a compromise between detail and the size of the report
+_GAP = 1.6  # times the median of the latest steps in time; chosen by hand, one lost frame makes it 2
+_STEPS = 50  # frames over which the median is taken
 
 
 class Recorder:
-    """Keeps what all methods share. `local_difference`: (frame, median distance of CC and WC local points, m)."""
+    """Records what all methods share; `local_difference`: (frame, median distance of CC and WC local points, m)."""
 
     def __init__(self, observer: Observer) -> None:
         self.front = FrontRecord()
@@ -25,7 +25,7 @@ class Recorder:
         self._previous: Observations | None = None
 
     def take(self, observed: Observed, frame: Frame, estimates: dict[str, FrameEstimate]) -> None:
-        """Record one frame; `estimates` by the names of the methods."""
+        """Record one frame; `estimates`: by method."""
         observations = observed.observations
         index = observations.frame_index
         self.front.decode_ms.append(observed.timings_ms["decode"])
@@ -42,7 +42,7 @@ class Recorder:
         self._previous = observations
 
     def _after_a_gap(self, stamp_ns: int) -> bool:
-        self._stamps_ns = [*self._stamps_ns[1 - _USUAL_OVER :], stamp_ns]
+        self._stamps_ns = [*self._stamps_ns[1 - _STEPS :], stamp_ns]
         steps = np.diff(self._stamps_ns)
         return len(steps) > 2 and bool(steps[-1] > _GAP * np.median(steps))
 
@@ -58,7 +58,7 @@ class Recorder:
         )
 
     def _temporal_matches(self, observations: Observations) -> Array:
-        """(m, 4): left pixels of the tracks that were seen before, in the previous frame and now."""
+        """Return left pixels (m, 4) of the tracks that were seen before: in the previous frame and now."""
         if self._previous is None:
             return np.empty((0, 4))
         _, i, j = np.intersect1d(self._previous.track_ids, observations.track_ids, return_indices=True)
@@ -66,7 +66,7 @@ class Recorder:
 
 
 def local_difference_m(cc: FrameEstimate | None, wc: FrameEstimate | None) -> float | None:
-    """Median distance between the same local points by two methods; None without a point that both have."""
+    """Return the median distance between the points that two methods have in common; None without any."""
     if cc is None or wc is None:
         return None
     _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)

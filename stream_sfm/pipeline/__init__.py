@@ -1,1 +1,1 @@
-"""A replay: a log through the engine into sinks, with a summary."""
+"""Replays a log: its frames through the engine into sinks, then a summary. `replay.py` is the page to read."""

@@ -1,4 +1,4 @@
-"""Frames prepared one ahead of the engine: OpenCV works on the next images while NumPy works on the current ones."""
+"""Prepares frames one ahead of the engine: OpenCV works on the next images while NumPy works on the current ones."""
 
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,9 +14,9 @@ PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, No
 
 
 def prepared_ahead(engine: Engine, frames: Frames) -> PreparedFrames:
-    """Each frame with what `Engine.prepare` made of it; None where that failed, so that `Engine.step` says why.
+    """Yield each frame with what `Engine.prepare` returned for it, or None if that failed: `Engine.step` says why.
 
-    If the log ends in an InputError, all frames read before come before that error.
+    If the log ends in an InputError, all frames that were read before it are yielded first.
     """
     current: tuple[RecordedFrame, Future[PreparedImages]] | None = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):

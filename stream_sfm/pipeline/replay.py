@@ -1,4 +1,4 @@
-"""A log through the engine into sinks: open, step, write, summarise. What was computed is never lost.
+"""Replays a log: its frames through the engine into sinks, then a summary. What was computed is never lost.
 
 Ctrl-C and SIGTERM end a replay after the current frame; a log that breaks off, a full disk or a defect end it where
 they occur. In each case the estimates so far are written, and summary.json says `complete: false` and why.
@@ -28,7 +28,7 @@ from .there_and_back import TOO_MANY, KeptFrames, return_error, then_backwards
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ReplayResult:
-    """`summary` as in summary.json; `out_dir` (None: nothing was to be written); all poses with covariances."""
+    """The result of a replay: `summary` as in summary.json, `out_dir` (None: nothing was written), all poses."""
 
     summary: dict[str, Any]
     out_dir: Path | None
@@ -39,7 +39,7 @@ class ReplayResult:
 
 
 class ReplayInterrupted(KeyboardInterrupt):
-    """Ctrl-C or SIGTERM; `result` is what there was until then, already written."""
+    """A replay was ended by Ctrl-C or SIGTERM; `result` holds what was estimated and written until then."""
 
     def __init__(self, result: ReplayResult) -> None:
         super().__init__("replay interrupted")
@@ -85,7 +85,7 @@ def replay(
 
 
 class _Run:
-    """One replay: the engine, the sinks that watch it, and what is to be said about it in the end."""
+    """One replay: the engine, the sinks that watch it, and what the summary says about its course."""
 
     def __init__(
         self, log: StereoLog, config: Config, selection: Selection, out_dir: Path | None, sinks: Sequence[Sink]
@@ -105,7 +105,7 @@ class _Run:
         self.complete = True
 
     def feed(self, frames: PreparedFrames, interruption: Interruption) -> BaseException | None:
-        """Take the frames one by one; returns the exception that the caller has to see in the end, if any."""
+        """Take the frames one by one; return the exception that `replay` raises in the end, if there is one."""
         try:
             for frame, prepared in self.stopwatch.frames(frames):
                 self.take(frame, prepared)
@@ -127,7 +127,7 @@ class _Run:
         return None
 
     def take(self, frame: RecordedFrame, prepared: PreparedImages | None) -> None:
-        """One frame through the engine into all sinks."""
+        """Pass one frame through the engine into all sinks."""
         try:
             estimate = self.engine.step(frame, prepared)
         except FrameError as error:
@@ -137,7 +137,7 @@ class _Run:
             sink.write(estimate, frame)
 
     def finish(self, problem: BaseException | None, interrupted: bool) -> ReplayResult:
-        """Close the sinks and write the summary. Raises OutputError unless `problem` is worse already."""
+        """Close the sinks and write the summary; a failure of these is raised unless `problem` comes first."""
         failure: Exception | None = None
         try:
             close_all(self.sinks)

@@ -1,4 +1,4 @@
-"""What a run remembers of its frames, little enough for any length, and the figures made of it."""
+"""What a run remembers of its frames, some 600 bytes of each, and the part of the summary that follows from it."""
 
 import time
 from array import array
@@ -17,14 +17,14 @@ T = TypeVar("T")
 
 
 class Stopwatch:
-    """Times a run frame by frame. `waited_s`: how long the run waited for the current frame."""
+    """Times a run frame by frame; `waited_s` is how long the run waited for the current frame."""
 
     def __init__(self) -> None:
         self.waited_s = 0.0
         self._asked_s = time.perf_counter()
 
     def frames(self, frames: Iterable[T]) -> Iterator[T]:
-        """The same frames, timed."""
+        """Yield the same frames and time them."""
         self._asked_s = time.perf_counter()
         for frame in frames:
             self.waited_s = self.elapsed_s
@@ -33,15 +33,15 @@ class Stopwatch:
 
     @property
     def elapsed_s(self) -> float:
-        """Time since the run asked for the current frame."""
+        """Seconds since the run asked for the current frame."""
         return time.perf_counter() - self._asked_s
 
 
 class RunStatistics:
-    """A sink that keeps poses, covariances, times and the number of frames of each status.
+    """A sink that keeps poses, covariances and times, and counts the frames of each status.
 
     With a stopwatch, the total time of a frame is from asking for it until it is written here, after the results.
-    Without one it is the sum of the estimate's own timings: where several methods share a frame.
+    Without one, where several methods share a frame, it is the sum of the estimate's own timings.
     """
 
     def __init__(self, stopwatch: Stopwatch | None = None) -> None:
@@ -77,7 +77,7 @@ class RunStatistics:
         """Nothing to finish."""
 
     def refuse(self, error: FrameError) -> None:
-        """Count a frame that the engine did not take."""
+        """Count a frame that the engine refused."""
         self.refused += 1
         self.first_refusal = self.first_refusal or error
 
@@ -85,13 +85,13 @@ class RunStatistics:
         return len(self.stamps_ns)
 
     def trajectory(self) -> Trajectory:
-        """All poses with their covariances."""
+        """Return all poses with their covariances."""
         return Trajectory(
             np.array(self.stamps_ns, dtype=np.int64), _stacked(self._poses, 4), _stacked(self._covs, 6)
         )
 
     def warnings(self) -> list[str]:
-        """Sentences about frames that were refused or lost."""
+        """Return sentences about frames that were refused or lost."""
         notes = []
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
@@ -104,7 +104,7 @@ class RunStatistics:
         return notes
 
     def summary(self) -> dict[str, Any]:
-        """The part of summary.json that follows from the estimates: statuses, durations, lengths."""
+        """Return the part of summary.json that follows from the estimates: statuses, durations, lengths."""
         n = len(self.stamps_ns)
         wall_s = sum(self._times_ms["total"]) / 1e3
         return {
@@ -117,7 +117,7 @@ class RunStatistics:
 
 
 def peak_rss_mib() -> float | None:
-    """Largest resident memory of this process so far, MiB; None where the system does not tell."""
+    """Return the largest resident memory of this process so far, MiB; None where the system does not know it."""
     try:
         import resource
     except ImportError:

@@ -1,4 +1,4 @@
-"""The local structure of each estimate against the depth images of the log."""
+"""Compares the local structure of each estimate with the depth images of the log."""
 
 from ..camera.models import Camera
 from ..errors import InputError
@@ -9,14 +9,14 @@ from ..types import Frame, FrameEstimate
 
 
 class TrueDepth:
-    """The depth images of a log by stamp. After one that cannot be read there are none, and `problem` says why."""
+    """Looks up the depth images of a log; after one that cannot be read there are none, and `problem` says why."""
 
     def __init__(self, log: StereoLog) -> None:
         self._images = log.depth_images()
         self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
-        """The depth image of this moment, or None; stamps ascend."""
+        """Return the depth image of this moment, or None; stamps ascend."""
         if self.problem:
             return None
         try:
@@ -27,7 +27,7 @@ class TrueDepth:
 
 
 class StructureSink:
-    """Compares the local structure of each estimate with the depth image of its moment; several share the images."""
+    """A sink that compares the points of each estimate with the depth image of its moment; sinks share the images."""
 
     def __init__(self, camera: Camera, depth: TrueDepth) -> None:
         self._depth = depth
@@ -35,7 +35,7 @@ class StructureSink:
         self.latest: StructureErrors | None = None  # of the latest frame
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Compare one frame, if the log has a depth image of it."""
+        """Compare one frame, if the log has a depth image of that moment."""
         self.latest = self._comparison.add(estimate, self._depth.at(estimate.stamp_ns))
 
     def close(self) -> None:
@@ -43,5 +43,5 @@ class StructureSink:
 
     @property
     def comparison(self) -> StructureComparison | None:
-        """The errors of the run; None where the depth images could not all be read."""
+        """The errors of the whole run; None if a depth image could not be read."""
         return None if self._depth.problem else self._comparison

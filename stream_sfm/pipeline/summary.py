@@ -1,4 +1,4 @@
-"""summary.json of a run, whether `replay` made it or `compare`."""
+"""Makes summary.json, for `replay` and for every method of `compare`."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def summarise(
     structure: StructureComparison | None,
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json; `further` fields come before those of the ground truth."""
+    """Return the content of summary.json; `further` fields come before those of the ground truth."""
     summary = {
         "log": str(log.path),
         "method": config.method,
@@ -43,10 +43,10 @@ def summarise(
 
 
 def frame_counts(stats: ReadStats, statistics: RunStatistics, selection: Selection) -> dict[str, int]:
-    """`frames` of the summary.
+    """Return `frames` of the summary.
 
-    `read`: left images read; `paired`: stereo frames among them, or of the selection if not the whole log was
-    selected; `estimated`: frames with an estimate of any status, of which `degraded` and `lost`; `dropped`: images
+    `read`: left images read; `paired`: stereo frames among them, or of the selection if it is a part of the log;
+    `estimated`: frames with an estimate of any status, `degraded` and `lost` among them; `dropped`: images that were
     out of order, undecodable or refused.
     """
     estimated = len(statistics)

@@ -1,4 +1,4 @@
-"""The frames of a run once more, backwards: where it should end shows its drift without ground truth."""
+"""Feeds the frames of a run backwards as well: it should end at its start, which shows drift without ground truth."""
 
 from collections.abc import Generator, Iterator
 from contextlib import closing
@@ -17,7 +17,7 @@ TOO_MANY = f"the recorded images are more than {KEPT_LIMIT_BYTES // 2**20} MiB"
 
 
 class KeptFrames:
-    """Keeps the images of a run as recorded, to feed them backwards; beyond `KEPT_LIMIT_BYTES` none is kept."""
+    """Keeps the images of a run as recorded, for the way back; if they exceed `KEPT_LIMIT_BYTES`, none is kept."""
 
     def __init__(self) -> None:
         self._pairs: list[StereoPair] = []
@@ -25,11 +25,11 @@ class KeptFrames:
 
     @property
     def too_many(self) -> bool:
-        """Whether the images were too large to be kept, so that no frame comes backwards."""
+        """Whether the images exceeded the limit, so that there is no way back."""
         return self._bytes > KEPT_LIMIT_BYTES
 
     def keep(self, frame: RecordedFrame) -> None:
-        """Keep one frame of the way there."""
+        """Keep one frame."""
         pair = frame.recorded
         self._bytes += len(pair.left.data) + len(pair.right.data)
         if self.too_many:
@@ -38,7 +38,7 @@ class KeptFrames:
             self._pairs.append(pair)
 
     def backwards(self) -> Iterator[RecordedFrame]:
-        """From the last but one frame to the first, stamps mirrored at the last."""
+        """Yield the last but one frame, then the one before it, up to the first; stamps are mirrored at the last."""
         scaler = GreyScaler()
         turn_ns = self._pairs[-1].stamp_ns if self._pairs else 0
         for pair in reversed(self._pairs[:-1]):
@@ -49,7 +49,7 @@ class KeptFrames:
 def then_backwards(
     frames: Generator[RecordedFrame, None, None], kept: KeptFrames
 ) -> Generator[RecordedFrame, None, None]:
-    """The frames, then the same frames backwards."""
+    """Yield the frames, then the same frames backwards."""
     with closing(frames):
         for frame in frames:
             kept.keep(frame)
@@ -58,10 +58,10 @@ def then_backwards(
 
 
 def return_error(trajectory: Trajectory) -> dict[str, float] | None:
-    """How far a trajectory there and back, (2n − 1) poses, ends from its start; None where it goes nowhere.
+    """Return how far a trajectory there and back, (2n − 1) poses, ends from its start; None if it does not move.
 
-    `end_position_m`, `end_rotation_deg`, the path there and back `path_length_m`, and the first relative to it in
-    percent, `end_drift_percent`.
+    `end_position_m` and `end_rotation_deg`; `path_length_m` of the path there and back; `end_drift_percent`, the
+    position relative to that path.
     """
     poses = trajectory.world_from_cam
     path_m = path_length_m(poses)

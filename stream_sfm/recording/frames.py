@@ -1,4 +1,4 @@
-"""A frame of a log: the decoded images, and the messages they were decoded from."""
+"""Frames of a log: the decoded images, with the messages that they were decoded from."""
 
 from dataclasses import dataclass, field
 
@@ -12,15 +12,15 @@ from .pair_reader import StereoPair
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedFrame(StereoFrame):
-    """A StereoFrame with what was recorded, not decoded. Of a log of one camera, left and right are the same."""
+    """A StereoFrame with the recorded pair it was decoded from; with one camera, left and right are the same."""
 
     recorded: StereoPair = field(kw_only=True)
 
 
 def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]], stamp_ns: int | None = None) -> RecordedFrame:
-    """The frame of a pair and its decoded images, at the pair's stamp unless another one is given.
+    """Make the frame of a pair and its decoded images, at the pair's stamp unless another one is given.
 
-    Compressed images are shown as they were recorded, raw ones as the grey values that were decoded.
+    A viewer gets compressed images as they were recorded, and the decoded grey values of raw ones.
     """
     left, right = images[0], images[-1]
     pictures = _picture(pair.left, left), _picture(pair.right, right)

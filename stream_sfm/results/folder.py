@@ -1,4 +1,4 @@
-"""The folder of a run: the files that `replay` writes, and `compare` for each method."""
+"""The folder that a replay writes its results to, and a comparison those of each method."""
 
 import time
 from collections.abc import Iterable
@@ -18,10 +18,10 @@ UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that sh
 
 
 class ResultFolder:
-    """A sink that writes estimates.mcap, trajectory.tum, trajectory.kitti and config.toml; then summary.json.
+    """A sink that writes estimates.mcap, trajectory.tum, trajectory.kitti and config.toml, and at last summary.json.
 
-    Folder and files are made with the first estimate, so that a log that cannot be used leaves no folder behind.
-    Raises OutputError naming the file.
+    The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
+    behind. Raises OutputError naming the file.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -37,12 +37,12 @@ class ResultFolder:
             file.write(estimate, frame)
 
     def write_summary(self, summary: dict[str, Any]) -> None:
-        """Write summary.json, where there was an estimate."""
+        """Write summary.json, if there was an estimate."""
         if self._files:
             write_whole(self.path / "summary.json", json_bytes(summary))
 
     def close(self) -> None:
-        """Move the files into place, all that can be, before the first failure is raised."""
+        """Finish all files and give them their names; the first failure is raised after all have been tried."""
         close_all(self._files)
 
     def _open(self) -> None:
@@ -57,7 +57,7 @@ class ResultFolder:
 
 
 def close_all(sinks: Iterable[Sink]) -> None:
-    """Close every sink, also after one of them has failed; raises the first failure."""
+    """Close every sink, even after one has failed; the first failure is raised in the end."""
     failures: list[Exception] = []
     for sink in sinks:
         try:
@@ -69,7 +69,7 @@ def close_all(sinks: Iterable[Sink]) -> None:
 
 
 def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
-    """A name not in use, `<root>/<log>-<local time>`, for a run on this log; the folder is not made yet."""
+    """Return a name that is not in use, `<root>/<log>-<local time>`; the folder is not made."""
     root, stem = Path(root), Path(log_path).stem or "log"
     name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = root / name, 1
@@ -80,7 +80,7 @@ def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
 
 
 def point_latest_to(folder: Path) -> None:
-    """Let `latest`, beside the folder, point to it, where the system knows symbolic links."""
+    """Let the link `latest`, beside the folder, point to it, if the system has symbolic links."""
     link = folder.parent / "latest"
     with suppress(OSError):
         if link.is_symlink():

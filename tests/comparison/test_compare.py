@@ -21,6 +21,7 @@ from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import compare
 from stream_sfm.config import read_config
 from stream_sfm.pipeline.replay import replay
+from stream_sfm.pipeline.there_and_back import KeptFrames
 from stream_sfm.recording import StereoLog, open_log
 from stream_sfm.types import Trajectory
 from tests.helpers.sinks import Calling
@@ -227,6 +228,57 @@ def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
     assert result.comparison.interrupted and not result.report["complete"] and result.report["frames"] == 5
     assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
+
+
+def test_a_comparison_without_a_folder_gives_the_report_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(range(6), truth=True))
+    monkeypatch.chdir(tmp_path)
+    watched = Calling(lambda _: None)
+    result = compare(str(log), methods=("frame-to-frame", "ekf"), sinks=[watched])
+    assert result.out_dir is None and watched.closed == 1
+    assert set(result.report["methods"]) == {"frame_to_frame", "ekf"}
+    assert result.report["methods"]["ekf"]["ate_rmse_m"] > 0
+    assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_a_sink_watches_the_first_method_that_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
+
+    works = FrameToFrame.step
+
+    def broken_later(self: Any, observations: Any) -> Any:
+        if observations.frame_index == 2:
+            raise np.linalg.LinAlgError("singular")
+        return works(self, observations)
+
+    monkeypatch.setattr(FrameToFrame, "step", broken_later)
+    log = write_log(tmp_path / "log.mcap", spec(range(5), truth=True))
+    poses: list[np.ndarray] = []
+    watched = Calling(lambda estimate: poses.append(estimate.world_from_cam))
+    runs = {r.name: r for r in compare(log, methods=("frame-to-frame", "ekf"), sinks=[watched]).comparison.runs}
+    assert np.array_equal(poses, [*runs["frame-to-frame"].poses[:2], *runs["ekf"].poses[2:]])
+
+
+def test_an_interruption_on_the_way_back_costs_the_way_back_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    backwards = KeptFrames.backwards
+
+    def interrupted(self: KeptFrames) -> Iterator[Any]:
+        for number, frame in enumerate(backwards(self)):
+            if number == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            yield frame
+
+    monkeypatch.setattr(KeptFrames, "backwards", interrupted)
+    log = write_log(tmp_path / "log.mcap", spec(range(8)))
+    result = compare(log, tmp_path / "out", methods=("frame-to-frame",))
+    assert result.comparison.interrupted and result.report["frames"] == 8
+    assert result.report["there_and_back"] == "not done: interrupted on the way back"
+    assert result.report["methods"]["frame_to_frame"]["there_and_back"] is None
+    assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 8
 
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)

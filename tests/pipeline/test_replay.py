@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,15 +16,16 @@ from stream_sfm.config import read_config
 from stream_sfm.importers.common import calibration_messages
 from stream_sfm.pipeline.replay import ReplayInterrupted, replay
 from stream_sfm.recording import open_log
+from stream_sfm.recording.ground_truth import DepthImages
 from stream_sfm.recording.log_writer import StereoLogWriter
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
-from stream_sfm.results.folder import new_run_folder, point_latest_to
 from stream_sfm.results.trajectory_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.sinks import Calling
-from tests.helpers.wall_log import write_wall_log
+from tests.helpers.wall import PERIOD_NS
+from tests.helpers.wall_log import START_NS, write_wall_log
 
 FILES = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml"}
 FAST = sfm.Config(method="frame-to-frame")
@@ -236,16 +238,50 @@ def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
     assert large - small < 30
 
 
-def test_run_folders_are_never_used_twice(tmp_path: Path):
-    first = new_run_folder("some/where/log.mcap", tmp_path / "runs")
-    assert first.name.startswith("log-") and not first.exists()
-    first.mkdir(parents=True)
-    second = new_run_folder("some/where/log.mcap", tmp_path / "runs")
-    assert second != first
-    second.mkdir()
-    for folder in (first, second):
-        point_latest_to(folder)
-        assert (tmp_path / "runs" / "latest").resolve() == folder.resolve()
+class Recording:
+    """A sink that keeps what it is given, and whether trajectory.tum already had it."""
+
+    def __init__(self, out: Path) -> None:
+        self.lines = out / "trajectory.tum.part"
+        self.written, self.seen, self.closed = [], [], 0
+
+    def write(self, estimate, frame):
+        self.seen.append((estimate, frame))
+        self.written.append(self.lines.read_text().count("\n"))
+
+    def close(self):
+        self.closed += 1
+
+
+def test_a_sink_gets_each_estimate_with_its_frame_after_the_files(tmp_path: Path) -> None:
+    sink = Recording(tmp_path)
+    result = replay(ROOM, tmp_path, FAST, sfm.Selection(max_frames=3), sinks=[sink])
+    assert sink.written == [1, 2, 3] and sink.closed == 1
+    for (estimate, frame), pose in zip(sink.seen, result.trajectory.world_from_cam, strict=True):
+        assert estimate.stamp_ns == frame.stamp_ns and (estimate.world_from_cam == pose).all()
+        assert frame.pictures == (frame.recorded.left.data, frame.recorded.right.data)
+        assert np.array_equal(cv2.imdecode(np.frombuffer(frame.pictures[0], np.uint8), 0), frame.left)
+
+
+def test_raw_images_are_shown_as_they_were_decoded(wall_log: Path) -> None:
+    for frame in open_log(wall_log).frames(sfm.Selection(max_frames=2)):
+        assert frame.pictures[0] is frame.left and frame.pictures[1] is frame.right
+
+
+def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkeypatch) -> None:
+    looked_up = DepthImages.at
+
+    def fails_later(self, stamp_ns):
+        if stamp_ns > START_NS + 3 * PERIOD_NS:
+            raise sfm.LogError("the chunk is damaged")
+        return looked_up(self, stamp_ns)
+
+    monkeypatch.setattr(DepthImages, "at", fails_later)
+    summary = replay(wall_log, None, FAST).summary
+    assert summary["warnings"] == ["ground-truth depth is not compared: the chunk is damaged"]
+    assert summary["ground_truth"]["local_structure_rms_m"] is None
+    assert summary["frames"]["estimated"] == 12 and summary["complete"]
+    assert summary["ground_truth"]["ate_rmse_m"] > 0
 
 
 def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:

@@ -1,0 +1,73 @@
+"""The result folder: made with the first estimate, finished whatever fails."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.results.folder import ResultFolder, close_all, new_run_folder, point_latest_to
+from tests.helpers.wall import Wall, camera_path, rig
+
+
+@pytest.fixture(scope="module")
+def steps() -> list[tuple[sfm.FrameEstimate, sfm.StereoFrame]]:
+    engine = sfm.Engine(rig())
+    frames = Wall(5).frames(rig(), camera_path(3))
+    return [(engine.step(frame), frame) for frame in frames]
+
+
+def test_live_estimates_are_written_as_those_of_a_replay(steps, tmp_path: Path) -> None:
+    config = sfm.Config()
+    folder = ResultFolder(tmp_path / "a" / "run", rig(), config)
+    assert not (tmp_path / "a").exists()
+    for step in steps:
+        folder.write(*step)
+    folder.close()
+    folder.write_summary({"frames": 3})
+    names = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "config.toml", "summary.json"}
+    assert {p.name for p in folder.path.iterdir()} == names
+    assert sfm.read_config(folder.path / "config.toml") == config
+    assert json.loads((folder.path / "summary.json").read_text()) == {"frames": 3}
+    poses = np.loadtxt(folder.path / "trajectory.kitti").reshape(-1, 3, 4)
+    assert np.allclose(poses, [e.world_from_cam[:3] for e, _ in steps], atol=1e-9)
+
+
+def test_without_an_estimate_nothing_is_written(tmp_path: Path) -> None:
+    folder = ResultFolder(tmp_path / "run", rig(), sfm.Config())
+    folder.close()
+    folder.write_summary({"frames": 0})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_sink_is_closed_and_the_first_failure_is_raised() -> None:
+    closed = []
+
+    class Sink:
+        def __init__(self, name: str, fails: bool) -> None:
+            self.name, self.fails = name, fails
+
+        def write(self, estimate: sfm.FrameEstimate, frame: object) -> None:
+            pass
+
+        def close(self) -> None:
+            closed.append(self.name)
+            if self.fails:
+                raise sfm.OutputError(f"{self.name} cannot be written")
+
+    with pytest.raises(sfm.OutputError, match="a cannot be written"):
+        close_all([Sink("a", True), Sink("b", False), Sink("c", True)])
+    assert closed == ["a", "b", "c"]
+
+
+def test_run_folders_are_never_used_twice(tmp_path: Path):
+    first = new_run_folder("some/where/log.mcap", tmp_path / "runs")
+    assert first.name.startswith("log-") and not first.exists()
+    first.mkdir(parents=True)
+    second = new_run_folder("some/where/log.mcap", tmp_path / "runs")
+    assert second != first
+    second.mkdir()
+    for folder in (first, second):
+        point_latest_to(folder)
+        assert (tmp_path / "runs" / "latest").resolve() == folder.resolve()
