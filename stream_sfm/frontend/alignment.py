@@ -3,6 +3,7 @@
 What a track is aligned with in the right image, if there is one, is said by its source of depth (`depth_source.py`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import FrontendConfig
+from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from .noise import ViewNoise
 from .prepared import PreparedImages
 from .templates import Patches, TemplateAtlas
 from .tracks import Tracks
 from .valid_area import ValidArea
+
+WIDE = 4  # image pixels per template pixel of wide templates, for surfaces that are all but bare
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,33 +71,92 @@ class LeftViews:
 
 
 class TemplateAligner:
-    """The templates of all tracks, and where in new images they are."""
+    """Templates of one size, and where in new images they are.
 
-    def __init__(self, config: FrontendConfig, valid: NDArray[np.bool_]) -> None:
+    With a `scale` of `WIDE` their pixels are that many image pixels wide: they are cut from the reduced images, and
+    found in them. All positions, warps and covariances that come and go are in image pixels.
+    """
+
+    def __init__(self, config: FrontendConfig, valid: NDArray[np.bool_], scale: int = 1) -> None:
         self.config = config
-        self.area = ValidArea(valid, config.window_radius_px)
+        self.scale = scale
+        self.area = ValidArea(valid, scale * config.window_radius_px)
         self.atlas = TemplateAtlas(2 * config.max_tracks, config.window_radius_px)
-        self.noise = ViewNoise(config.smoothing_px, config.window_radius_px)
+        self.noise = ViewNoise(config.smoothing_px, config.window_radius_px, scale)
 
-    def visible(self, candidates: Candidates) -> Candidates:
-        """Those whose templates can be warped as the images need them, and that start inside the image."""
-        fit = self.atlas.fits(candidates.left_warps) & self.atlas.fits(candidates.right_warps)
-        return candidates.keep(fit & self.area.contains(candidates.left_px))
+    def warped(self, slots: NDArray[np.intp], warps: Array) -> Patches:
+        """The templates of `slots` (n,) as today's images should show them; warps (n, 3, 2)."""
+        return self.atlas.warped(slots, self._in_template_pixels(warps))
+
+    def find(
+        self, image: NDArray[np.float32], patches: Patches, start_px: Array
+    ) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Positions (n, 2) of patches near starts (n, 2) in an image of `PreparedImages.grey`; see `Patches.align`."""
+        at, found, error_grey = patches.align(image, start_px / self.scale)
+        return self.scale * at, found, error_grey
+
+    def visible(self, candidates: Candidates) -> NDArray[np.bool_]:
+        """Which templates (n,) can be warped as the images need them, and start inside the image."""
+        warps = (self._in_template_pixels(w) for w in (candidates.left_warps, candidates.right_warps))
+        fit = np.logical_and(*(self.atlas.fits(w) for w in warps))
+        return np.asarray(fit & self.area.contains(candidates.left_px))
 
     def align_left(
         self, images: PreparedImages, slots: NDArray[np.intp], warps: Array, start_px: Array
     ) -> LeftViews:
         """Find the templates of `slots` (n,), warped (n, 3, 2), in the left image near starts (n, 2)."""
-        patches = self.atlas.warped(slots, warps)
-        at_px, found, error_grey = patches.align(images.left_grey, start_px)
-        near = np.linalg.norm(at_px - start_px, axis=1) < self.config.max_realignment_px
+        patches = self.warped(slots, warps)
+        at_px, found, error_grey = self.find(images.grey(self.scale)[0], patches, start_px)
+        near = np.linalg.norm(at_px - start_px, axis=1) < self.scale * self.config.max_realignment_px
         fits = error_grey < self.config.max_photometric_error
         return LeftViews(at_px, error_grey, found & near & fits & self.area.contains(at_px), patches)
 
-    def cut(
-        self, images: PreparedImages, corners_px: NDArray[np.intp], taken: NDArray[np.intp]
-    ) -> NDArray[np.intp]:
-        """Cut new templates around whole pixels (n, 2) of the left image; their slots (n,), none of those `taken`."""
-        free = np.setdiff1d(np.arange(2 * self.config.max_tracks), taken)[: len(corners_px)]
-        self.atlas.store(images.left_grey, corners_px, free)
+    def cut(self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Cut new templates around whole template pixels (n, 2) of the left image; slots (n,), none of `taken`."""
+        free = np.setdiff1d(np.arange(2 * self.config.max_tracks), taken)[: len(corners)]
+        self.atlas.store(images.grey(self.scale)[0], corners, free)
         return free
+
+    def _in_template_pixels(self, warps: Array) -> Array:
+        """Warps (n, 3, 2) of image pixels; their last row is per pixel."""
+        return warps if self.scale == 1 else warps * np.array([1.0, 1.0, self.scale])[:, None]
+
+
+class TemplateAligners:
+    """One aligner per size of templates; `fine` is that of ordinary ones, `by_scale` has all of them."""
+
+    def __init__(
+        self, config: FrontendConfig, valid: NDArray[np.bool_], scales: tuple[int, ...] = (1, WIDE)
+    ) -> None:
+        self.by_scale = {scale: TemplateAligner(config, valid, scale) for scale in scales}
+        self.fine = self.by_scale[1]
+
+    def split(self, scale: NDArray[np.int64]) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_]]]:
+        """The aligners of tracks with that `scale` (n,), each with its rows (n,)."""
+        for size, aligner in self.by_scale.items():
+            rows = scale == size
+            if rows.any():
+                yield aligner, rows
+
+    def visible(self, candidates: Candidates) -> Candidates:
+        """Those whose templates can be warped as the images need them, and that start inside the image."""
+        kept = np.zeros(len(candidates.now), bool)
+        for aligner, rows in self.split(candidates.now.scale):
+            kept[rows] = aligner.visible(candidates.keep(rows))
+        return candidates.keep(kept)
+
+    def drift(self, tracks: Tracks, cam_from_previous: Array) -> Array:
+        """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17)."""
+        drift_px = np.zeros(len(tracks))
+        for aligner, rows in self.split(tracks.scale):
+            drift_px[rows] = aligner.noise.drift(tracks.points[rows], cam_from_previous)
+        return drift_px
+
+    def learn(self, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> None:
+        """Update each size's noise by the squared residuals of its accepted views; tracks (n,), views (n, 4)."""
+        coordinates = np.isfinite(z_px).sum(axis=1)
+        for aligner, rows in self.split(scale):
+            used = rows & motion.accepted
+            n = int(coordinates[used].sum())
+            fitted = round(6 * n / max(1, int(coordinates[motion.accepted].sum())))  # their share of the motion
+            aligner.noise.learn(float(motion.squared_residuals[used].sum()), n - fitted)

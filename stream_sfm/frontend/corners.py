@@ -15,7 +15,7 @@ _MIN_CELL = 2.0  # distances: a cell has room for one corner at least
 _CANDIDATES = 12  # per corner that is wanted: the others are weaker than these where it is crowded, and take time
 
 
-def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+def corner_strength(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
     """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
     return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX, ksize=_SOBEL_PX), np.float32)
 

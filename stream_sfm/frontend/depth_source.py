@@ -10,7 +10,7 @@ import numpy as np
 from ..config import FrontendConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .alignment import AlignedViews, Candidates, LeftViews, TemplateAligner
+from .alignment import AlignedViews, Candidates, LeftViews, TemplateAligner, TemplateAligners
 from .prepared import PreparedImages
 from .tracks import Tracks
 from .vertical_disparity import VerticalDisparity
@@ -35,33 +35,39 @@ class DepthSource(Protocol):
 class StereoDepth:
     """Depths from the right image: every track is aligned in it, too, and its disparity measured in each frame."""
 
-    def __init__(self, projection: StereoProjection, config: FrontendConfig, aligner: TemplateAligner) -> None:
+    def __init__(self, projection: StereoProjection, config: FrontendConfig, aligners: TemplateAligners) -> None:
         self.projection = projection
         self.config = config
-        self.aligner = aligner
+        self.aligners = aligners
         self.vertical_disparity = VerticalDisparity(projection, config.max_vertical_disparity_px)
 
     def align(self, images: PreparedImages, candidates: Candidates) -> AlignedViews:
         """Find the candidates (n) in the left image, and what is found there in the right one."""
-        left = self.aligner.align_left(images, candidates.now.slots, candidates.left_warps, candidates.left_px)
-        right_px, error_grey = self._align_right(images, candidates, left)
-        z_px = np.concatenate([left.at_px, right_px], axis=1)
-        cov_px = self.aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
-        return AlignedViews(left.found, z_px, cov_px)
+        n = len(candidates.now)
+        found, z_px, cov_px = np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4))
+        for aligner, rows in self.aligners.split(candidates.now.scale):
+            some = candidates.keep(rows)
+            left = aligner.align_left(images, some.now.slots, some.left_warps, some.left_px)
+            right_px, error_grey = self._align_right(aligner, images, some, left)
+            found[rows], z_px[rows] = left.found, np.concatenate([left.at_px, right_px], axis=1)
+            cov_px[rows] = aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
+        return AlignedViews(found, z_px, cov_px)
 
-    def _align_right(self, images: PreparedImages, candidates: Candidates, left: LeftViews) -> tuple[Array, Array]:
+    def _align_right(
+        self, aligner: TemplateAligner, images: PreparedImages, candidates: Candidates, left: LeftViews
+    ) -> tuple[Array, Array]:
         """Positions (n, 2) in the right image, rows corrected, NaN where there is no match; grey deviations (n,)."""
         slots = candidates.now.slots
         vertical_px = self.vertical_disparity.at(left.at_px)
         start_u = candidates.right_u_px + left.at_px[:, 0] - candidates.left_px[:, 0]
         start_px = np.stack([start_u, left.at_px[:, 1] - vertical_px], axis=1)
         slanted = np.asarray(candidates.now.slopes.any(axis=1))  # of the others left and right patch are the same
-        sheared = self.aligner.atlas.warped(slots[slanted], candidates.right_warps[slanted])
-        at_px, found, error_grey = left.patches.replaced(slanted, sheared).align(images.right_grey, start_px)
+        patches = left.patches.replaced(slanted, aligner.warped(slots[slanted], candidates.right_warps[slanted]))
+        at_px, found, error_grey = aligner.find(images.grey(aligner.scale)[1], patches, start_px)
         at_px[:, 1] += vertical_px
         found &= error_grey < self.config.max_photometric_error
-        found &= self.vertical_disparity.agrees(left.at_px, at_px)
-        r, width = self.config.window_radius_px, images.right.shape[1]
+        found &= self.vertical_disparity.agrees(left.at_px, at_px, aligner.scale)
+        r, width = aligner.scale * self.config.window_radius_px, images.right.shape[1]
         found &= (at_px[:, 0] > r) & (at_px[:, 0] < width - 1 - r)
         return np.where(found[:, None], at_px, np.nan), error_grey
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from ..config import FrontendConfig
 from ..geometry.se3 import Array
+from .alignment import WIDE, TemplateAligners
 from .prepared import Image, PreparedImages
-from .valid_area import ValidArea
 
 # Iterations end after so many or with a step of so many half-size pixels: OpenCV's defaults are 30 and 0.01, and a
 # start needs less.
 _MAX_STEPS = 20
+_WIDE_LEVELS = 2  # halvings of the quarter image: 21 px there are half an image
 _CONVERGED_PX = 0.03
 # Of a window's gradient matrix per pixel, OpenCV's scale; a tenth of its default: dark images.
 _MIN_EIGENVALUE = 1e-5
@@ -28,11 +29,12 @@ _SAME_LEVEL_GREY = 4.0
 class Flow:
     """Lucas-Kanade flow between left images."""
 
-    def __init__(self, config: FrontendConfig, area: ValidArea) -> None:
+    def __init__(self, config: FrontendConfig, aligners: TemplateAligners) -> None:
         radius_px = 3 * config.window_radius_px // 4  # of the half-size image: one and a half times the patch
         self._window = (2 * radius_px + 1, 2 * radius_px + 1)
+        self._wide_window = (2 * config.window_radius_px + 1, 2 * config.window_radius_px + 1)
         self._levels = config.pyramid_levels
-        self._area = area
+        self._aligners = aligners
 
     def track(
         self,
@@ -64,7 +66,27 @@ class Flow:
         )
         found = status[:, 0] > 0  # the rest of what comes back is not initialised
         positions: Array = np.where(found[:, None], 2 * np.asarray(at)[:, 0], start).astype(np.float64)
-        return positions, found & self._area.contains(positions)
+        return positions, found & self._aligners.fine.area.contains(positions)
+
+    def track_wide(
+        self, previous: PreparedImages, images: PreparedImages, left_px: Array, predicted_px: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """As `track`, for wide templates, in images at a quarter of the size with raised contrast."""
+        start = np.ascontiguousarray(predicted_px / WIDE, np.float32)
+        at, status, _ = cv2.calcOpticalFlowPyrLK(
+            previous.quarter_flow,
+            images.quarter_flow,
+            np.ascontiguousarray(left_px / WIDE, np.float32).reshape(-1, 1, 2),
+            start.reshape(-1, 1, 2),
+            winSize=self._wide_window,
+            maxLevel=_WIDE_LEVELS,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=_MIN_EIGENVALUE,
+        )
+        found = status[:, 0] > 0
+        positions: Array = WIDE * np.where(found[:, None], np.asarray(at)[:, 0], start).astype(np.float64)
+        return positions, found & self._aligners.by_scale[WIDE].area.contains(positions)
 
 
 def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:

@@ -11,7 +11,7 @@ from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations
-from .alignment import TemplateAligner
+from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
 from .new_points import NewPoints, renews
@@ -24,10 +24,10 @@ class StereoFrontEnd:
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         self.config = config.frontend
-        self.aligner = TemplateAligner(self.config, valid)
-        depth = StereoDepth(projection, self.config, self.aligner)
-        self.tracker = Tracker(projection, config, self.aligner, depth)
-        self.new_points = NewPoints(self.tracker, self.aligner, depth)
+        self.aligners = TemplateAligners(self.config, valid)
+        depth = StereoDepth(projection, self.config, self.aligners)
+        self.tracker = Tracker(projection, config, self.aligners, depth)
+        self.new_points = NewPoints(self.tracker, self.aligners, depth)
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -50,7 +50,7 @@ class StereoFrontEnd:
         z_px, cov_px, std_drift_px, motion = z_new, cov_new, np.zeros(len(z_new)), None
         if followed is not None:
             motion = followed.cam_from_previous
-            drift_px = self.aligner.noise.drift(tracker.tracks.points[:n_followed], motion)
+            drift_px = self.aligners.drift(tracker.tracks.keep(np.arange(n_followed)), motion)
             z_px = np.concatenate([followed.z_px, z_new])
             cov_px = np.concatenate([followed.cov_px, cov_new])
             std_drift_px = np.concatenate([drift_px, std_drift_px])

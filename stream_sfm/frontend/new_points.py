@@ -1,12 +1,18 @@
-"""New points of a pair where tracks are missing: corners that are unique on their row and fit in both images."""
+"""New points of a pair where tracks are missing: corners that are unique on their row and fit in both images.
+
+Where hardly any are found, in front of a bare wall, what faint texture there is gets wide templates: blotches of one
+grey value are corners too, once thirty pixels are averaged into one.
+"""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
-from .alignment import TemplateAligner
+from .alignment import WIDE, TemplateAligner, TemplateAligners
+from .corners import corner_strength, detect
 from .depth_source import StereoDepth
 from .disparity_bias import DisparityBias
 from .prepared import PreparedImages
@@ -32,6 +38,13 @@ _MAX_HALVES_APART_PX = 0.5
 _MIN_INVERSE_DEPTH = -2.0  # standard deviations: points at infinity pass, wrong matches beyond it do not
 # Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.
 _STD_GREY = 4.0
+# Wide templates are added where fewer than a fraction of the tracks is there, up to twice as many. In between, images
+# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, .2 % with.
+_BARE_FRACTION = 0.25
+# Of corners in the reduced image, as `min_corner_response`: a slope of a quarter of a grey value per pixel, twice what
+# noise and rounding leave there.
+_MIN_WIDE_STRENGTH = 1e-6
+_MAX_WIDE_STD_PX = 2.0  # of a wide template's position, image pixels: what is less certain is noise or a bare edge
 
 
 def renews(frame_index: int) -> bool:
@@ -42,10 +55,11 @@ def renews(frame_index: int) -> bool:
 @dataclass(frozen=True, slots=True)
 class _Matches:
     """Corners `left_px` (n, 2), whole pixels, with the slots (n,) of their templates; their matches `right_px` (n, 2);
-    `gradients` (n, 2, 2) of the templates; `error_grey` (n,); `slopes` (n, 2) of disparity; `apart_px` (n,) between
-    the matches of whole patch and inner half; and which are `good` (n,) so far."""
+    all in pixels of the templates until `_correct_rows`. `gradients` (n, 2, 2) of the templates; `error_grey` (n,);
+    `slopes` (n, 2) of disparity; `apart_px` (n,) between the matches of whole patch and inner half; and which are
+    `good` (n,) so far."""
 
-    left_px: NDArray[np.intp]
+    left_px: NDArray[Any]
     slots: NDArray[np.intp]
     right_px: Array
     gradients: Array
@@ -58,9 +72,9 @@ class _Matches:
 class NewPoints:
     """Adds points to a tracker."""
 
-    def __init__(self, tracker: Tracker, aligner: TemplateAligner, depth: StereoDepth) -> None:
+    def __init__(self, tracker: Tracker, aligners: TemplateAligners, depth: StereoDepth) -> None:
         self.tracker = tracker
-        self.aligner = aligner
+        self.aligners = aligners
         self.vertical_disparity = depth.vertical_disparity
         self.projection = depth.projection
         self.config = depth.config
@@ -68,18 +82,40 @@ class NewPoints:
 
     def add(self, images: PreparedImages, frame_index: int) -> tuple[Array, Array]:
         """Begin tracks where they are missing; their views (k, 4) and covariances (k, 4, 4)."""
-        none = np.empty((0, 4)), np.empty((0, 4, 4))
-        enough = self.config.renew_fraction if renews(frame_index) else _URGENT_FRACTION
-        if self.tracker.missing < self.config.max_tracks * enough:
-            return none
-        corners_px, start_px = self._match_along_row(images, frame_index)
-        if not len(corners_px):
-            return none
-        matches = self._align_right(images, corners_px, start_px)
-        matches = self._align_slanted(images, matches)
-        matches = self._compare_halves(images, matches)
-        matches = self._correct_rows(matches)
-        return self._begin_tracks(matches)
+        z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
+        cfg, tracker = self.config, self.tracker
+        enough = cfg.renew_fraction if renews(frame_index) else _URGENT_FRACTION
+        if tracker.missing >= cfg.max_tracks * enough:
+            corners, start = self._match_along_row(images, frame_index)
+            tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * cfg.max_vertical_disparity_px)
+            z_px, cov_px = self._begin(images, self.aligners.fine, corners, start, tolerance_px)
+        bare = _BARE_FRACTION * cfg.max_tracks
+        if len(tracker.tracks) < bare:
+            corners, start = self._match_wide(images, int(2 * bare) - len(tracker.tracks))
+            wide = self.aligners.by_scale[WIDE]
+            z_wide, cov_wide = self._begin(images, wide, corners, start, _MATCH_TOLERANCE_PX)
+            z_px, cov_px = np.concatenate([z_px, z_wide]), np.concatenate([cov_px, cov_wide])
+        return z_px, cov_px
+
+    def _begin(
+        self,
+        images: PreparedImages,
+        aligner: TemplateAligner,
+        corners: NDArray[np.intp],
+        start: Array,
+        tolerance: float,
+    ) -> tuple[Array, Array]:
+        """Begin tracks at those of the corners (k, 2) that fit in both images; their views and covariances.
+
+        Corners, roughly known matches (k, 2) and how far off these may be, in pixels of the aligner's templates.
+        """
+        if not len(corners):
+            return np.empty((0, 4)), np.empty((0, 4, 4))
+        matches = self._align_right(images, aligner, corners, start, tolerance)
+        matches = self._align_slanted(images, aligner, matches)
+        matches = self._compare_halves(images, aligner, matches)
+        matches = self._correct_rows(aligner, matches)
+        return self._begin_tracks(aligner, matches)
 
     def _match_along_row(self, images: PreparedImages, frame_index: int) -> tuple[NDArray[np.intp], Array]:
         """New corners (k, 2) in whole pixels that have one match on their row, and roughly where (k, 2) it is."""
@@ -91,6 +127,26 @@ class NewPoints:
         v = left_px[:, 1] - self.vertical_disparity.at(left_px.astype(float))
         return left_px, np.stack([left_px[:, 0] - disparity[unique] / scale, v], axis=1)
 
+    def _match_wide(self, images: PreparedImages, wanted: int) -> tuple[NDArray[np.intp], Array]:
+        """As `_match_along_row`, of faint corners, in pixels of the reduced images."""
+        p, cfg = self.projection, self.config
+        left, right = images.quarter_grey
+        corners = detect(
+            corner_strength(left / np.float32(255)),
+            self.tracker.tracks.left_px / WIDE,
+            self.aligners.by_scale[WIDE].area.coarse(WIDE),
+            wanted,
+            cfg.min_corner_distance_px,
+            _MIN_WIDE_STRENGTH,
+        )
+        far = (p.cx_left_px - p.cx_right_px) / WIDE
+        near = far + cfg.max_disparity_fraction * p.width / WIDE
+        limits = int(np.floor(far)) - 1, int(np.ceil(near))
+        disparity, unique = match_along_rows(left, right, corners, limits)
+        corners = corners[unique]
+        v = corners[:, 1] - self.vertical_disparity.at(WIDE * corners.astype(float)) / WIDE
+        return corners, np.stack([corners[:, 0] - disparity[unique], v], axis=1)
+
     def _disparity_range(self, scale: float, frame_index: int) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image."""
         p, tracks = self.projection, self.tracker.tracks
@@ -101,12 +157,19 @@ class NewPoints:
             near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
         return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
-    def _align_right(self, images: PreparedImages, left_px: NDArray[np.intp], start_px: Array) -> _Matches:
+    def _align_right(
+        self,
+        images: PreparedImages,
+        aligner: TemplateAligner,
+        left_px: NDArray[np.intp],
+        start_px: Array,
+        tolerance_px: float,
+    ) -> _Matches:
         """Cut the templates and find them in the right image, as if their surfaces faced the camera."""
-        slots = self.aligner.cut(images, left_px, self.tracker.tracks.slots)
-        patches = self.aligner.atlas.warped(slots, facing(len(slots)))
-        right_px, found, error_grey = patches.align(images.right_grey, start_px)
-        tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * self.config.max_vertical_disparity_px)
+        tracks = self.tracker.tracks
+        slots = aligner.cut(images, left_px, tracks.slots[tracks.scale == aligner.scale])
+        patches = aligner.atlas.warped(slots, facing(len(slots)))
+        right_px, found, error_grey = patches.align(images.grey(aligner.scale)[1], start_px)
         ok = found & (np.linalg.norm(right_px - start_px, axis=1) < tolerance_px)
         n = int(ok.sum())
         return _Matches(
@@ -120,42 +183,49 @@ class NewPoints:
             good=np.ones(n, bool),
         )
 
-    def _align_slanted(self, images: PreparedImages, m: _Matches) -> _Matches:
+    def _align_slanted(self, images: PreparedImages, aligner: TemplateAligner, m: _Matches) -> _Matches:
         """Estimate the slant of the surfaces, and align anew where one is seen."""
-        slopes = disparity_slopes(
-            images.left_grey, images.right_grey, m.left_px, m.right_px, self.config.window_radius_px, _STD_GREY
-        )
+        left, right = images.grey(aligner.scale)
+        std_grey = _STD_GREY / aligner.scale  # a mean over pixels has so much less noise
+        slopes = disparity_slopes(left, right, m.left_px, m.right_px, self.config.window_radius_px, std_grey)
         slanted = slopes.any(axis=1)
-        patches = self.aligner.atlas.warped(m.slots[slanted], sheared(slopes[slanted]))
+        patches = aligner.atlas.warped(m.slots[slanted], sheared(slopes[slanted]))
         right_px, error_grey = m.right_px.copy(), m.error_grey.copy()
-        right_px[slanted], found, error_grey[slanted] = patches.align(images.right_grey, right_px[slanted])
+        right_px[slanted], found, error_grey[slanted] = patches.align(right, right_px[slanted])
         good = error_grey < self.config.max_photometric_error
         good[slanted] &= found
         return replace(m, right_px=right_px, error_grey=error_grey, slopes=slopes, good=good)
 
-    def _compare_halves(self, images: PreparedImages, m: _Matches) -> _Matches:
+    def _compare_halves(self, images: PreparedImages, aligner: TemplateAligner, m: _Matches) -> _Matches:
         """Match the inner halves alone: a patch across a depth edge follows the stronger side."""
-        inner_px, found, _ = self.aligner.atlas.inner(m.slots).align(images.right_grey, m.right_px)
+        inner_px, found, _ = aligner.atlas.inner(m.slots).align(images.grey(aligner.scale)[1], m.right_px)
         apart_px = np.linalg.norm(inner_px - m.right_px, axis=1)
         return replace(m, apart_px=apart_px, good=m.good & found & (apart_px < _MAX_HALVES_APART_PX))
 
-    def _correct_rows(self, m: _Matches) -> _Matches:
-        """Learn the vertical disparity, take it out, and refuse matches that are still off their row."""
-        left_px, right_px = m.left_px.astype(float), m.right_px.copy()
-        self.vertical_disparity.learn(left_px[m.good], (left_px - right_px)[m.good, 1])
-        right_px[:, 1] += self.vertical_disparity.at(left_px)
-        return replace(m, right_px=right_px, good=m.good & self.vertical_disparity.agrees(left_px, right_px))
+    def _correct_rows(self, aligner: TemplateAligner, m: _Matches) -> _Matches:
+        """Learn the vertical disparity, take it out, and refuse matches that are still off their row.
 
-    def _begin_tracks(self, m: _Matches) -> tuple[Array, Array]:
+        From here on everything is in image pixels.
+        """
+        scale = aligner.scale
+        left_px, right_px = scale * m.left_px.astype(float), scale * m.right_px
+        if scale == 1:
+            self.vertical_disparity.learn(left_px[m.good], (left_px - right_px)[m.good, 1])
+        right_px[:, 1] += self.vertical_disparity.at(left_px)
+        good = m.good & self.vertical_disparity.agrees(left_px, right_px, scale)
+        return replace(m, left_px=left_px, right_px=right_px, apart_px=scale * m.apart_px, good=good)
+
+    def _begin_tracks(self, aligner: TemplateAligner, m: _Matches) -> tuple[Array, Array]:
         """Begin tracks of the good matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
         p = self.projection
-        cov_px = self.aligner.noise.covariance(m.gradients, m.error_grey, m.error_grey)
-        left_px = m.left_px.astype(float)
-        z_px = np.concatenate([left_px, m.right_px], axis=1)
+        cov_px = aligner.noise.covariance(m.gradients, m.error_grey, m.error_grey)
+        z_px = np.concatenate([m.left_px, m.right_px], axis=1)
         rho = p.inverse_depth(z_px)
         var_rho = (cov_px[:, 0, 0] + cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
         good = m.good & (rho > _MIN_INVERSE_DEPTH * np.sqrt(var_rho))
+        if aligner.scale > 1:
+            good &= (np.diagonal(cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
         slopes = m.slopes[good] / p.baseline_m
-        new = self.tracker.add(m.slots[good], left_px[good], rho[good], var_rho[good], slopes)
+        new = self.tracker.add(m.slots[good], m.left_px[good], rho[good], var_rho[good], slopes, aligner.scale)
         self.bias.learn(new.ids, m.apart_px[good])
         return z_px[good], cov_px[good]

@@ -21,6 +21,7 @@ _MEMORY_FRAMES = 20.0  # over which the factor is learnt, chosen by hand: a seco
 _FACTOR_RANGE = (0.05, 30.0)
 _MIN_DOF = 20  # of a frame that the factor learns from; with fewer χ²/dof scatters by a third and more
 _TYPICAL_STD_PX = 0.15  # of a view before the factor: about what views of a rendered wall scatter by
+_REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels of the reduced image
 _MIN_ERROR_GREY = 0.5  # rounding to whole grey values alone leaves 0.4 between two images
 _UNKNOWN_ERROR_GREY = 255.0  # of a side that was not found: its covariance is large, and counts for nothing
 # Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position
@@ -31,9 +32,13 @@ _DAMPING, _MIN_GRADIENT = 1e-3, 1e-6
 class ViewNoise:
     """Covariances of views; `factor` is the learnt variance factor, 1 before anything is known."""
 
-    def __init__(self, smoothing_px: float, radius_px: int) -> None:
+    def __init__(self, smoothing_px: float, radius_px: int, scale: int = 1) -> None:
+        """Templates of half width `radius_px`, in pixels that are `scale` image pixels wide."""
+        self.scale = scale
+        smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
         self.shared_pixels = max(1.0, 4 * np.pi * smoothing_px**2)
-        self.radius_px = radius_px
+        self.min_error_grey = _MIN_ERROR_GREY / scale  # a mean over pixels is rounded by so much less
+        self.radius_px = scale * radius_px
         self.factor = 1.0
         self.frames = 0
 
@@ -49,10 +54,10 @@ class ViewNoise:
         for side, error in ((slice(0, 2), error_left), (slice(2, 4), error_right)):
             grey = np.where(np.isfinite(error), error, _UNKNOWN_ERROR_GREY)
             variance = (
-                0.5 * self.shared_pixels * np.maximum(grey, _MIN_ERROR_GREY) ** 2
+                0.5 * self.shared_pixels * np.maximum(grey, self.min_error_grey) ** 2
             )  # half of it is the template's
             cov[:, side, side] = self.factor * (variance[:, None, None] * shape + _FLOOR_PX**2 * np.eye(2))
-        return cov
+        return self.scale**2 * cov
 
     def drift(self, points: Array, cam_from_previous: Array) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17); points (n, 4).

@@ -13,32 +13,59 @@ Image = NDArray[np.uint8]
 # Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
 # short. Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
 _COARSE_COLUMNS = 800
+# For flow at a quarter of the size: what is larger than this is light and shade; and grey values per grey value, so
+# that a blotch of one grey value is as strong as texture usually is.
+_LOCAL_PX = 10.0
+_CONTRAST = 12.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedImages:
     """The two smoothed images (h, w) of one frame; the left one at half the size, for flow; and both as float32, for
-    alignment, because interpolated bytes are rounded, which is too coarse for dark images."""
+    alignment, because interpolated bytes are rounded, which is too coarse for dark images. `rectified`: both
+    as they came."""
 
     left: Image
     right: Image
     left_half: Image
     left_grey: NDArray[np.float32]
     right_grey: NDArray[np.float32]
+    rectified: tuple[Image, Image]
 
     @classmethod
     def of(cls, left: Image, right: Image, sigma_px: float) -> "PreparedImages":
         """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
-        same = left is right
+        same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
         left_grey = left.astype(np.float32)
-        return cls(left, right, _halved(left), left_grey, left_grey if same else right.astype(np.float32))
+        right_grey = left_grey if same else right.astype(np.float32)
+        return cls(left, right, _halved(left), left_grey, right_grey, rectified)
 
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
         """Strength of corners at every pixel of the coarse left image; computed when first asked for."""
         return corner_strength(self.coarse_left())
+
+    @cached_property
+    def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both images at a quarter of the size, from the rectified ones before any rounding, when first asked for.
+
+        One pixel is the mean of some thirty, so that blotches of one grey value stand out from noise and rounding.
+        """
+        left, right = (cv2.pyrDown(cv2.pyrDown(image.astype(np.float32))) for image in self.rectified)
+        return np.asarray(left, np.float32), np.asarray(right, np.float32)
+
+    @cached_property
+    def quarter_flow(self) -> Image:
+        """The left image at a quarter of the size with its local contrast raised, for flow, which takes bytes."""
+        left = self.quarter_grey[0]
+        local = left - cv2.GaussianBlur(left, (0, 0), _LOCAL_PX)
+        return np.asarray(np.rint(_CONTRAST * local + 128).clip(0, 255), np.uint8)
+
+    def grey(self, scale: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
+        return (self.left_grey, self.right_grey) if scale == 1 else self.quarter_grey
 
     def equals(self, other: "PreparedImages") -> bool:
         """Whether both images are bit for bit those of another frame."""

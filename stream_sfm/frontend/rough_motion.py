@@ -55,6 +55,17 @@ class _Attempt:
     zoom: float = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class _FlowInput:
+    """What flow is computed from: `before_half`, the `previous` left image at half the size with today's exposure."""
+
+    before_half: Image
+    previous: PreparedImages
+    images: PreparedImages
+    tracks: Tracks
+    var_ray: float
+
+
 class RoughMotionFinder:
     """Finds rough motions by flow."""
 
@@ -79,7 +90,8 @@ class RoughMotionFinder:
         best: RoughMotion | None = None
         for attempt in self._attempts(tracks, predicted, motion_known):
             for before_half in exposure_hypotheses(previous, images):
-                found = self._led(before_half, images, tracks, var_ray, attempt)
+                flow = _FlowInput(before_half, previous, images, tracks, var_ray)
+                found = self._led(flow, attempt)
                 if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
                     best = found
                 if best is not None and best.share > _ENOUGH:
@@ -103,35 +115,46 @@ class RoughMotionFinder:
                 forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
                 yield _Attempt(forward, deep, zoom)
 
-    def _led(
-        self, before_half: Image, images: PreparedImages, tracks: Tracks, var_ray: float, attempt: _Attempt
-    ) -> RoughMotion | None:
+    def _led(self, flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
         """The motion by flow of an attempt; where few agree with it, by flow started from that motion again."""
-        best = self._run(before_half, images, tracks, var_ray, attempt)
+        best = self._run(flow, attempt)
         for _ in range(_LEAD_ROUNDS):
             if best is None or best.share > _ENOUGH or best.agree.sum() < _LEAST_VIEWS:
                 break
             again = _Attempt(best.cam_from_previous, self.config.pyramid_levels, attempt.zoom)
-            found = self._run(before_half, images, tracks, var_ray, again)
+            found = self._run(flow, again)
             if found is None or found.agree.sum() <= best.agree.sum():
                 break
             best = found
         return best
 
-    def _run(
-        self, before_half: Image, images: PreparedImages, tracks: Tracks, var_ray: float, attempt: _Attempt
-    ) -> RoughMotion | None:
+    def _run(self, flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
         """One run of flow, and the rigid motion that most of it agrees on."""
-        start_px = self.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
-        at_px, found = self.flow.track(before_half, images, tracks.left_px, start_px, attempt.levels, attempt.zoom)
-        n = int(found.sum())
-        z_px = np.full((n, 4), np.nan)
+        tracks = flow.tracks
+        at_px, found = self._track(flow, attempt)
+        z_px = np.full((int(found.sum()), 4), np.nan)
         z_px[:, :2] = at_px[found]
-        cov_px = np.broadcast_to(_STD_FLOW_PX**2 * np.eye(4), (n, 4, 4))
-        points, cov_points = tracks.points[found], tracks.cov_points(var_ray)[found]
+        cov_px = (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4)
+        points, cov_points = tracks.points[found], tracks.cov_points(flow.var_ray)[found]
         motion = resect(self.projection, points, cov_points, z_px, cov_px, attempt.start, self._gate_probability)
         if not motion.ok:
             return None
         agree = np.zeros(len(tracks), bool)
         agree[found] = motion.accepted
         return RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
+
+    def _track(self, flow: _FlowInput, attempt: _Attempt) -> tuple[Array, NDArray[np.bool_]]:
+        """Positions (n, 2) of all tracks by flow, and which were found."""
+        tracks = flow.tracks
+        at_px = self.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
+        found = np.zeros(len(tracks), bool)
+        fine, wide = tracks.scale == 1, tracks.scale > 1
+        if fine.any():
+            at_px[fine], found[fine] = self.flow.track(
+                flow.before_half, flow.images, tracks.left_px[fine], at_px[fine], attempt.levels, attempt.zoom
+            )
+        if wide.any():
+            at_px[wide], found[wide] = self.flow.track_wide(
+                flow.previous, flow.images, tracks.left_px[wide], at_px[wide]
+            )
+        return at_px, found

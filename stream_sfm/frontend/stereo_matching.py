@@ -21,8 +21,8 @@ _MIN_VARIANCE = 1e-3  # grey², keeps the correlation with a patch of one grey f
 
 
 def match_along_rows(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
+    left: NDArray[np.uint8] | NDArray[np.float32],
+    right: NDArray[np.uint8] | NDArray[np.float32],
     points_px: NDArray[np.intp],
     disparity_range: tuple[int, int],
 ) -> tuple[Array, NDArray[np.bool_]]:

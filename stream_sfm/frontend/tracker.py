@@ -14,7 +14,7 @@ from ..geometry import se3
 from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .alignment import AlignedViews, Candidates, TemplateAligner
+from .alignment import AlignedViews, Candidates, TemplateAligners
 from .corners import detect
 from .depth_source import DepthSource
 from .flow import Flow
@@ -49,13 +49,13 @@ class Tracker:
     """
 
     def __init__(
-        self, projection: StereoProjection, config: Config, aligner: TemplateAligner, depth: DepthSource
+        self, projection: StereoProjection, config: Config, aligners: TemplateAligners, depth: DepthSource
     ) -> None:
         self.projection = projection
         self.config = config.frontend
-        self.aligner = aligner
+        self.aligners = aligners
         self.depth = depth
-        self.flow = Flow(config.frontend, aligner.area)
+        self.flow = Flow(config.frontend, aligners)
         self.rough_motion = RoughMotionFinder(
             projection, config.frontend, self.flow, config.robust.gate_probability
         )
@@ -82,7 +82,8 @@ class Tracker:
         if motion is None:
             self._lose()
             return None
-        self.aligner.noise.learn(motion.chi2, motion.dof)
+        seen = views.found
+        self.aligners.learn(motion, candidates.now.scale[seen], views.z_px[seen])
         return self._advance(candidates, views, motion, dt_s)
 
     def remember(self, images: PreparedImages, stamp_ns: int) -> None:
@@ -108,7 +109,7 @@ class Tracker:
         )  # what flow lost, the motion may find
         right_u_px = left_px[:, 0] - expected[:, 0] + expected[:, 2]
         warps = anchor_from_now(now, rough.cam_from_previous @ self.cam_from_start, self.projection)
-        return self.aligner.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
+        return self.aligners.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
 
     def _resect_jointly(self, candidates: Candidates, views: AlignedViews, start: Array) -> Resection | None:
         """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
@@ -136,14 +137,14 @@ class Tracker:
 
     @property
     def _var_ray(self) -> float:
-        return self.aligner.noise.var_ray(self.projection)
+        return self.aligners.fine.noise.var_ray(self.projection)
 
     # -- new tracks -------------------------------------------------------------------------------------------
 
     @property
     def missing(self) -> int:
-        """How many tracks more there should be."""
-        return self.config.max_tracks - len(self.tracks)
+        """How many tracks of ordinary templates more there should be."""
+        return self.config.max_tracks - int((self.tracks.scale == 1).sum())
 
     def detect_corners(self, images: PreparedImages) -> NDArray[np.intp]:
         """As many corners (k, 2) as are missing at most, whole pixels of the coarse left image, away from tracks."""
@@ -151,13 +152,21 @@ class Tracker:
         return detect(
             images.corner_strength,
             self.tracks.left_px * scale,
-            self.aligner.area.coarse(round(1 / scale)),
+            self.aligners.fine.area.coarse(round(1 / scale)),
             self.missing,
             cfg.min_corner_distance_px * scale,
             cfg.min_corner_response,
         )
 
-    def add(self, slots: NDArray[np.intp], left_px: Array, rho: Array, var_rho: Array, slopes: Array) -> Tracks:
+    def add(
+        self,
+        slots: NDArray[np.intp],
+        left_px: Array,
+        rho: Array,
+        var_rho: Array,
+        slopes: Array,
+        scale: int = 1,
+    ) -> Tracks:
         """Begin tracks at left positions (n, 2) with templates in `slots` (n,), inverse depths and slopes (n, 2)."""
         n = len(slots)
         rays = self.projection.rays(left_px)
@@ -170,6 +179,7 @@ class Tracker:
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),
             anchor_rays=rays,
             slopes=slopes,
+            scale=np.full(n, scale, np.int64),
         )
         self.next_id += n
         self.tracks = self.tracks.append(new)

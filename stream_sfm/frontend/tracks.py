@@ -18,7 +18,7 @@ class Tracks:
     (X/Z, Y/Z, 1, 1/Z) in the current rectified camera, and `var_rho` of the inverse depth 1/Z.
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
     chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition; `slopes` (n, 2):
-    ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m.
+    ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
     """
 
     ids: NDArray[np.int64]
@@ -29,6 +29,7 @@ class Tracks:
     anchor_from_start: Array
     anchor_rays: Array
     slopes: Array
+    scale: NDArray[np.int64]
 
     @classmethod
     def none(cls) -> "Tracks":
@@ -42,6 +43,7 @@ class Tracks:
             anchor_from_start=np.empty((0, 4, 4)),
             anchor_rays=np.empty((0, 2)),
             slopes=np.empty((0, 2)),
+            scale=np.empty(0, np.int64),
         )
 
     def __len__(self) -> int:

@@ -46,9 +46,12 @@ class VerticalDisparity:
         """v_left − v_right (n,) of correct matches at left positions (n, 2), px."""
         return self._terms(left_px) @ self._coefficients
 
-    def agrees(self, left_px: Array, right_px: Array) -> NDArray[np.bool_]:
-        """Whether left and right positions (n, 2), the right ones corrected by `at`, lie on one row."""
-        return np.asarray(np.abs(right_px[:, 1] - left_px[:, 1]) < self.gate_px)
+    def agrees(self, left_px: Array, right_px: Array, scale: int = 1) -> NDArray[np.bool_]:
+        """Whether left and right positions (n, 2), the right ones corrected by `at`, lie on one row.
+
+        `scale`: the gate is so much wider, for matches of reduced images.
+        """
+        return np.asarray(np.abs(right_px[:, 1] - left_px[:, 1]) < scale * self.gate_px)
 
     def learn(self, left_px: Array, difference_px: Array) -> None:
         """Update the polynomial by matches at (n, 2) whose rows differ by (n,)."""

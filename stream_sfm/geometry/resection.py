@@ -55,8 +55,9 @@ class Resection:
 
     `cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2` and
     `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
-    expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `share`: of the weight that
-    the accepted views have; `rival` (4, 4): another motion that the other views agree on, with nearly as much support.
+    expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
+    all views, whitened. `share`: of the weight that the accepted views have; `rival` (4, 4): another motion that the
+    other views agree on, with nearly as much support.
     """
 
     cam_from_ref: Array
@@ -66,6 +67,7 @@ class Resection:
     dof: int
     spread: float
     ok: bool
+    squared_residuals: Array
     share: float = 0.0
     rival: Array | None = None
 
@@ -97,9 +99,10 @@ def resect(
     each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
     only their noise counts.
     """
-    if len(z_px) < MIN_VIEWS:
+    n = len(z_px)
+    if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
-        return Resection(cam_from_ref_start, unknown, np.zeros(len(z_px), bool), 0.0, 0, 1.0, False)
+        return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
@@ -180,6 +183,7 @@ def _least_squares(views: PointViews, weights: Array, cam_from_ref: Array, root:
         dof=int(views.sides[accepted].sum()) - 6,
         spread=_spread(s2[s2 < _SPREAD_WITHIN * views.gate]),
         ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
+        squared_residuals=s2,
         share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
     )
 

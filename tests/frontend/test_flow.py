@@ -6,10 +6,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig
+from stream_sfm.frontend.alignment import TemplateAligners
 from stream_sfm.frontend.corners import corner_strength, detect
 from stream_sfm.frontend.flow import Flow, exposure_hypotheses
 from stream_sfm.frontend.prepared import PreparedImages
-from stream_sfm.frontend.valid_area import ValidArea
 from tests.helpers.wall import Wall, rig
 
 
@@ -21,10 +21,10 @@ def reached(levels: int, shift_px: int) -> float:
     """Fraction of the corners that flow follows over a shift, started where they were."""
     image = Wall(4).image(rig().left, np.eye(4))
     valid = np.ones(image.shape, bool)
-    area = ValidArea(valid, 10)
     corners = detect(corner_strength(image), np.empty((0, 2)), valid, 60, 12.0, 1e-5).astype(float)
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
-    flow = Flow(FrontendConfig(pyramid_levels=levels), area)
+    config = FrontendConfig(pyramid_levels=levels)
+    flow = Flow(config, TemplateAligners(config, valid))
     at, found = flow.track(prepared(image).left_half, prepared(np.roll(image, shift_px, axis=1)), corners, corners)
     return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
 

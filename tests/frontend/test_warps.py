@@ -36,6 +36,7 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         anchor_from_start=np.eye(4)[None],
         anchor_rays=RAY[None],
         slopes=SLOPES[None],
+        scale=np.ones(1, np.int64),
     )
     warp = anchor_from_now(tracks, CAM_FROM_ANCHOR, P)[side][0]
     columns = slice(2 * side, 2 * side + 2)

@@ -14,7 +14,7 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import MapStart, Observations
-from ..alignment import TemplateAligner
+from ..alignment import TemplateAligners
 from ..image_checks import image_note
 from ..prepared import Image, PreparedImages
 from ..tracker import Followed, Tracker
@@ -33,9 +33,10 @@ class MonoFrontEnd:
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         self.projection = projection
         self.config = config.frontend
-        self.aligner = TemplateAligner(self.config, valid)
+        aligners = TemplateAligners(self.config, valid, scales=(1,))
+        self.aligner = aligners.fine
         depth = ParallaxDepth(projection, self.aligner)
-        self.tracker = Tracker(projection, config, self.aligner, depth)
+        self.tracker = Tracker(projection, config, aligners, depth)
         self.map_start = MapStartFinder(self.tracker, self.aligner)
         self.mapped = False
         self.first_unseen_id = 0  # ids from here on have not been handed out

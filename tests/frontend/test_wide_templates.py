@@ -1,0 +1,51 @@
+"""A wall that is all but white: blotches of a grey value or two, below what ordinary templates can be aligned with."""
+
+import cv2
+import numpy as np
+
+from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.camera.rig import StereoRig
+from stream_sfm.config import Config
+from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.frontend.alignment import WIDE
+from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.geometry import se3
+from stream_sfm.types import Solution
+from tests.helpers.wall import Wall, camera_path, rig
+
+
+class BareWall(Wall):
+    """The wall painted white: blotches of some centimetres with a standard deviation of one and a half grey values."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        blotches = cv2.GaussianBlur(self.texture.astype(np.float32), (0, 0), 12)
+        self.texture = 200 + 1.5 * (blotches - blotches.mean()) / blotches.std()
+
+
+def followed(wall: Wall, stereo: StereoRig, poses: np.ndarray) -> tuple[StereoFrontEnd, list[Solution]]:
+    """The front-end after those frames of the wall, and the solutions of the default estimator."""
+    rectifier = Rectifier(stereo)  # of a rectified pair: its axes are the camera's
+    front_end = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
+    estimator = CrossFrame(rectifier.projection, Config())
+    solutions = []
+    for index, frame in enumerate(wall.frames(stereo, poses)):
+        images = front_end.prepare(frame.left, frame.right)
+        solutions.append(estimator.step(front_end.step(index, frame.stamp_ns, images)))
+    return front_end, solutions
+
+
+def test_a_bare_wall_is_followed_by_wide_templates() -> None:
+    poses = camera_path(12)
+    front_end, solutions = followed(BareWall(3), rig(width=640, height=480), poses)
+    assert (front_end.tracker.tracks.scale == WIDE).sum() > 20
+    assert "lost" not in [s.status for s in solutions]
+    for solution, pose in zip(solutions[1:], poses[1:], strict=True):
+        error = se3.log(se3.inverse(solution.world_from_cam) @ pose)
+        assert error @ np.linalg.solve(solution.cov_pose, error) < 60  # of χ² with six degrees: P < 1e-10
+        assert np.linalg.norm(error[:3]) < 0.05
+
+
+def test_textured_images_get_ordinary_templates_only() -> None:
+    front_end, _ = followed(Wall(3), rig(), camera_path(4))
+    assert (front_end.tracker.tracks.scale == 1).all()
