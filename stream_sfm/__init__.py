@@ -1,55 +1,237 @@
-"""Stereo odometry and local structure from image streams, with covariances one can trust."""
+"""Stereo odometry and local structure from image streams, with covariances one can trust.
+
+    import stream_sfm as sfm
+
+    engine = sfm.Engine(sfm.StereoRig.from_calibration("calibration.toml"))
+    estimate = engine.step(sfm.StereoFrame(stamp_ns, left, right))    # live
+    result = sfm.replay("log.mcap", "out")                            # a recorded log
+
+The names in `__all__` are the public API. Every module below is private and may change at any time. Poses are
+`world_from_cam` of the physical left camera (x right, y down, z forward; metres); the world is that camera in the first
+frame. Covariances of poses are those of ξ = (translation, rotation) in `world_from_cam · Exp(ξ)`.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-# The public names, resolved on first use so that `stream-sfm --help` and a bare import cost nothing.
-_PUBLIC = {
-    "Camera": "camera.models",
-    "Config": "config",
-    "Engine": "engine",
-    "FrameEstimate": "types",
-    "MonoFrame": "types",
-    "MonoRig": "camera.rig",
-    "Selection": "types",
-    "StereoFrame": "types",
-    "StereoRig": "camera.rig",
-    "Status": "types",
-    "Trajectory": "types",
-    "ConfigError": "errors",
-    "EngineBusyError": "errors",
-    "FrameError": "errors",
-    "InputError": "errors",
-    "LogError": "errors",
-    "OutputError": "errors",
-    "StreamSfmError": "errors",
-    "open_log": "recording",
-    "read_config": "config",
-    "replay": "pipeline.replay",
+__all__ = [
+    "Camera",
+    "Cloud",
+    "ComparisonResult",
+    "Config",
+    "ConfigError",
+    "DenseConfig",
+    "DepthImages",
+    "Engine",
+    "EngineBusyError",
+    "EstimateRecord",
+    "Estimator",
+    "FrameError",
+    "FrameEstimate",
+    "FrontendConfig",
+    "ImageMessage",
+    "Imported",
+    "InputError",
+    "JobResult",
+    "LogError",
+    "MapStart",
+    "Mesh",
+    "MonoFrame",
+    "MonoRig",
+    "MotionConfig",
+    "Observations",
+    "OutputError",
+    "PreparedImages",
+    "ReadStats",
+    "RecordedFrame",
+    "ReplayInterrupted",
+    "ReplayResult",
+    "ResultFolder",
+    "RigError",
+    "RobustConfig",
+    "Selection",
+    "Sink",
+    "Solution",
+    "Status",
+    "StereoFrame",
+    "StereoLog",
+    "StereoPair",
+    "StereoProjection",
+    "StereoRig",
+    "StreamSfmError",
+    "Surface",
+    "Trajectory",
+    "WindowConfig",
+    "__version__",
+    "compare",
+    "config_to_toml",
+    "draw_mesh",
+    "evaluate",
+    "import_euroc",
+    "import_images",
+    "import_kitti",
+    "inspect",
+    "open_log",
+    "open_viewer",
+    "read_clouds",
+    "read_config",
+    "read_estimates",
+    "read_trajectory",
+    "read_tum",
+    "replay",
+    "replay_batch",
+    "simulate",
+    "surface",
+    "write_ply",
+    "write_png",
+    "write_surface_recording",
+]
+
+# Module -> its public names. It is imported on first use, so that a bare import and `--help` cost nothing.
+_HOMES = {
+    "batch.job": ("JobResult",),
+    "batch.replay_batch": ("replay_batch",),
+    "camera.models": ("Camera",),
+    "camera.rig": ("MonoRig", "StereoRig"),
+    "comparison.compare": ("ComparisonResult", "compare"),
+    "config": (
+        "Config",
+        "DenseConfig",
+        "FrontendConfig",
+        "MotionConfig",
+        "RobustConfig",
+        "WindowConfig",
+        "config_to_toml",
+        "read_config",
+    ),
+    "dense.mesh": ("Mesh",),
+    "dense.ply": ("write_ply",),
+    "dense.preview": ("preview as draw_mesh", "write_png"),
+    "dense.surface": ("Surface", "surface"),
+    "engine": ("Engine",),
+    "errors": (
+        "ConfigError",
+        "EngineBusyError",
+        "FrameError",
+        "InputError",
+        "LogError",
+        "OutputError",
+        "RigError",
+        "StreamSfmError",
+    ),
+    "evaluation.summary": ("evaluate",),
+    "frontend.prepared": ("PreparedImages",),
+    "geometry.stereo": ("StereoProjection",),
+    "importers.common": ("Imported",),
+    "importers.euroc": ("import_euroc",),
+    "importers.folders": ("import_images",),
+    "importers.kitti": ("import_kitti",),
+    "inspection.overview": ("inspect_log as inspect",),
+    "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
+    "recording.frames": ("RecordedFrame",),
+    "recording.ground_truth": ("DepthImages",),
+    "recording.messages": ("ImageMessage",),
+    "recording.pair_reader": ("ReadStats", "StereoPair"),
+    "recording.stereo_log": ("StereoLog", "open_log"),
+    "results.estimates_reader": ("Cloud", "read_clouds", "read_estimates", "read_trajectory"),
+    "results.folder": ("ResultFolder",),
+    "results.schema": ("EstimateRecord",),
+    "results.trajectory_files": ("read_tum",),
+    "simulation.experiments": ("simulate",),
+    "types": (
+        "Estimator",
+        "FrameEstimate",
+        "MapStart",
+        "MonoFrame",
+        "Observations",
+        "Selection",
+        "Sink",
+        "Solution",
+        "Status",
+        "StereoFrame",
+        "Trajectory",
+    ),
+    "viewer": ("open_viewer",),
+    "viewer.surface": ("write_surface as write_surface_recording",),
 }
 
-__all__ = [*sorted(_PUBLIC), "__version__", "viewer"]
-
 if TYPE_CHECKING:
-    from . import viewer
+    from .batch.job import JobResult
+    from .batch.replay_batch import replay_batch
     from .camera.models import Camera
     from .camera.rig import MonoRig, StereoRig
-    from .config import Config, read_config
+    from .comparison.compare import ComparisonResult, compare
+    from .config import (
+        Config,
+        DenseConfig,
+        FrontendConfig,
+        MotionConfig,
+        RobustConfig,
+        WindowConfig,
+        config_to_toml,
+        read_config,
+    )
+    from .dense.mesh import Mesh
+    from .dense.ply import write_ply
+    from .dense.preview import preview as draw_mesh
+    from .dense.preview import write_png
+    from .dense.surface import Surface, surface
     from .engine import Engine
-    from .errors import ConfigError, EngineBusyError, FrameError, InputError, LogError, OutputError, StreamSfmError
-    from .pipeline.replay import replay
-    from .recording import open_log
-    from .types import FrameEstimate, MonoFrame, Selection, Status, StereoFrame, Trajectory
+    from .errors import (
+        ConfigError,
+        EngineBusyError,
+        FrameError,
+        InputError,
+        LogError,
+        OutputError,
+        RigError,
+        StreamSfmError,
+    )
+    from .evaluation.summary import evaluate
+    from .frontend.prepared import PreparedImages
+    from .geometry.stereo import StereoProjection
+    from .importers.common import Imported
+    from .importers.euroc import import_euroc
+    from .importers.folders import import_images
+    from .importers.kitti import import_kitti
+    from .inspection.overview import inspect_log as inspect
+    from .pipeline.replay import ReplayInterrupted, ReplayResult, replay
+    from .recording.frames import RecordedFrame
+    from .recording.ground_truth import DepthImages
+    from .recording.messages import ImageMessage
+    from .recording.pair_reader import ReadStats, StereoPair
+    from .recording.stereo_log import StereoLog, open_log
+    from .results.estimates_reader import Cloud, read_clouds, read_estimates, read_trajectory
+    from .results.folder import ResultFolder
+    from .results.schema import EstimateRecord
+    from .results.trajectory_files import read_tum
+    from .simulation.experiments import simulate
+    from .types import (
+        Estimator,
+        FrameEstimate,
+        MapStart,
+        MonoFrame,
+        Observations,
+        Selection,
+        Sink,
+        Solution,
+        Status,
+        StereoFrame,
+        Trajectory,
+    )
+    from .viewer import open_viewer
+    from .viewer.surface import write_surface as write_surface_recording
 
 
 def __getattr__(name: str) -> Any:
-    if name == "viewer":
-        return import_module(".viewer", __name__)
-    if name not in _PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_PUBLIC[name]}", __name__), name)
+    for home, names in _HOMES.items():
+        for inside, _, outside in (entry.partition(" as ") for entry in names):
+            if name == (outside or inside):
+                value = globals()[name] = getattr(import_module(f".{home}", __name__), inside)
+                return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -6,16 +6,18 @@ the axes of the physical left camera.
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from .camera.rig import MonoRig, StereoRig
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
+from .geometry.stereo import StereoProjection
 from .observer import Observer
-from .types import Frame, FrameEstimate
+from .types import Estimator, Frame, FrameEstimate
 
 
 class Engine:
@@ -24,12 +26,20 @@ class Engine:
     One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
     thread. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a rig or configuration
     that cannot work.
+
+    `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
     """
 
-    def __init__(self, rig: StereoRig | MonoRig, config: Config | None = None) -> None:
+    def __init__(
+        self,
+        rig: StereoRig | MonoRig,
+        config: Config | None = None,
+        estimator: Callable[[StereoProjection, Config], Estimator] | None = None,
+    ) -> None:
         self.config = Config() if config is None else config
         self.observer = Observer(rig, self.config)
-        self.estimator = make_estimator(self.config.method, self.observer.projection, self.config)
+        make = partial(make_estimator, self.config.method) if estimator is None else estimator
+        self.estimator = make(self.observer.projection, self.config)
         self._stepping = threading.Lock()
 
     @property

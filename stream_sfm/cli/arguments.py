@@ -21,7 +21,6 @@ METHODS = (
     "frame-to-frame",
     "depth-filter",
 )
-_SELECTION = {"left": None, "right": None, "start": None, "end": None, "max_frames": None, "stride": 1}
 
 
 def add_command(
@@ -148,12 +147,6 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="use a Dask cluster instead, for example tcp://127.0.0.1:8786 (needs stream-sfm[cluster])",
     )
-
-
-def selection_options(args: argparse.Namespace) -> list[str]:
-    """The topics and frames that were chosen, as options of `replay`."""
-    chosen = {name: getattr(args, name) for name in _SELECTION}
-    return [f"--{name.replace('_', '-')}={value}" for name, value in chosen.items() if value != _SELECTION[name]]
 
 
 def positive(text: str) -> int:

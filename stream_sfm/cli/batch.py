@@ -3,13 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import ExitCode
 from . import arguments
-
-if TYPE_CHECKING:
-    from ..config import Config
 
 
 def add_parser(subparsers: Any) -> None:
@@ -43,44 +40,30 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay all logs, print a table, and return whether all of them were completed."""
+    from ..batch.logs import find_logs
+    from ..batch.replay_batch import replay_batch
+    from .progress import counter
+
     config = arguments.read_settings(args)
-    config.needs_scale("batch, which compares metres,")
-    arguments.read_selection(args)  # an impossible one is refused here, not once per log
-    content = _run(config, args)
+    selection = arguments.read_selection(args)
+    with counter("batch", "logs", len(find_logs(args.logs)), args.quiet) as advance:
+        content = replay_batch(
+            args.logs,
+            args.out,
+            config,
+            selection,
+            left=args.left,
+            right=args.right,
+            calibration=args.calibration,
+            workers=args.workers,
+            scheduler=args.scheduler,
+            timeout_s=args.timeout,
+            on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
+        )
     _print(content, Path(args.out), args)
     if content["interrupted"]:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if content["complete"] else ExitCode.INPUT
-
-
-def _run(config: "Config", args: argparse.Namespace) -> dict[str, Any]:
-    from concurrent.futures import ThreadPoolExecutor
-
-    from ..batch.collect import run_batch
-    from ..batch.logs import find_logs
-    from ..camera.rig import StereoRig
-    from ..executors import cluster
-    from .progress import counter
-
-    calibration = Path(args.calibration).resolve() if args.calibration else None
-    if calibration is not None:
-        StereoRig.from_calibration(calibration)  # a mistake in it is reported once, before any log is started
-    logs = find_logs(args.logs)
-    with (
-        # The threads only wait for the processes that replay.
-        cluster(args.scheduler) if args.scheduler else ThreadPoolExecutor(args.workers) as executor,
-        counter("batch", "logs", len(logs), args.quiet) as advance,
-    ):
-        return run_batch(
-            logs,
-            Path(args.out),
-            config,
-            executor,
-            options=arguments.selection_options(args),
-            calibration=calibration,
-            timeout_s=args.timeout,
-            on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
-        )
 
 
 def _print(content: dict[str, Any], out: Path, args: argparse.Namespace) -> None:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _reconstruct(args: argparse.Namespace) -> "Surface":
-    from ..dense.surface import surface_of_frame, surface_of_log
+    from ..dense.surface import surface
     from ..recording import open_log
     from .progress import frame_progress
 
@@ -83,9 +83,9 @@ def _reconstruct(args: argparse.Namespace) -> "Surface":
     _check_files(args)
     log = open_log(args.log, args.left, args.right, args.calibration)
     if not args.all:
-        return surface_of_frame(log, args.frame, config, selection)
+        return surface(log, args.frame, config, selection)
     with frame_progress("surface", selection.count(log.expected_frames), args.quiet) as progress:
-        return surface_of_log(log, config, selection, [progress])
+        return surface(log, None, config, selection, sinks=[progress])
 
 
 def _check_files(args: argparse.Namespace) -> None:

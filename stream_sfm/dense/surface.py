@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from ..camera.rectification import Rectifier
+from ..camera.rig import StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import ConfigError, InputError, LogError
@@ -13,7 +15,7 @@ from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..interrupts import deferred_interrupts
-from ..recording import RecordedFrame, StereoLog
+from ..recording import RecordedFrame, StereoLog, open_log
 from ..recording.images import decode_rgb
 from ..results.folder import close_all
 from ..types import Selection, Sink, Status
@@ -63,6 +65,30 @@ class DenseView:
         else:
             picture = self._rectifier.rectify(rgb)[0]
         return self._stereo.match(left, right), picture
+
+
+def surface(
+    log: str | Path | StereoLog,
+    frame: int | None = 0,
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | None = None,
+    sinks: Sequence[Sink] = (),
+) -> Surface:
+    """Reconstruct the dense surface of one frame of a log, or of all frames fused (`frame=None`).
+
+    `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
+    `left`, `right`, `calibration`: as in `open_log`. `sinks` are given each estimate of a fused surface. Raises
+    ConfigError, and LogError where the log shows no surface.
+    """
+    if not isinstance(log, StereoLog):
+        log = open_log(log, left, right, calibration)
+    if frame is None:
+        return surface_of_log(log, config, selection, sinks)
+    return surface_of_frame(log, frame, config, selection)
 
 
 def surface_of_frame(

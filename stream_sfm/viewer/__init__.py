@@ -4,13 +4,9 @@ Not here: the HTML pages (`report/`).
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..camera.rig import MonoRig, StereoRig
-from ..types import Trajectory
-
-if TYPE_CHECKING:
-    from .sink import RerunSink
+from ..types import Sink, Trajectory
 
 __all__ = ["open_viewer"]
 
@@ -21,7 +17,7 @@ def open_viewer(
     view: bool = False,
     ground_truth: Trajectory | None = None,
     name: str = "live",
-) -> "RerunSink":
+) -> Sink:
     """Open a sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
 
     `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the name

@@ -9,12 +9,10 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from stream_sfm.batch.collect import run_batch
+from stream_sfm.batch.replay_batch import replay_batch
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import compare
-from stream_sfm.config import Config
-from stream_sfm.executors import processes
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
@@ -104,18 +102,17 @@ def test_report(tmp_path: Path) -> None:
 
 def test_batch(tmp_path: Path) -> None:
     of_all, of_log = map(names, tables("batch.json, job.json"))
-    with processes(1) as executor:
-        content = run_batch({LOG: 1}, tmp_path, Config(), executor, options=("--max-frames=3",))
+    content = replay_batch([LOG], tmp_path, selection=Selection(max_frames=3), workers=1)
     assert json.loads((tmp_path / "batch.json").read_bytes()) == json.loads(json.dumps(content))
     assert_same(of_all, set(paths(content)))
     assert set(json.loads((tmp_path / "room/job.json").read_bytes())) == of_log
     assert set(content["logs"][0]) == of_log | {"summary"}
 
 
-def test_calibration_of_the_readme_is_read() -> None:
-    text = re.search(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+def test_the_calibration_that_is_shown_is_read() -> None:
+    text = re.search(r"```toml\n(.*?)```", (ROOT / "docs/own-data.md").read_text(encoding="utf-8"), re.DOTALL)
     assert text
-    rig = StereoRig.parse_calibration(text[1].encode(), "README.md")
+    rig = StereoRig.parse_calibration(text[1].encode(), "own-data.md")
     assert rig.baseline_m == pytest.approx(0.11)
 
 

@@ -1,6 +1,7 @@
-"""Imports go one way, and each heavy package stays in its room (README, "Find your room")."""
+"""Imports go one way, and each heavy package stays in its room (docs/architecture.md)."""
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
@@ -104,6 +105,16 @@ def test_heavy_packages_stay_in_their_rooms() -> None:
             assert package in HOMES, f"{name} imports {package}: say here which rooms may"
             assert name.startswith(HOMES[package]), f"{name} imports {package}"
     assert set(HOMES) <= {module.split(".")[0] for _, _, module in IMPORTS}
+
+
+def test_the_map_of_the_package_has_every_room_in_its_layer() -> None:
+    page = (Path(__file__).parents[2] / "docs/architecture.md").read_text(encoding="utf-8")
+    layers: list[set[str]] = []
+    for layer, name in re.findall(r"^\|([^|]*)\| `([\w.]+)/?` \|", page, re.MULTILINE):
+        if layer.strip():
+            layers.append(set())
+        layers[-1].add(name.removesuffix(".py"))
+    assert layers == [set(rooms) - {"__version__"} for rooms in reversed(LAYERS)]
 
 
 def test_every_file_begins_by_saying_what_it_is() -> None:

@@ -4,13 +4,18 @@ import re
 from importlib.metadata import version
 from pathlib import Path
 
+import pytest
+
 import stream_sfm
 from tests.helpers.places import ROOT
 
 
-def test_the_newest_entry_of_the_changelog_is_the_version() -> None:
-    headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert headings[0] == stream_sfm.__version__ == version("stream-sfm")
+@pytest.mark.parametrize(
+    ("page", "pattern"), [("CHANGELOG.md", r"^## (\S+)"), ("CITATION.cff", r"^version: (\S+)$")]
+)
+def test_the_version_is_the_same_everywhere(page: str, pattern: str) -> None:
+    found = re.search(pattern, (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
+    assert found and found[1] == stream_sfm.__version__ == version("stream-sfm")
 
 
 def test_types_are_shipped() -> None:

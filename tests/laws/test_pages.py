@@ -8,7 +8,7 @@ import pytest
 from tests.helpers.places import ROOT
 
 PAGES = sorted(
-    p for folder in ("", "docs", "stream_sfm", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
+    p for folder in ("", "docs", "examples", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
 )
 CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
 MATHEMATICS = (ROOT / "docs/mathematics.md").read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def test_files_that_are_named_exist(page: Path) -> None:
     """Names with a folder and a suffix; from the page, the root or the package."""
     names = re.findall(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|json|mcap|png))`", page.read_text(encoding="utf-8"))
     for name in names:
-        if not name.startswith(("runs/", "DIR/")):
+        if not name.startswith(("runs/", "results/", "DIR/")):
             bases = (page.parent, ROOT, ROOT / "stream_sfm")
             assert any((base / name).exists() for base in bases), f"{page.name} names {name}"
 

@@ -1,4 +1,4 @@
-"""Every command and every program of the README runs, in a folder that looks like a user's."""
+"""Every command and every program of the README and of docs/ runs, in a folder that looks like a user's."""
 
 import re
 import shlex
@@ -11,26 +11,29 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, build_parser, main
-from tests.helpers.places import ROOT
+from tests.helpers.places import ROOM, ROOT
 
-PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/formats.md")}
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
 FRAMES = 6
-
 NOT_RUN = {
     "python3 -m venv": "makes the environment that this test runs in",
+    "activate": "enters it",
     "pip install": "fills it",
     "python -m pytest": "is this",
     "dask": "needs a cluster; tests/batch/test_cluster.py has one",
     "--scheduler": "needs a cluster",
     "--view": "needs a display; tests/viewer/ writes files instead",
-    "simulate efficiency": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
+    "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
+    "import kitti": "needs a recording; tests/importers/ makes one",
+    "import euroc": "needs a recording; tests/importers/ makes one",
 }
-# a few frames and trials show as well that a command runs
-SHORT = {
-    **dict.fromkeys(("replay", "surface", "compare", "batch"), f"--max-frames={FRAMES}"),
-    "simulate": "--trials=1",
-}
-# what the README's placeholders stand for
+MENTION = re.compile(r"stream-sfm (replay|batch|compare|simulate|surface|inspect|import( \w+)?)")  # in a sentence
+# A few frames show as well that a command runs.
+SHORT = dict.fromkeys(("replay", "surface", "compare", "batch"), f"--max-frames={FRAMES}")
+# What the placeholders of the pages stand for.
 PLACES = {
     "LOG": "logs/room.mcap",
     "LOG…": "logs/room.mcap",
@@ -41,21 +44,32 @@ PLACES = {
 
 
 def commands() -> Iterator[str]:
-    """Lines of the blocks marked sh, and what the text names in backticks, each once."""
-    text = PAGES["README.md"]
-    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
-    lines = [part for block in blocks for line in block.splitlines() for part in line.split("&&")]
-    lines += re.findall(r"`(stream-sfm [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
-    plain = (line.partition("#")[0].replace(".venv/bin/", "") for line in lines)
-    yield from dict.fromkeys(" ".join(line.split()) for line in plain)
+    """Lines of the blocks marked sh, and what the text names in backticks, each once, placeholders filled in."""
+    lines = []
+    for text in PAGES.values():
+        blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+        lines += [part for block in blocks for line in block.splitlines() for part in line.split("&&")]
+        lines += re.findall(r"`(stream-sfm [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    plain = (line.partition("#")[0].replace(".venv/bin/", "").split() for line in lines)
+    whole = (words for words in plain if not MENTION.fullmatch(" ".join(words)))
+    yield from dict.fromkeys(" ".join(PLACES.get(word, word) for word in words) for words in whole)
+
+
+def programs() -> Iterator[tuple[str, int, str]]:
+    """Page, number and text of every block marked python."""
+    for page, text in PAGES.items():
+        for number, program in enumerate(re.findall(r"```python\n(.*?)```", text, re.DOTALL)):
+            yield page, number, program
 
 
 @pytest.fixture(scope="module")
-def user(tmp_path_factory) -> Path:
-    """A folder with logs/room.mcap, images of it in left/ and right/, l/ and r/, and their calibration."""
+def user(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sample log, images, their calibration and their log, and the results of a replay."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "logs").symlink_to(ROOT / "logs")
-    log = sfm.open_log(ROOT / "logs/room.mcap")
+    (folder / "recordings").mkdir()
+    (folder / "recordings/room.mcap").symlink_to(ROOM)
+    log = sfm.open_log(ROOM)
     for name in ("left", "right", "l", "r"):
         (folder / name).mkdir()
     for frame in log.frames(sfm.Selection(max_frames=FRAMES)):
@@ -64,47 +78,59 @@ def user(tmp_path_factory) -> Path:
             cv2.imwrite(str(folder / name[0] / f"{frame.stamp_ns}.png"), image)
     for name in ("calibration.toml", "c.toml"):
         (folder / name).write_text(log.rig.to_toml(), encoding="utf-8")
+    sfm.replay(log, folder / "runs/latest", selection=sfm.Selection(max_frames=FRAMES))
+    (folder / "mine.mcap").symlink_to(ROOM)
     return folder
 
 
 @pytest.mark.parametrize("command", commands())
 def test_command_runs(command: str, user: Path, monkeypatch, capsys) -> None:
-    reason = next((why for part, why in NOT_RUN.items() if re.search(rf"(?<!\S){part}(?!\S)", command)), None)
+    reason = next((why for part, why in NOT_RUN.items() if re.search(rf"(?<![\w-]){part}(?!\S)", command)), None)
     if reason:
         pytest.skip(f"{command}: {reason}")
-    program, name, *rest = (PLACES.get(word, word) for word in shlex.split(command))
+    program, name, *rest = shlex.split(command)
     assert program == "stream-sfm"
-    monkeypatch.chdir(user)
+    if name == "import":
+        (user / rest[-1]).unlink(missing_ok=True)  # not through the link into the checkout
     if name in SHORT:
         rest.append(SHORT[name])
+    monkeypatch.chdir(user)
     assert main([name, *rest]) == 0, capsys.readouterr().err
 
 
+def test_the_first_command_prints_what_the_readme_shows(user: Path, monkeypatch, capsys) -> None:
+    """Apart from the numbers, which depend on the machine and on the version."""
+    monkeypatch.chdir(user)
+    shown = re.search(r"```sh\n.*stream-sfm (replay \S+)\n```\n\n```\n(.*?)```", PAGES["README.md"], re.DOTALL)
+    assert shown
+    assert main(shown[1].split()) == 0
+    assert without_numbers(capsys.readouterr().out) == without_numbers(shown[2])
+
+
+def without_numbers(table: str) -> list[str]:
+    """The words of a table, whatever its width."""
+    return re.sub(r"[-+\d.]+", "0", re.sub(r"[─┌┐└┘│]", " ", table)).split()
+
+
 def test_every_command_has_a_row_and_every_row_is_a_command() -> None:
-    rows = set(re.findall(r"^\| `stream-sfm (\w+)", PAGES["README.md"], re.MULTILINE))
+    rows = set(re.findall(r"^\| `stream-sfm (\w+)", PAGES["docs/commands.md"], re.MULTILINE))
     assert len(rows) == len(COMMANDS)
     for name in rows:
         assert f"    {name} " in build_parser().format_help()
 
 
-@pytest.mark.parametrize(
-    ("page", "number"),
-    [(page, n) for page, text in PAGES.items() for n in range(text.count("```python\n"))],
-)
-def test_program_runs(page: str, number: int, user: Path, monkeypatch) -> None:
-    program = re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL)[number]
+@pytest.mark.parametrize(("page", "number", "program"), programs())
+def test_program_runs(page: str, number: int, program: str, user: Path, monkeypatch) -> None:
     monkeypatch.chdir(user)
-    log = sfm.open_log("logs/room.mcap")
+    log = sfm.open_log(ROOM)
 
-    def my_cameras():
+    def my_cameras() -> Iterator[tuple[int, Any, Any]]:
         for frame in log.frames(sfm.Selection(max_frames=FRAMES)):
             yield frame.stamp_ns, frame.left, frame.right
 
-    if not Path("estimates.mcap").exists():
-        sfm.replay(log, ".", selection=sfm.Selection(max_frames=FRAMES))
     # a window needs a display; the program names the other way itself
     program = program.replace("view=True", 'rrd="run.rrd"')
     scope: dict[str, Any] = {"sfm": sfm, "my_cameras": my_cameras}
-    exec(compile(program, page, "exec"), scope)
+    exec(compile(program, f"{page}, program {number}", "exec"), scope)
     if "estimate" in scope:
         assert scope["estimate"].status == "ok" and len(scope["estimate"].points_in_cam)

@@ -31,7 +31,7 @@ def _images(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _run(rrd, compressed: bool):
     engine, truth = sfm.Engine(_rig()), sfm.Trajectory(np.array([1]), np.eye(4)[None])
-    viewer = sfm.viewer.open_viewer(_rig(), rrd, ground_truth=truth)
+    viewer = sfm.open_viewer(_rig(), rrd, ground_truth=truth)
     for n in range(4):
         left, right = _images(n)
         pictures = tuple(cv2.imencode(".png", i)[1].tobytes() for i in (left, right)) if compressed else ()
@@ -73,7 +73,7 @@ def test_recorded_bytes_are_handed_on_unchanged(suffix, kind):
 
 def test_without_a_file_or_window_there_is_no_viewer():
     with pytest.raises(sfm.ConfigError, match="file to write"):
-        sfm.viewer.open_viewer(_rig())
+        sfm.open_viewer(_rig())
 
 
 def test_a_window_needs_a_display(monkeypatch):
@@ -82,12 +82,12 @@ def test_a_window_needs_a_display(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(sfm.ConfigError, match="no display"):
-        sfm.viewer.open_viewer(_rig(), view=True)
+        sfm.open_viewer(_rig(), view=True)
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(sfm.OutputError, match="nowhere"):
-        sfm.viewer.open_viewer(_rig(), tmp_path / "nowhere" / "run.rrd")
+        sfm.open_viewer(_rig(), tmp_path / "nowhere" / "run.rrd")
 
 
 def test_importing_the_package_imports_nothing_heavy():

@@ -60,7 +60,7 @@ def main() -> None:
     args = parser.parse_args()
     rig = sfm.StereoRig.from_calibration(args.calibration)
     engine = sfm.Engine(rig)
-    viewer = sfm.viewer.open_viewer(rig, args.rrd, view=not args.no_view)
+    viewer = sfm.open_viewer(rig, args.rrd, view=not args.no_view)
     frames = from_cameras(*args.cameras) if args.cameras else from_folders(*args.folders, args.patience)
     count = 0
     try:

@@ -1,0 +1,64 @@
+"""Every example runs as its page says."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+import stream_sfm as sfm
+from tests.helpers.places import ROOM, ROOT
+
+FRAMES = 6
+EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
+
+
+def run(example: str, *arguments: object) -> str:
+    """What the example prints."""
+    command = [sys.executable, ROOT / "examples" / example, *arguments]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_listed_and_tested() -> None:
+    rows = re.findall(r"^\| `(\w+\.py)`", (ROOT / "examples/README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(rows) == EXAMPLES
+    tested = {name.removeprefix("test_") + ".py" for name in globals() if name.startswith("test_")}
+    assert set(EXAMPLES) <= tested
+
+
+def test_live(tmp_path: Path) -> None:
+    log = sfm.open_log(ROOM)
+    (tmp_path / "calibration.toml").write_text(log.rig.to_toml(), encoding="utf-8")
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+    for number, frame in enumerate(log.frames(sfm.Selection(max_frames=FRAMES))):
+        for side, image in zip(("left", "right"), frame.images, strict=True):
+            cv2.imwrite(str(tmp_path / side / f"{number:06d}.png"), image)
+    folders = ("--folders", tmp_path / "left", tmp_path / "right", "--patience", 0.5)
+    said = run("live.py", tmp_path / "calibration.toml", *folders, "--no-view", "--rrd", tmp_path / "live.rrd")
+    assert f"{FRAMES} frames" in said and (tmp_path / "live.rrd").stat().st_size > 1000
+
+
+def test_read_results(tmp_path: Path) -> None:
+    sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=FRAMES))
+    said = run("read_results.py", tmp_path)
+    assert f"{FRAMES} poses" in said and "in view in the last frame" in said
+    pytest.importorskip("pandas")
+    assert "sigma_m" in said and "ok" in said
+
+
+def test_custom_sink() -> None:
+    said = run("custom_sink.py", ROOM, "--limit", 0.0005)
+    uncertain, frames = map(int, re.findall(r"^(\d+) frames", said, re.MULTILINE))
+    assert 0 < uncertain < frames == 84  # σ grows from 0 beyond half a millimetre
+
+
+def test_custom_estimator() -> None:
+    said = run("custom_estimator.py", ROOM, "--max-frames", 30)
+    errors_m = dict(re.findall(r"^([\w -]+): 30 frames, position error (\S+) m", said, re.MULTILINE))
+    assert set(errors_m) == {"dead reckoning", "cross-frame"}
+    assert all(float(error) < 0.1 for error in errors_m.values())

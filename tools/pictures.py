@@ -1,0 +1,102 @@
+"""Make the pictures of the README and of docs/ anew, from today's code: `python tools/pictures.py [NAME …]`.
+
+    viewer    logs/room.mcap in the Rerun viewer, without a window
+    drift     the top of the report of `stream-sfm compare logs/room.mcap`
+    surface   `stream-sfm surface logs/room.mcap --all --preview`
+    figure6   `stream-sfm simulate figure6`, 100 trials: some minutes
+
+`viewer` needs a Vulkan driver (Debian: mesa-vulkan-drivers draws without a graphics card), `drift` needs Chromium.
+"""
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+
+ROOT = Path(__file__).parents[1]
+LOG = ROOT / "logs/room.mcap"
+PICTURES = ROOT / "docs/pictures"
+VIEWER_SIZE = (1500, 850)
+VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
+VIEWER_LOADS_S = 25.0  # on two busy cores without a graphics card
+REPORT_SIZE = (1280, 1160)
+REPORT_LEFT_OUT = "<style>nav, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
+
+
+def stream_sfm(*arguments: object) -> None:
+    """Run a command of the package."""
+    subprocess.run([sys.executable, "-m", "stream_sfm", *map(str, arguments)], check=True, cwd=ROOT)
+
+
+def viewer(folder: Path) -> None:
+    """The recording of a replay, drawn by Rerun."""
+    from rerun.experimental import ViewerClient
+
+    recording, whole, port = folder / "room.rrd", folder / "viewer.png", 9911
+    stream_sfm("replay", LOG, "--out", folder / "out", "--rrd", recording, "-q")
+    size = "x".join(map(str, VIEWER_SIZE))
+    command = ["rerun", "--headless", "--window-size", size, "--port", str(port), str(recording)]
+    with subprocess.Popen([sys.executable, "-m", *command], stderr=subprocess.DEVNULL) as process:
+        try:
+            time.sleep(VIEWER_LOADS_S)
+            ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy").save_screenshot(str(whole))
+        finally:
+            process.terminate()
+    picture = cv2.imread(str(whole))
+    assert picture is not None
+    cv2.imwrite(str(PICTURES / "viewer.png"), picture[VIEWER_BAR_PX:])
+
+
+def drift(folder: Path) -> None:
+    """The drift report in a browser: its verdict, its table and the errors against the frame."""
+    browser = next(
+        (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+    )
+    if browser is None:
+        raise SystemExit("drift needs Chromium: apt-get install chromium")
+    stream_sfm("compare", LOG, "--out", folder, "-q")
+    page = folder / "excerpt.html"
+    report = (folder / "report.html").read_text(encoding="utf-8")
+    page.write_text(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), encoding="utf-8")
+    subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            f"--window-size={REPORT_SIZE[0]},{REPORT_SIZE[1]}", f"--screenshot={PICTURES / 'drift.png'}", page.as_uri(),
+        ],
+        check=True, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def surface(folder: Path) -> None:
+    """The fused surface, from above."""
+    out = ("--out", folder / "room.ply", "--preview", PICTURES / "surface.png")
+    stream_sfm("surface", LOG, "--all", *out, "--viewpoint", 20, 35)
+
+
+def figure6(folder: Path) -> None:
+    """The paper's Figure 6."""
+    stream_sfm("simulate", "figure6", "--out", folder)
+    shutil.copy(folder / "figure6.png", PICTURES / "figure6.png")
+
+
+MAKERS = {maker.__name__: maker for maker in (viewer, drift, surface, figure6)}
+
+
+def main() -> None:
+    """Make the pictures that are named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all")
+    for name in parser.parse_args().names or MAKERS:
+        if name not in MAKERS:
+            parser.error(f"{name} is not a picture; there are {', '.join(MAKERS)}")
+        with tempfile.TemporaryDirectory() as folder:
+            MAKERS[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()
