@@ -136,6 +136,8 @@ class Observations:
     - `note`: what the front-end noticed, such as "image is black"; or empty.
     - `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen
       from a changing direction; None where points are exact.
+    - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
+      track as if they were independent; None where they are.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -148,6 +150,7 @@ class Observations:
     note: str = ""
     n_new: int = 0
     std_drift_px: Array | None = None
+    inflation: Array | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:

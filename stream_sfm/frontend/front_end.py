@@ -15,6 +15,7 @@ from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
 from .new_points import NewPoints, renews
+from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .tracker import Tracker
 
@@ -28,6 +29,7 @@ class StereoFrontEnd:
         depth = StereoDepth(projection, self.config, self.aligners)
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
+        self.persistence = Persistence()
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -67,6 +69,7 @@ class StereoFrontEnd:
             note=note,
             n_new=len(z_new),
             std_drift_px=std_drift_px,
+            inflation=self.persistence.inflation(tracker.tracks.ids, z_px, cov_px),
         )
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:

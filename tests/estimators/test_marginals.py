@@ -53,7 +53,7 @@ def test_readings_are_the_joint_covariance_carried_through() -> None:
     )
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
-    views = WhitenedViews(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)))
+    views = WhitenedViews(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)), np.ones(z.shape))
     lin = linearise(P, cams, anchors, q, views)
     system = System(prior, np.arange(POINTS), lin)
     newest = FRAMES - 1

@@ -113,7 +113,7 @@ def test_system_is_the_dense_solution(prior) -> None:
     frame, point = np.divmod(np.arange(frames * total), total)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     views = WhitenedViews(
-        frame, point, z + rng.normal(size=z.shape), np.broadcast_to(2 * np.eye(4), (len(z), 4, 4))
+        frame, point, z + rng.normal(size=z.shape), np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)), np.ones(z.shape)
     )
     lin = linearise(P, cams, anchors, q, views)
     known = np.arange(N)

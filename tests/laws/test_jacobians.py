@@ -68,7 +68,9 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
         size=(frames, n, 4)
     )
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
-    views = WhitenedViews(frame, point, z[frame, point], RNG.normal(size=(len(frame), 4, 4)))
+    views = WhitenedViews(
+        frame, point, z[frame, point], RNG.normal(size=(len(frame), 4, 4)), np.ones((len(frame), 4))
+    )
 
     def residual(x: np.ndarray) -> np.ndarray:
         poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams

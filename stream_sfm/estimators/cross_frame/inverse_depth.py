@@ -75,18 +75,21 @@ class WhitenedViews:
     """The views of a window as flat rows.
 
     `frame` (V,) and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root` (V, 4, 4)
-    whitens a residual: RᵀR is the view's information, with zero rows for a side that is missing.
+    whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing; `weight` (V, 4):
+    the square root of its share in what the view itself has, coordinate by coordinate.
     """
 
     frame: NDArray[np.intp]
     point: NDArray[np.intp]
     z_px: Array
     root: Array
+    weight: Array
 
     @classmethod
     def none(cls) -> "WhitenedViews":
         """Return no views."""
-        return cls(np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 4)), np.empty((0, 4, 4)))
+        none = np.empty(0, np.intp)
+        return cls(none, none, np.empty((0, 4)), np.empty((0, 4, 4)), np.empty((0, 4)))
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":

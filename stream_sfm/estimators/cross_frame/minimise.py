@@ -35,11 +35,12 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
 
 
 def _gate(current: Map, views: WhitenedViews, gate_probability: float) -> None:
-    """Take the views that the joint minimum contradicts out of use."""
+    """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
     _, r = whitened_residuals(
         current.projection, current.cams_from_ref(), current.ref_from_anchor, current.q, views
     )
     measured = np.count_nonzero(np.diagonal(views.root, axis1=1, axis2=2), axis=1)  # one side, or both
+    r = r / views.weight
     bad = (r * r).sum(1) > chi2_gates(measured, gate_probability)
     for row, track_id in zip(views.frame[bad].tolist(), current.ids[views.point[bad]].tolist(), strict=True):
         frame = current.frames[row]

@@ -15,6 +15,8 @@ from .inverse_depth import WhitenedViews
 class WindowFrame:
     """Views `z_px` (n, 4) of `ids` with their whitening `root` (n, 4, 4), of which `used` (n,) bool count.
 
+    The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
+    of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 
@@ -22,6 +24,7 @@ class WindowFrame:
     ids: NDArray[np.int64]
     z_px: Array
     root: Array
+    weight: Array
     stereo: NDArray[np.bool_]
     used: NDArray[np.bool_]
     var_drift: Array
@@ -30,11 +33,13 @@ class WindowFrame:
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
         """Return the frame with all its views in use and its pose still to be found."""
+        weight = _weights(observations)
         return cls(
             index=observations.frame_index,
             ids=observations.track_ids,
             z_px=np.nan_to_num(observations.z_px),
-            root=whitening_of_views(observations.z_px, observations.cov_px),
+            root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
+            weight=weight,
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
             used=np.ones(len(observations.track_ids), bool),
             var_drift=_drift_variances(observations, projection),
@@ -44,7 +49,15 @@ class WindowFrame:
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
         point = np.searchsorted(ids, self.ids[self.used])
-        return WhitenedViews(np.full(len(point), row), point, self.z_px[self.used], self.root[self.used])
+        frame = np.full(len(point), row)
+        return WhitenedViews(frame, point, self.z_px[self.used], self.root[self.used], self.weight[self.used])
+
+
+def _weights(observations: Observations) -> Array:
+    """Return the square roots (n, 4) of the share of each coordinate's information that counts."""
+    if observations.inflation is None:
+        return np.ones((len(observations.track_ids), 4))
+    return np.repeat(1 / np.sqrt(observations.inflation), 2, axis=1)
 
 
 def _drift_variances(observations: Observations, projection: StereoProjection) -> Array:

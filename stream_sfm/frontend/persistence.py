@@ -1,0 +1,91 @@
+"""How long the errors of a track last, and what a further view of it is therefore worth to an estimator.
+
+A template errs against its image in the same way for many frames: the other camera's sharpness, a surface that is not
+a plane, the grid of a compressed image. An estimator that adds views up as if their errors were independent believes
+too much. What is wrong for how long is seen without any truth in the rows: v_left − v_right of a match depends on
+neither motion nor depth, so its autocorrelation along the tracks is that of the errors themselves.
+
+Each error is modelled as white noise of the claimed covariance plus a Gauss-Markov part of variance `ratio` times
+that, which decays by `_DECAY` per frame. From the model follows what the n-th view of a track adds to what the ones
+before it have said, eqs. (68) and (69).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.se3 import Array
+
+# Autocorrelation of row differences over 1 to 20 frames of five real and three rendered logs fits 0.84 to 0.98 a frame.
+_DECAY = 0.92
+# Of the left side: its template is of the same camera, so that only what has changed since the first view errs. With a
+# quarter estimates from halves of the tracks agree as well as they claim, on rendered and on real logs alike.
+_LEFT_FRACTION = 0.25
+_FIRST_GUESS = 0.3  # of the ratio: rendered logs have 0.2 to 0.7, real ones 0.4 to 2
+_GUESS_PAIRS = 200.0  # pairs of views that the guess is worth: about one frame's
+_MEMORY_PAIRS = 20_000.0  # a hundred frames: the ratio is a property of cameras and scene and changes slowly
+_MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as it may be a wrong match
+_MAX_AGE = 60  # views; information has then long been gained at a steady rate
+
+
+class Persistence:
+    """Learns the ratio of lasting to white variance; `inflation` (n, 2) of each frame's views by side."""
+
+    def __init__(self) -> None:
+        self._product = _FIRST_GUESS * _DECAY * _GUESS_PAIRS
+        self._pairs = _GUESS_PAIRS
+        self._ids = np.empty(0, np.int64)
+        self._ages = np.empty(0, np.intp)
+        self._rows = np.empty(0)
+
+    @property
+    def ratio(self) -> float:
+        """Variance of the lasting part of errors over that of the white part."""
+        return max(self._product / self._pairs / _DECAY, 0.0)
+
+    def inflation(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> Array:
+        """Take in a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances (n, 4, 4).
+
+        Returns by how much (n, 2) the variances of left and right side have to be multiplied where views of one track
+        are added up as if they were independent.
+        """
+        rows = _whitened_rows(z_px, cov_px)
+        _, old, now = np.intersect1d(self._ids, ids, assume_unique=True, return_indices=True)
+        self._learn(self._rows[old] * rows[now])
+        ages = np.zeros(len(ids), np.intp)
+        ages[now] = np.minimum(self._ages[old] + 1, _MAX_AGE - 1)
+        self._ids, self._ages, self._rows = ids, ages, rows
+        left, right = (inflation_by_age(share * self.ratio) for share in (_LEFT_FRACTION, 1.0))
+        return np.stack([left[ages], right[ages]], axis=1)
+
+    def _learn(self, products: Array) -> None:
+        products = products[np.isfinite(products)]
+        keep = max(0.0, 1 - len(products) / _MEMORY_PAIRS)
+        self._pairs = keep * self._pairs + len(products)
+        self._product = keep * self._product + float(products.sum())
+
+
+def inflation_by_age(ratio: float) -> Array:
+    """(60,): variance of white noise, in units of the white part, that says as much as the n-th view in truth adds.
+
+    Kalman filter on the lasting part, variance p, eq. (69); b is how much of a constant it has taken for that part.
+    """
+    result = np.empty(_MAX_AGE)
+    p, b = ratio, 0.0
+    for n in range(_MAX_AGE):
+        innovation = 1 + p
+        gain = p / innovation
+        result[n] = innovation / (1 - b) ** 2
+        b = _DECAY * (b + gain * (1 - b))
+        p = _DECAY**2 * (1 - gain) * p + (1 - _DECAY**2) * ratio
+    return result
+
+
+def _whitened_rows(z_px: Array, cov_px: Array) -> Array:
+    """Row differences (n,) in standard deviations, without what a whole frame shares; NaN without a right side."""
+    difference = z_px[:, 1] - z_px[:, 3]
+    seen = np.isfinite(difference)
+    if not seen.any():
+        return difference
+    std = np.sqrt(cov_px[:, 1, 1] + cov_px[:, 3, 3] - 2 * cov_px[:, 1, 3])
+    whitened: Array = ((difference - np.median(difference[seen])) / std).clip(-_MAX_ROW, _MAX_ROW)
+    return whitened
