@@ -1,4 +1,4 @@
-"""A log to a surface: dense stereo of one frame, or of all frames fused by the poses that the engine estimates."""
+"""The surface that a log shows: dense stereo of one frame, or of all frames fused by the estimated poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,17 +24,18 @@ from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
 
 _NOTHING_SEEN = (
-    "no surface could be found: are the images black, blurred or without texture, or is the calibration that of "
-    "other cameras?"
+    "no surface was found: the images may be black, blurred or without texture, or the calibration may be that of "
+    "other cameras"
 )
 
 
 @dataclass(slots=True)
 class Surface:
-    """`mesh` in axes of the physical left camera: of the frame, or of the first frame where many were fused.
+    """A surface, and how it came about.
 
-    `read`: frames read; `used`: frames that are part of it; `voxel_m`: 0 where nothing was fused; `path` (n, 3): where
-    the left camera was, same axes. `warnings`, `complete`, `interrupted`: as in a replay.
+    `mesh`: in the axes of the physical left camera, of the first frame where many were fused. `read`: number of frames
+    read; `used`: number of frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3):
+    positions of the left camera in the same axes. `warnings`, `complete` and `interrupted` as in a replay.
     """
 
     mesh: Mesh
@@ -48,7 +49,7 @@ class Surface:
 
 
 class DenseView:
-    """What one stereo frame shows: rectification and dense stereo of a rig."""
+    """Computes the disparities and the rectified colour image of a stereo frame."""
 
     def __init__(self, rectifier: Rectifier, config: Config) -> None:
         self._rectifier = rectifier
@@ -57,7 +58,7 @@ class DenseView:
         self._stereo = DenseStereo(rectifier.projection, config.dense, rectifier.valid)
 
     def see(self, frame: RecordedFrame, rectified: Sequence[Image]) -> tuple[DisparityMap, Image]:
-        """Disparities of a frame, given its rectified images, and its left image in colour (h, w, 3), rectified."""
+        """Disparities of a frame, given its rectified images; and its rectified left image in colour (h, w, 3)."""
         left, right = rectified
         rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
@@ -94,9 +95,10 @@ def surface(
 def surface_of_frame(
     log: StereoLog, number: int, config: Config | None = None, selection: Selection | None = None
 ) -> Surface:
-    """The surface that selected frame `number`, from 0, shows, in the axes of its physical left camera.
+    """Reconstruct the surface that one frame shows, in the axes of its physical left camera.
 
-    Raises ConfigError where there is no such frame, LogError where it shows no surface or could not be read.
+    `number` counts the selected frames from 0. Raises ConfigError where there is no such frame, LogError where it
+    shows no surface or could not be read.
     """
     config = config or Config()
     config.needs_scale("a surface")
@@ -111,7 +113,7 @@ def surface_of_frame(
 
 
 def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
-    """Frame `number` of the selected ones, and how many were read."""
+    """Frame `number` of the selected ones, and the number of frames read."""
     read = 0
     for frame in log.frames(selection):
         read += 1
@@ -119,17 +121,17 @@ def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[Re
             return frame, read
     if not log.stats.complete:
         raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
-    raise ConfigError(f"{log.path}: there is no frame {number}, the last one is {read - 1}")
+    raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
 
 
 def surface_of_log(
     log: StereoLog, config: Config | None = None, selection: Selection | None = None, sinks: Sequence[Sink] = ()
 ) -> Surface:
-    """The surface that all selected frames show together, in the world: the axes of the first left camera.
+    """Reconstruct the surface that all selected frames show, in the world frame (the first left camera).
 
-    Frames whose pose is lost are left out. A log that breaks off, and Ctrl-C, end it with what was seen until then.
-    `sinks` are given each estimate and are closed at the end. Raises LogError where no frame can be read or none shows
-    a surface.
+    Frames whose pose is lost are left out. Where the log breaks off, or on Ctrl-C, the surface consists of the frames
+    so far. `sinks` are given each estimate and are closed at the end. Raises LogError where no frame can be read or
+    none shows a surface.
     """
     config = config or Config()
     config.needs_scale("a surface")
@@ -152,7 +154,7 @@ def surface_of_log(
 
 
 class _FusedFrames:
-    """The surface of a log while it grows: each frame through the engine, and its depths into the volume."""
+    """The surface of a log while it is being fused: frames are estimated by the engine and added one by one."""
 
     def __init__(self, log: StereoLog, config: Config, sinks: Sequence[Sink]) -> None:
         self._log, self._sinks = log, sinks
@@ -180,13 +182,14 @@ class _FusedFrames:
             sink.write(estimate, frame)
 
     def surface(self, problems: list[str], interrupted: bool) -> Surface:
-        """What has been fused. Raises LogError where that is nothing."""
+        """The surface so far. Raises LogError where there is none."""
         log, frames = self._log, len(self.path)
         complete = log.stats.complete and not problems
         mesh = self._fusion.mesh()
         if self._lost:
             problems.append(
-                f"{self._lost} of {frames} frames are lost and left out; what was seen after may be displaced"
+                f"tracking was lost in {self._lost} of {frames} frames, which are left out; later parts of the "
+                "surface may be displaced"
             )
         if not len(mesh.faces):
             raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))

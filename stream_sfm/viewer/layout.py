@@ -46,8 +46,11 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
     return np.asarray(_COLOURS[(place * (_STEPS - 1)).astype(int)])
 
 
-def blueprint(sides: Sequence[str] = SIDES) -> rrb.Blueprint:
-    """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log."""
+def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
+    """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
+
+    `unit` is the unit of length that the labels name.
+    """
     whole_past = rrb.VisibleTimeRange(
         "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
@@ -63,7 +66,7 @@ def blueprint(sides: Sequence[str] = SIDES) -> rrb.Blueprint:
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
         for name, origin in (
-            ("position: error and estimated σ (metres; units with one camera)", DRIFT),
+            (f"position, {unit}: error and estimated σ", DRIFT),
             ("tracks", TRACKS),
             ("time per frame, ms", TIMING),
         )

@@ -1,6 +1,6 @@
-"""Estimates and images into Rerun, as they come.
+"""A sink that logs estimates and images to Rerun, frame by frame.
 
-Images are handed on as recorded: compressed bytes are never decoded or encoded again here.
+Images are passed on as recorded: compressed images are neither decoded nor encoded again.
 """
 
 import os
@@ -21,15 +21,16 @@ from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
-_TRUTH_TOLERANCE_NS = 50_000_000
-_TAIL_FRAMES = 5  # how far back the tail of a track reaches
+_TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
+_TAIL_FRAMES = 5  # length of the tail of a track
+_IMAGE_BASELINES = 3  # distance at which an image is shown in front of its camera
+_FLUSH_S = 30  # for the last data to be written to a slow disk
 
 
 class RerunSink:
-    """A `Sink` that shows each frame in Rerun. See `open_viewer` for the arguments and errors.
+    """A `Sink` that shows each frame in Rerun; `open_viewer` describes the arguments and errors.
 
-    Takes the same time and memory a frame however long the run; the viewer holds what it is given up to its own
-    memory limit.
+    Time and memory per frame do not grow with the length of the run; the viewer keeps data up to its own limit.
     """
 
     def __init__(
@@ -42,10 +43,10 @@ class RerunSink:
     ) -> None:
         self._cameras = tuple(rig.cameras.values())
         self._sides = layout.SIDES[: len(self._cameras)]
-        # of each camera, and how far its picture is shown in front of it
-        self._from_left, self._picture_at = [np.eye(4)], 1.0
+        self._cams_from_left, self._image_distance, self._unit = [np.eye(4)], 1.0, "first baselines"
         if isinstance(rig, StereoRig):
-            self._from_left, self._picture_at = [np.eye(4), rig.right_from_left], 3 * rig.baseline_m
+            self._cams_from_left, self._unit = [np.eye(4), rig.right_from_left], "metres"
+            self._image_distance = _IMAGE_BASELINES * rig.baseline_m
         self._truth = ground_truth if ground_truth is not None and len(ground_truth) else None
         self._world_from_truth: Array | None = None
         self._previous: Array | None = None
@@ -61,7 +62,7 @@ class RerunSink:
     def _open(self, rrd: str | Path | None, view: bool) -> None:
         if rrd is None and not view:
             raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
-        blueprint = layout.blueprint(self._sides)
+        blueprint = layout.blueprint(self._sides, self._unit)
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if rrd is not None:
             try:
@@ -72,40 +73,41 @@ class RerunSink:
         if view:
             if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
                 raise ConfigError(
-                    "there is no display for a viewer: write a file and open it elsewhere", hint=("rrd",)
+                    "there is no display for a viewer: write a recording to a file and open it on another computer",
+                    hint=("rrd",),
                 )
             try:
                 rr.spawn(connect=False)
             except RuntimeError as error:
                 raise ConfigError(
-                    f"the viewer could not be started ({error}): write a file instead", hint=("rrd",)
+                    f"the viewer could not be started ({error}): write a recording to a file instead", hint=("rrd",)
                 ) from None
             sinks.append(rr.GrpcSink())
         self._stream.set_sinks(*sinks, default_blueprint=blueprint)
 
     def _describe(self) -> None:
-        """What does not change: axes, cameras, legends, the path of the ground truth is drawn when it is placed."""
+        """Log what does not change: axes, cameras, legends and styles."""
         log = self._stream.log
         log("world", rr.ViewCoordinates.RDF, static=True)
-        for side, camera, from_left in zip(self._sides, self._cameras, self._from_left, strict=True):
+        for side, camera, from_left in zip(self._sides, self._cameras, self._cams_from_left, strict=True):
             pinhole = rr.Pinhole(
                 image_from_camera=camera.K,
                 resolution=(camera.width, camera.height),
                 camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=self._picture_at,
+                image_plane_distance=self._image_distance,
             )
             log(side, pinhole, static=True)
             log(side, _transform(se3.inverse(from_left)), static=True)
-        drift, colours = ["claimed σ"], [layout.ELLIPSOID_COLOUR]
+        drift, colours = ["estimated σ"], [layout.ELLIPSOID_COLOUR]
         if self._truth is not None:
-            drift, colours = ["claimed σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
+            drift, colours = ["estimated σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
         log(layout.DRIFT, layout.series_names(tuple(drift), colours), static=True)
         log(layout.TRACKS, layout.series_names(layout.TRACK_SERIES, layout.SERIES_COLOURS), static=True)
         for path, style in layout.styles().items():
             log(path, style, static=True)
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
-        """Show an estimate, and the images of its frame if that is given: `pictures` where it has them."""
+        """Show an estimate, and the images of its frame if it is given (as recorded, if it has them so)."""
         stream = self._stream
         stream.set_time("frame", sequence=estimate.frame_index)
         stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
@@ -123,19 +125,19 @@ class RerunSink:
         self._ellipsoid(estimate.cov_pose[:3, :3])
         self._tracks(estimate, colours)
         self._series(estimate)
-        self._tell_status(estimate)
+        self._log_status(estimate)
 
     def close(self) -> None:
-        """Write out what is buffered. Raises OutputError where that fails."""
+        """Write all buffered data. Raises OutputError where that fails."""
         try:
-            self._stream.flush(timeout_sec=30)
-        except Exception as error:  # the library's own kinds of failure
-            raise OutputError(f"the recording for the viewer could not be finished: {error}") from None
+            self._stream.flush(timeout_sec=_FLUSH_S)
+        except Exception as error:  # Rerun raises exceptions of its own
+            raise OutputError(f"the viewer recording could not be completed: {error}") from None
         finally:
             self._stream.disconnect()
 
     def _ellipsoid(self, cov_position: Array) -> None:
-        """3σ of the position, in the camera's axes, as the covariance of a right perturbation is."""
+        """Log the 3σ ellipsoid of the position, in the axes of the camera."""
         values, axes = np.linalg.eigh(cov_position)
         axes[:, 0] *= np.sign(np.linalg.det(axes)) or 1.0
         half_sizes = 3 * np.sqrt(np.maximum(values, 0))[None]
@@ -144,8 +146,8 @@ class RerunSink:
         self._stream.log(layout.ELLIPSOID, shape)
 
     def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint32]) -> None:
-        """The points in both images as delivered, in the left one with a tail of where they were before."""
-        points = [se3.transform(from_left, estimate.points_in_cam) for from_left in self._from_left]
+        """Log the points in the images; in the left one with tails through their latest positions."""
+        points = [se3.transform(from_left, estimate.points_in_cam) for from_left in self._cams_from_left]
         front = np.all([p[:, 2] > 0 for p in points], axis=0)
         ids, colours = estimate.track_ids[front], colours[front]
         pixels = [project_into_image(c, p[front]) for c, p in zip(self._cameras, points, strict=True)]
@@ -176,7 +178,7 @@ class RerunSink:
         log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
 
     def _error_m(self, estimate: FrameEstimate) -> float:
-        """Distance to the ground truth of this moment, NaN where there is none."""
+        """Distance to the ground truth at this stamp, NaN where there is none."""
         truth = self._truth
         assert truth is not None
         at = int(np.searchsorted(truth.stamps_ns, estimate.stamp_ns))
@@ -187,17 +189,20 @@ class RerunSink:
         pose = truth.world_from_cam[nearest]
         if self._world_from_truth is None:
             self._world_from_truth = estimate.world_from_cam @ se3.inverse(pose)
-            path = se3.transform(self._world_from_truth, truth.world_from_cam[:, :3, 3])
-            strip = rr.LineStrips3D(
-                path[None].astype(np.float32), colors=layout.TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0)
-            )
-            self._stream.log(layout.TRUTH, strip, static=True)
+            self._log_true_path(truth, self._world_from_truth)
         placed = self._world_from_truth @ pose
         return float(np.linalg.norm(placed[:3, 3] - estimate.world_from_cam[:3, 3]))
 
-    def _tell_status(self, estimate: FrameEstimate) -> None:
+    def _log_true_path(self, truth: Trajectory, world_from_truth: Array) -> None:
+        path = se3.transform(world_from_truth, truth.world_from_cam[:, :3, 3])
+        strip = rr.LineStrips3D(
+            path[None].astype(np.float32), colors=layout.TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0)
+        )
+        self._stream.log(layout.TRUTH, strip, static=True)
+
+    def _log_status(self, estimate: FrameEstimate) -> None:
         text = f"{estimate.status}: {estimate.reason}" if estimate.reason else str(estimate.status)
-        if estimate.status != self._status:  # a reason holds numbers that change with every frame
+        if estimate.status != self._status:  # not the reason: it contains numbers that change with every frame
             self._status = estimate.status
             self._stream.log(
                 layout.STATUS,
@@ -206,11 +211,11 @@ class RerunSink:
 
 
 def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64], otherwise: Array) -> Array:
-    """Rows of `pixels` (k, 2), of the ascending `ids` (k,), for `wanted` (n,); else the row of `otherwise`."""
+    """The pixels (k, 2) of ascending `ids` (k,) for the ids `wanted` (n,); rows of `otherwise` for missing ones."""
     if not len(ids):
         return otherwise
     at = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-    return np.where((ids[at] == wanted)[:, None], pixels[at], otherwise)
+    return np.asarray(np.where((ids[at] == wanted)[:, None], pixels[at], otherwise))
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:

@@ -292,7 +292,7 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
 @pytest.mark.parametrize(
     "arguments, code, says",
     [
-        (["--frame", "12"], 2, "no frame 12, the last one is 11"),
+        (["--frame", "12"], 2, "has no frame 12: the last one is 11"),
         (["--frame", "-1"], 2, "not a whole number"),
         (["--frame", "1", "--all"], 2, "not allowed with"),
         (["--out", "surface.obj"], 2, "must end in .ply"),
@@ -314,5 +314,5 @@ def test_nothing_to_be_seen_is_3_with_what_to_do(which: list[str], tmp_path: Pat
     log = colour_log(tmp_path / "black.mcap", np.zeros((120, 160, 3), np.uint8))
     assert main(["surface", str(log), "--out", str(tmp_path / "a.ply"), *which]) == 3
     said = capsys.readouterr().err
-    assert "black.mcap" in said and "no surface could be found" in said and "inspect" in said
+    assert "black.mcap" in said and "no surface was found" in said and "inspect" in said
     assert not (tmp_path / "a.ply").exists()
