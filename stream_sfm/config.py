@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from .errors import ConfigError
+from .wording import expected, invalid_setting
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -30,7 +31,7 @@ class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             try:
                 msgspec.convert(value, field.type)
             except msgspec.ValidationError as error:
-                raise ConfigError(f"{given}: {error}", hint=("config_to_toml",)) from None
+                raise ConfigError(f"{given}: give {expected(str(error))}", hint=("config_to_toml",)) from None
 
 
 class FrontendConfig(_Section, frozen=True, kw_only=True):
@@ -206,7 +207,7 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     try:
         return msgspec.convert(data, Config)
     except msgspec.ValidationError as error:
-        text = str(error).replace("`$.", "`")  # the path of the setting, from the top
+        text = invalid_setting(str(error), data, msgspec.to_builtins(Config()))
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
 
 

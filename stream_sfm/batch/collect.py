@@ -16,6 +16,7 @@ from ..estimators import METHODS
 from ..files import json_bytes, write_whole
 from ..interrupts import deferred_interrupts
 from ..report.batch_page import render_batch
+from ..wording import unknown_name
 from .job import Job, JobResult, read_summary, run_job
 from .logs import names_for
 
@@ -43,7 +44,7 @@ def run_batch(
     before any replay is started.
     """
     if config.method not in METHODS:
-        raise ConfigError(f"method {config.method!r} is not known; known are {', '.join(METHODS)}")
+        raise ConfigError(unknown_name("method", config.method, METHODS))
     out = out.resolve()
     stop = out / STOP
     try:

@@ -110,7 +110,10 @@ def add_settings(parser: argparse.ArgumentParser, *, method: bool = True) -> Non
     group = parser.add_argument_group("settings")
     if method:
         group.add_argument(
-            "--method", metavar="NAME", help=f"the estimator: {METHODS[0]} (default), {', '.join(METHODS[1:])}"
+            "--method",
+            choices=METHODS,
+            metavar="NAME",
+            help=f"the estimator: {METHODS[0]} (default), {', '.join(METHODS[1:])}",
         )
     group.add_argument(
         "--config", metavar="FILE", help="read settings from this file (`stream-sfm config` prints them all)"

@@ -2,15 +2,20 @@
 
 import argparse
 import textwrap
-from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ..errors import ExitCode
+from ..wording import did_you_mean, unknown_name
 
 
 class Formatter(argparse.HelpFormatter):
     """Help texts whose lines break between words only: not at a hyphen, where names and options would be cut."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        text = super()._format_action(action)
+        is_list_of_commands = isinstance(action, argparse._SubParsersAction)
+        return text.partition("\n")[2] if is_list_of_commands else text  # without the line that only says COMMAND
 
     def _split_lines(self, text: str, width: int) -> list[str]:
         return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
@@ -27,7 +32,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error and exit as for every wrong use."""
-        self.exit(ExitCode.USAGE, f"{self.prog}: {message}\nhint: `{self.prog} --help` lists everything it takes\n")
+        text = message.removeprefix("argument ")
+        self.exit(ExitCode.USAGE, f"stream-sfm: {text}\nhint: `{self.prog} --help` lists all arguments\n")
 
     def parse(self, arguments: Sequence[str] | None) -> argparse.Namespace:
         """Parse like `parse_args`; an unknown option is answered by the nearest one."""
@@ -53,16 +59,4 @@ class Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            raise argparse.ArgumentError(None, unknown(str(action.metavar or "value"), value, action.choices))
-
-
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """A sentence that a name is not known, with the nearest one, else with all."""
-    nearest = did_you_mean(name, known)
-    return f"unknown {kind.lower()} {name!r}{nearest or '; known are ' + ', '.join(known)}"
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence that suggests the name nearest to `name`; empty where none is near."""
-    nearest = get_close_matches(name, list(known), n=1)
-    return f"; did you mean {nearest[0]}?" if nearest else ""
+            raise argparse.ArgumentError(None, unknown_name(action.dest.replace("_", " "), value, action.choices))

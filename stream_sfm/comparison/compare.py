@@ -23,6 +23,7 @@ from ..report.page import write_report
 from ..report.records import Comparison
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink, Trajectory
+from ..wording import unknown_name
 from .method import ComparedMethod
 from .recorder import Recorder
 
@@ -68,7 +69,7 @@ def compare(
     config.needs_scale("compare")
     for name in methods:
         if name not in METHODS:
-            raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
+            raise ConfigError(unknown_name("method", name, METHODS))
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
     folder = None if out_dir is None else Path(out_dir)

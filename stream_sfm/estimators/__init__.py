@@ -17,6 +17,7 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry.stereo import StereoProjection
 from ..types import Estimator
+from ..wording import unknown_name
 
 METHODS: dict[str, tuple[str, str]] = {
     "cross-frame": ("cross_frame.window", "CrossFrame"),
@@ -37,7 +38,7 @@ def make_estimator(name: str, projection: StereoProjection, config: Config) -> E
 
         return CrossFrameMono(projection, config)
     if name not in METHODS:
-        raise ConfigError(f"method {name!r} is not known; known are {', '.join(METHODS)}")
+        raise ConfigError(unknown_name("method", name, METHODS))
     module, attribute = METHODS[name]
     kind = getattr(import_module(f"{__name__}.{module}"), attribute)
     estimator: Estimator = kind(projection, config)

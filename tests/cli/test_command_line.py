@@ -152,6 +152,8 @@ def test_an_error_is_followed_by_the_options_and_commands_that_help(wall_log: Pa
         (["import", "kitti", "d", "o.mcap", "--pose-s=x"], "unknown option '--pose-s'; did you mean --poses?"),
         (["simulate", "effciency"], "unknown experiment 'effciency'; did you mean efficiency?"),
         (["replay", "x.mcap", "y.mcap"], "unknown argument 'y.mcap'"),
+        (["replay", "x.mcap", "--method", "crossframe"], "unknown method 'crossframe'; did you mean cross-frame?"),
+        (["replay", "x.mcap", "--stride", "0"], "stream-sfm: --stride: '0' is not a whole number of at least 1"),
     ],
 )
 def test_a_misspelt_name_is_answered_by_the_nearest(arguments: list[str], says: str, capsys):

@@ -34,7 +34,7 @@ def short(monkeypatch):
 @pytest.mark.parametrize("experiment", simulate.EXPLAINED)
 def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
     arguments = [experiment, "--trials", "2", "--workers", "1", "--out", str(tmp_path)]
-    captured = run(capsys, *arguments, "--json")
+    captured = run(capsys, *arguments, "--json", "--quiet")
     report = json.loads(captured.out)
     assert report == json.loads((tmp_path / "results.json").read_text())
     assert report["experiment"] == experiment

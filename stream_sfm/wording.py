@@ -1,0 +1,64 @@
+"""Sentences that several rooms share: unknown names with the nearest known one, and invalid values in plain words."""
+
+import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+_SIMILAR = 0.7  # of 1 for equal names: one letter wrong in four
+_KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "str": "text",
+    "object": "a section",
+}
+_BOUNDS = {">=": "of at least", "<=": "of at most", ">": "greater than", "<": "less than"}
+_EXPECTED = re.compile(r"Expected `(\w+)`(?: (>=|<=|>|<) (\S+))?")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*?)`")
+_PATH = re.compile(r" - at `\$\.?(.*)`$")
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """A sentence that a name is not known, with the nearest known one, or else with all of them."""
+    known = list(known)
+    return f"unknown {kind} {name!r}{did_you_mean(name, known) or '; known are ' + ', '.join(known)}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of a sentence that suggests the known name nearest to `name`; empty where none is near."""
+    nearest = get_close_matches(name, list(known), n=1, cutoff=_SIMILAR)
+    return f"; did you mean {nearest[0]}?" if nearest else ""
+
+
+def invalid_setting(problem: str, data: Mapping[str, Any], known: Mapping[str, Any]) -> str:
+    """What msgspec's `problem` with the content `data` of a file says, in plain words.
+
+    `known` has the structure of valid content: sections are mappings, settings anything else.
+    """
+    at = _PATH.search(problem)
+    path = at.group(1).split(".") if at and at.group(1) else []
+    if found := _UNKNOWN.match(problem):
+        for section in path:
+            known = known[section]
+        name = ".".join([*path, found.group(1)])
+        kind = "section" if isinstance(_value(data, name.split(".")), Mapping) else "setting"
+        return unknown_name(kind, name, [".".join([*path, key]) for key in known])
+    return f"setting {'.'.join(path)} is {_value(data, path)!r}; it must be {expected(problem)}"
+
+
+def expected(problem: str) -> str:
+    """The kind and the bounds of a valid value, from msgspec's `problem` with a value."""
+    found = _EXPECTED.match(problem)
+    if found is None:
+        return problem
+    kind, relation, bound = found.groups()
+    words = _KINDS.get(kind, kind)
+    return f"{words} {_BOUNDS[relation]} {bound}" if relation else words
+
+
+def _value(data: Mapping[str, Any], path: Iterable[str]) -> Any:
+    value: Any = data
+    for key in path:
+        value = value[key]
+    return value
