@@ -55,3 +55,12 @@ def test_equations_are_numbered_in_order_and_cited_ones_exist() -> None:
             cited |= {int(n): path.name for n in match.groups() if n}
     assert cited, "no docstring cites an equation"
     assert set(cited) <= set(numbers), {n: where for n, where in cited.items() if n not in numbers}
+
+
+def test_constants_that_the_mathematics_name_exist() -> None:
+    """Names in capitals between backticks are assigned somewhere in the package."""
+    code = "\n".join(path.read_text(encoding="utf-8") for path in CODE)
+    names = set(re.findall(r"`(_?[A-Z][A-Z_]{2,})`", MATHEMATICS))
+    assert names
+    missing = {name for name in names if not re.search(rf"\b{name}\b.*=", code)}
+    assert not missing
