@@ -37,8 +37,8 @@ class ComparedMethod:
         self._folder = None
         if folder is not None:
             self._folder = ResultFolder(folder / self.record.key, observer.rig, self._config)
-        self.sinks: list[Sink] = [self.statistics, self._structure]
-        self.sinks += [] if self._folder is None else [self._folder]
+        sinks = (self._folder, self.statistics, self._structure)
+        self.sinks: list[Sink] = [sink for sink in sinks if sink is not None]
 
     def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
         """Estimate a frame, and pass the estimate to all sinks; None if the method has failed, now or before."""
