@@ -123,7 +123,9 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
 
 
-def _maps(camera: Camera, rotation: Array, f: float, cx: float, cy: float) -> tuple | None:
+def _maps(
+    camera: Camera, rotation: Array, f: float, cx: float, cy: float
+) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None:
     k = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
     size = (camera.width, camera.height)
     fisheye, d = _distortion(camera)

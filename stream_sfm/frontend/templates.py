@@ -166,8 +166,9 @@ class TemplateAtlas:
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
         reach = np.abs(anchor_from_now).sum(axis=2) * self.reach  # of W u, and of h·u, over the window
-        inside = reach[:, :2].max(axis=1) < self.half * (1 - reach[:, 2])
-        return inside & (np.abs(np.linalg.det(anchor_from_now[:, :2])) > _MIN_AREA)
+        inside: NDArray[np.bool_] = reach[:, :2].max(axis=1) < self.half * (1 - reach[:, 2])
+        inside &= np.abs(np.linalg.det(anchor_from_now[:, :2])) > _MIN_AREA
+        return inside
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """The templates of `slots` (n,) as today's image should show them; warps (n, 3, 2) of pixel offsets."""

@@ -21,8 +21,9 @@ class ValidArea:
         """Whether each position (n, 2) lies in the area."""
         h, w = self._mask.shape
         u, v = np.rint(at_px.clip(-1, max(h, w))).astype(int).T
-        inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
-        return inside & self._mask[v.clip(0, h - 1), u.clip(0, w - 1)]
+        inside: NDArray[np.bool_] = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+        inside &= self._mask[v.clip(0, h - 1), u.clip(0, w - 1)]
+        return inside
 
     def coarse(self, step_px: int) -> NDArray[np.bool_]:
         """The area as a mask of every `step_px`-th row and column."""

@@ -54,7 +54,8 @@ def _vector_from_quat(q: Array) -> Array:
     angle = 2 * np.arctan2(n, q[..., 3])
     w = np.where(small, q[..., 3], 1.0)
     scale = np.where(small, 2 / w * (1 - (n / w) ** 2 / 3), angle / np.where(small, 1.0, n))
-    return scale[..., None] * q[..., :3]
+    rotation: Array = scale[..., None] * q[..., :3]
+    return rotation
 
 
 def _left_jacobian(w: Array) -> Array:
@@ -71,7 +72,8 @@ def exp(xi: ArrayLike) -> Array:
     m[..., :3, :3], m[..., :3, 3] = skew(xi[..., 3:]), xi[..., :3]
     m2 = m @ m
     _, b, c = _coefficients(np.sqrt((xi[..., 3:] ** 2).sum(axis=-1)))
-    return np.eye(4) + m + b[..., None, None] * m2 + c[..., None, None] * (m2 @ m)
+    pose: Array = np.eye(4) + m + b[..., None, None] * m2 + c[..., None, None] * (m2 @ m)
+    return pose
 
 
 def log(pose: ArrayLike) -> Array:
@@ -112,7 +114,8 @@ def adjoint(pose: ArrayLike) -> Array:
 def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
     """Return points (…, n, 3) carried by a pose (…, 4, 4)."""
     pose = np.asarray(target_from_source, dtype=float)
-    return np.asarray(points_in_source) @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
+    points: Array = np.asarray(points_in_source) @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
+    return points
 
 
 def point_in_source_jacobian(points_in_source: Array) -> Array:
@@ -154,7 +157,8 @@ def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
     best = np.argmax(np.diagonal(q2, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(q2, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., 3:] < 0, -q, q)
+    positive: Array = np.where(q[..., 3:] < 0, -q, q)
+    return positive
 
 
 def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
@@ -162,4 +166,5 @@ def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
     q = np.asarray(quat_xyzw, dtype=float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     k = skew(q[..., :3])
-    return _EYE + 2 * q[..., 3, None, None] * k + 2 * (k @ k)
+    rotation: Array = _EYE + 2 * q[..., 3, None, None] * k + 2 * (k @ k)
+    return rotation

@@ -201,9 +201,10 @@ class LogFile:
             if record is None or record.opcode != Opcode.HEADER or record.length > _MAX_HEADER_BYTES:
                 return None
             try:
-                return parse_record(Header.read, stream.read(record.length))
+                header: Header = parse_record(Header.read, stream.read(record.length))
             except BrokenRecord:
                 return None
+            return header
 
 
 class _Parser:

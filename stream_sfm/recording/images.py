@@ -125,7 +125,8 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
 
 def _decode_raw(message: ImageMessage) -> Grey:
     pixels, to_grey = _raw_pixels(message)
-    return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
+    grey: Grey = pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
+    return grey
 
 
 def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None]:

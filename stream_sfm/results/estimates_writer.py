@@ -188,14 +188,16 @@ def _pose_in_frame(stamp_ns: int, world_from_cam: Array) -> bytes:
     message = PoseInFrame(frame_id=WORLD_FRAME)
     _set_time(message.timestamp, stamp_ns)
     _set_pose(message.pose.position, message.pose.orientation, world_from_cam)
-    return message.SerializeToString(deterministic=True)
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
 
 
 def _frame_transform(stamp_ns: int, world_from_cam: Array) -> bytes:
     message = FrameTransform(parent_frame_id=WORLD_FRAME, child_frame_id=CAMERA_FRAME)
     _set_time(message.timestamp, stamp_ns)
     _set_pose(message.translation, message.rotation, world_from_cam)
-    return message.SerializeToString(deterministic=True)
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
 
 
 def _cloud(stamp_ns: int, frame_id: str, track_ids: Any, points: Array, cov: Array) -> bytes:
@@ -213,7 +215,8 @@ def _cloud(stamp_ns: int, frame_id: str, track_ids: Any, points: Array, cov: Arr
     for name in POINT_DTYPE.names or ():
         kind = PackedElementField.UINT32 if name == "track_id" else PackedElementField.FLOAT32
         message.fields.add(name=name, offset=POINT_DTYPE.fields[name][1], type=kind)  # type: ignore[index]
-    return message.SerializeToString(deterministic=True)
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
 
 
 def _set_time(timestamp: Any, stamp_ns: int) -> None:

@@ -14,6 +14,7 @@ import pytest
 import stream_sfm
 from stream_sfm.cli.main import COMMANDS
 from tests.helpers.places import ROOT
+from tools.api_reference import write_reference
 
 PACKAGE = Path(stream_sfm.__file__).parent
 PUBLIC = [name for name in stream_sfm.__all__ if name != "__version__"]
@@ -118,6 +119,11 @@ def test_the_reference_page_lists_every_public_name_once() -> None:
     page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)", page, re.MULTILINE)
     assert sorted(listed) == sorted(PUBLIC)
+
+
+def test_the_reference_is_made_without_a_warning(tmp_path: Path) -> None:
+    page = write_reference(tmp_path).read_text(encoding="utf-8")
+    assert all(f'id="{name}"' in page for name in PUBLIC)
 
 
 def test_every_command_has_its_function() -> None:
