@@ -1,4 +1,4 @@
-"""What every method must keep: shapes, covariances, ids, determinism, lost and resume, empty frames."""
+"""The contract of every method: shapes, covariances, ids, determinism, lost and resumed, empty frames."""
 
 import dataclasses
 
@@ -95,7 +95,7 @@ def test_deterministic_and_inputs_untouched(method, arc):
 
 @methods
 def test_lost_and_resume(method, arc):
-    """Frame 6 is empty: lost, with a predicted pose and more doubt; then a new map, then ok again."""
+    """Frame 6 is empty: lost, with a predicted pose that is less certain; then a new map, then ok again."""
     observations = [
         *arc.observations[:6],
         without_views(arc.observations[6]),
@@ -111,7 +111,7 @@ def test_lost_and_resume(method, arc):
     assert np.trace(s[7].cov_pose) > np.trace(s[6].cov_pose)
     assert all(x.status is Status.OK for x in s[8:])
     assert_covariances(s[-1].cov_pose, "pose after resuming")
-    if method != "ekf-cv":  # badly linearised, it takes the doubt of the lost frames for knowledge
+    if method != "ekf-cv":  # badly linearised, it takes the uncertainty of the lost frames for information
         error = se3.log(se3.inverse(s[-1].world_from_cam) @ arc.world_from_cam[-1])
         assert error @ np.linalg.solve(s[-1].cov_pose, error) < 30
     ended = np.concatenate([x.ended_ids for x in s[:8]])
@@ -128,7 +128,7 @@ def test_empty_from_the_first_frame_on(method, arc):
 
 
 @methods
-def test_few_views_are_said(method, arc):
+def test_few_views_are_reported(method, arc):
     """Ten points: estimated, and degraded."""
     observations = []
     for o in arc.observations[:4]:

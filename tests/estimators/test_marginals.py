@@ -1,4 +1,4 @@
-"""WC and CC are read from one joint covariance: against numerical propagation of the same, written out densely."""
+"""WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
     return h
 
 
-def test_readings_are_the_joint_covariance_carried_through() -> None:
+def test_marginals_are_the_joint_covariance_propagated() -> None:
     rng = np.random.default_rng(0)
     anchors, cams = se3.exp(0.1 * rng.normal(size=(POINTS, 6))), se3.exp(0.1 * rng.normal(size=(FRAMES, 6)))
     metric = np.c_[rng.uniform(-1, 1, (POINTS, 2)), rng.uniform(2, 4, POINTS), np.ones(POINTS)]

@@ -1,4 +1,4 @@
-"""The window over views of one camera, in simulation: are its covariances honest in its own unit?"""
+"""The window over views of one camera, in simulation: are its covariances consistent, in its own unit?"""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
 
 
 @pytest.mark.parametrize("motion", ["lateral", "arc"])
-def test_poses_and_points_are_as_good_as_claimed(motion) -> None:
+def test_poses_and_points_are_consistent(motion) -> None:
     """Mean NEES of the last pose in the map's own unit, 6 expected: measured 3.8 and 3.7, because the first depths
     enter with twice their σ; 8.9 and 6.9 if they entered with 0.4 times theirs."""
     nees, structure = [], []

@@ -12,11 +12,11 @@ from stream_sfm.types import Observations, Status
 
 
 def spoiled(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
-    """The same frame with that share of its views somewhere else in both images, births included."""
+    """Return the frame with that fraction of its views displaced in both images, first views included."""
     z = observations.z_px.copy()
     bad = rng.random(len(z)) < share
     z[bad] += rng.uniform(-40, 40, size=(int(bad.sum()), 4)) * (1, 1, 1, 0)
-    z[bad, 3] = z[bad, 1]  # both rows agree: no free test gives them away
+    z[bad, 3] = z[bad, 1]  # both rows agree: the difference of rows does not reveal them
     return replace(observations, z_px=z)
 
 

@@ -87,7 +87,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     assert np.abs(moved - mean[-6:]).max() < 1e-3 * scale[-6:].min()
 
 
-def test_condensing_keeps_every_marginal_and_the_world(prior) -> None:
+def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     rng = np.random.default_rng(7)
     # two modes that hardly matter beside the points' own noise, and four that repeat others
     modes = np.concatenate([prior.modes, 1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4]], axis=2)

@@ -29,7 +29,7 @@ def problem(seed: int, n: int, outliers: float = 0.0, mono: float = 0.0):
 
 
 @pytest.mark.parametrize("mono", [0.0, 0.5])
-def test_covariance_tells_the_truth(mono: float) -> None:
+def test_covariance_is_consistent(mono: float) -> None:
     trials = 150
     squares = []
     for seed in range(trials):

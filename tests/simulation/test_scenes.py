@@ -73,7 +73,7 @@ def test_natural_visibility():
 
 
 @pytest.mark.parametrize("round_off", [True, False])
-def test_noise_has_the_deviation_it_claims(round_off):
+def test_noise_has_its_nominal_deviation(round_off):
     s = Scene(track_length=8, round_off=round_off).sequence(np.random.SeedSequence(3))
     chi2 = []
     for o, pose in zip(s.observations, s.world_from_cam, strict=True):

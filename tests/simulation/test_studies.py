@@ -71,7 +71,7 @@ def small():
 
 
 @pytest.mark.parametrize("method", ["cross-frame", "ekf"])
-def test_covariances_tell_the_truth(small, method):
+def test_covariances_are_consistent(small, method):
     """12 trials: the mean of NEES (6 and 3 expected) has a deviation of about 1 and 0.05."""
     assert 3.0 < np.nanmean(small[method]["nees_pose"]) < 9.5
     assert 2.75 < np.nanmean(small[method]["nees_point"]) < 3.25

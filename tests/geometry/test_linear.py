@@ -1,0 +1,69 @@
+"""Small linear algebra on matrices that mix metres and radians: factors, inverses, and what is refused."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.geometry.linear import (
+    Cholesky,
+    matvec,
+    scaled_cholesky,
+    scaled_inverse,
+    symmetric,
+    symmetric_inverse,
+)
+
+RNG = np.random.default_rng(11)
+SCALE = np.array([1e6, 1e3, 1.0, 1e-3, 1e-4, 1e-5])  # units: a condition number of 10²² without scaling
+ROUNDING = 1e-12  # relative to the diagonal; the scaled matrix has a condition number below 10³
+
+
+def covariance() -> np.ndarray:
+    a = RNG.normal(size=(6, 6))
+    return (a @ a.T + np.eye(6)) * np.outer(SCALE, SCALE)
+
+
+def assert_inverse(found: np.ndarray, matrix: np.ndarray) -> None:
+    scaled = found * np.outer(SCALE, SCALE) @ (matrix / np.outer(SCALE, SCALE))
+    assert np.abs(scaled - np.eye(6)).max() < ROUNDING
+    assert (found == found.T).all()
+
+
+def test_badly_scaled_matrices_are_factored_and_inverted() -> None:
+    cov = covariance()
+    root = scaled_cholesky(cov)
+    assert (np.triu(root, 1) == 0).all()
+    assert np.abs((root @ root.T - cov) / np.outer(SCALE, SCALE)).max() < ROUNDING * 100  # entries up to some tens
+    inverse = scaled_inverse(cov)
+    assert inverse is not None
+    assert_inverse(inverse, cov)
+    assert_inverse(Cholesky(cov).inverse(), cov)
+    right = RNG.normal(size=6) / SCALE
+    assert Cholesky(cov).solve(cov @ right) == pytest.approx(right, rel=1e-9)
+
+
+def test_an_undetermined_direction_has_no_inverse() -> None:
+    information = covariance()
+    information[2] = information[:, 2] = 0
+    assert scaled_inverse(information) is None
+    twice = np.ones((2, 2))
+    assert scaled_inverse(twice) is None
+
+
+def test_lost_definiteness_is_repaired_only_on_request() -> None:
+    v = RNG.normal(size=(6, 5))
+    nearly = v @ v.T - 1e-12 * np.eye(6)  # rank 5, less a rounding
+    with pytest.raises(np.linalg.LinAlgError):
+        Cholesky(nearly, repair=False)
+    assert np.isfinite(Cholesky(nearly).root).all()
+    with pytest.raises(np.linalg.LinAlgError):
+        Cholesky(-np.eye(3))
+
+
+def test_stacks_are_treated_one_by_one() -> None:
+    a, x = RNG.normal(size=(7, 4, 3)), RNG.normal(size=(7, 3))
+    assert np.allclose(matvec(a, x), [m @ v for m, v in zip(a, x, strict=True)], rtol=1e-14)
+    square = np.swapaxes(a, 1, 2) @ a
+    inverse = symmetric_inverse(square)
+    assert (inverse == np.swapaxes(inverse, 1, 2)).all()
+    assert np.allclose(inverse @ square, np.eye(3), atol=1e-9)
+    assert (symmetric(square) == np.swapaxes(symmetric(square), 1, 2)).all()
