@@ -124,10 +124,8 @@ _HOMES = {
     "evaluation.summary": ("evaluate",),
     "frontend.prepared": ("PreparedImages",),
     "geometry.stereo": ("StereoProjection",),
-    "importers.common": ("Imported",),
-    "importers.euroc": ("import_euroc",),
-    "importers.folders": ("import_images",),
-    "importers.kitti": ("import_kitti",),
+    "importers.copy": ("Imported",),
+    "importers.data_sets": ("import_euroc", "import_images", "import_kitti"),
     "inspection.overview": ("inspect_log as inspect",),
     "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "recording.frames": ("RecordedFrame",),
@@ -192,10 +190,8 @@ if TYPE_CHECKING:
     from .evaluation.summary import evaluate
     from .frontend.prepared import PreparedImages
     from .geometry.stereo import StereoProjection
-    from .importers.common import Imported
-    from .importers.euroc import import_euroc
-    from .importers.folders import import_images
-    from .importers.kitti import import_kitti
+    from .importers.copy import Imported
+    from .importers.data_sets import import_euroc, import_images, import_kitti
     from .inspection.overview import inspect_log as inspect
     from .pipeline.replay import ReplayInterrupted, ReplayResult, replay
     from .recording.frames import RecordedFrame

@@ -79,9 +79,7 @@ def _add_images(kinds: Any) -> None:
     group.add_argument("--right", metavar="FILES", nargs="+", required=True, help="the right images")
     group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair (TOML)")
     group.add_argument("--stamps", metavar="FILE", help="one time stamp per line: seconds, or integer nanoseconds")
-    group.add_argument(
-        "--rate", metavar="HZ", type=float, default=10.0, help="frames per second without --stamps (default: 10)"
-    )
+    group.add_argument("--rate", metavar="HZ", type=float, help="frames per second without stamps (default: 10)")
     _add_general(parser)
 
 

@@ -1,20 +1,23 @@
 """Data sets and folders of images to logs in MCAP, image bytes unchanged; the profile is in docs/log-profile.md.
 
-One module a kind; `common.py` writes for all. Not here: reading logs (`recording/`).
+The data sets themselves are read in `sources/`, which `open_log` uses too: an import is a copy of a source.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-_PUBLIC = {"Imported": "common", "import_euroc": "euroc", "import_images": "folders", "import_kitti": "kitti"}
+_PUBLIC = {
+    "Imported": "copy",
+    "import_euroc": "data_sets",
+    "import_images": "data_sets",
+    "import_kitti": "data_sets",
+}
 
 __all__ = ["Imported", "import_euroc", "import_images", "import_kitti"]
 
 if TYPE_CHECKING:
-    from .common import Imported
-    from .euroc import import_euroc
-    from .folders import import_images
-    from .kitti import import_kitti
+    from .copy import Imported
+    from .data_sets import import_euroc, import_images, import_kitti
 
 
 def __getattr__(name: str) -> Any:

@@ -1,90 +1,56 @@
-"""Writes stereo logs in the log profile (docs/log-profile.md): image bytes unchanged, messages in Foxglove protobuf.
-
-Topics: `/camera/{left,right}/image` (foxglove.CompressedImage), `/camera/{left,right}/calibration`
-(foxglove.CameraCalibration, K D R P in the ROS sense, once a second), `/ground_truth/pose` (foxglove.PoseInFrame,
-the physical left camera in the world).
-"""
+"""Writes logs: messages of any source into an MCAP file, and stereo logs in the log profile (docs/log-profile.md)."""
 
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from mcap.writer import CompressionType
-from mcap_protobuf.writer import Writer
+from mcap.writer import CompressionType, Writer
 
+from .. import __version__
+from ..camera.rig import StereoRig
 from ..errors import OutputError
-from ..geometry import se3
 from ..geometry.se3 import Array
-from .messages import CalibrationMessage
-
-_CALIBRATION_PERIOD_NS = 1_000_000_000  # repeated, so that a part of the log can be read alone
-SIDES = ("left", "right")
-FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
+from ..sources.profile import ProfileEncoder
+from ..sources.source import Channel, Message
 
 
-class StereoLogWriter:
-    """Writes one log; a context manager. Messages are given in ascending order of time.
+class MessageWriter:
+    """Writes messages as they are; a context manager.
 
-    `calibrations`: left and right; their `topic` and `frame_id` are set here. The file appears under its name
-    when it is finished; a run that fails leaves none. Raises OutputError where it cannot be written.
+    The file appears under its name when it is finished; a run that fails leaves none. Raises OutputError where it
+    cannot be written.
     """
 
-    def __init__(self, path: str | Path, calibrations: tuple[CalibrationMessage, CalibrationMessage]) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._part = self.path.with_name(self.path.name + ".part")
-        self._calibrations = calibrations
-        self._calibrated_ns: list[int | None] = [None, None]
+        self._channels: dict[Channel, int] = {}
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
         try:
             self._stream: IO[bytes] = self._part.open("wb")
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
-        # The images are compressed already; only their index is worth having.
+        # Images are compressed already; only the index of chunks is worth having.
         self._writer = Writer(self._stream, compression=CompressionType.NONE)
+        self._writer.start("", f"stream_sfm {__version__}")
 
-    def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> None:
-        """Write one image of `side` (0 left, 1 right), `encoding` png, jpeg or webp, its bytes as they are."""
-        last = self._calibrated_ns[side]
-        if last is None or stamp_ns - last >= _CALIBRATION_PERIOD_NS:
-            self._calibrated_ns[side] = stamp_ns
-            self._calibration(side, stamp_ns)
-        message = CompressedImage(frame_id=FRAME_IDS[side], format=encoding, data=data)
-        message.timestamp.FromNanoseconds(stamp_ns)
-        self._write(f"/camera/{SIDES[side]}/image", message, stamp_ns)
-
-    def pose(self, stamp_ns: int, world_from_cam: Array) -> None:
-        """Write one pose (4, 4) of ground truth: the physical left camera in the world, metres."""
-        message = PoseInFrame(frame_id="world")
-        message.timestamp.FromNanoseconds(stamp_ns)
-        p, q = message.pose.position, message.pose.orientation
-        p.x, p.y, p.z = world_from_cam[:3, 3]
-        q.x, q.y, q.z, q.w = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
-        self._write("/ground_truth/pose", message, stamp_ns)
-
-    def _calibration(self, side: int, stamp_ns: int) -> None:
-        c = self._calibrations[side]
-        message = CameraCalibration(
-            frame_id=FRAME_IDS[side],
-            width=c.width,
-            height=c.height,
-            distortion_model=c.distortion_model,
-            D=c.D,
-            K=c.K.ravel().tolist(),
-            R=c.R.ravel().tolist(),
-            P=c.P.ravel().tolist(),
-        )
-        message.timestamp.FromNanoseconds(stamp_ns)
-        self._write(f"/camera/{SIDES[side]}/calibration", message, stamp_ns)
-
-    def _write(self, topic: str, message: CompressedImage | CameraCalibration | PoseInFrame, stamp_ns: int) -> None:
+    def write(self, message: Message) -> None:
+        """Append one message."""
+        channel, log_time_ns, data = message
         try:
-            self._writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns)
+            if channel not in self._channels:
+                self._channels[channel] = self._register(channel)
+            self._writer.add_message(self._channels[channel], log_time_ns, data, log_time_ns)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
 
-    def __enter__(self) -> "StereoLogWriter":
+    def _register(self, channel: Channel) -> int:
+        schema = (channel.schema_name, channel.schema_encoding, channel.definition)
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(*schema)
+        return self._writer.register_channel(channel.topic, channel.message_encoding, self._schemas[schema])
+
+    def __enter__(self) -> "MessageWriter":
         return self
 
     def __exit__(
@@ -101,3 +67,24 @@ class StereoLogWriter:
         finally:
             self._stream.close()
             self._part.unlink(missing_ok=True)
+
+
+class StereoLogWriter(MessageWriter):
+    """Writes a stereo log in the log profile; images and poses are given in ascending order of time."""
+
+    def __init__(self, path: str | Path, rig: StereoRig) -> None:
+        super().__init__(path)
+        self._encoder = ProfileEncoder(rig)
+
+    def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> None:
+        """Write one image of `side` (0 left, 1 right), `encoding` png, jpeg or webp, its bytes as they are."""
+        for calibration in self._encoder.due_calibration(side, stamp_ns):
+            self.write(calibration)
+        self.write(self._encoder.image(side, stamp_ns, data, encoding))
+
+    def pose(self, stamp_ns: int, world_from_cam: Array) -> None:
+        """Write one pose (4, 4) of ground truth: the physical left camera in the world, metres."""
+        self.write(self._encoder.pose(stamp_ns, world_from_cam))
+
+    def __enter__(self) -> "StereoLogWriter":
+        return self

@@ -6,6 +6,9 @@ from pathlib import Path
 from ..errors import LogError
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from . import ros1_bag, sqlite_bag
+from .euroc import is_euroc, open_euroc
+from .image_folders import is_image_folder, open_image_folder
+from .kitti import is_kitti, open_kitti
 from .mcap import McapSource
 from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
@@ -16,13 +19,19 @@ _FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
     (b"#ROSBAG", ros1_bag.Ros1BagSource),
     (sqlite_bag.MAGIC, sqlite_bag.SqliteBagSource),
 )
+# Whether a folder is of this kind, and what opens it.
+_FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Source]], ...] = (
+    (is_kitti, open_kitti),
+    (is_euroc, open_euroc),
+    (is_image_folder, open_image_folder),
+)
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _START_BYTES = 16
-SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag"
+SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, folders of left and right images"
 
 
 def open_source(path: str | Path) -> Source:
@@ -56,7 +65,12 @@ def _open_file(path: Path) -> Source:
 
 def _open_folder(path: Path) -> Source:
     try:
-        if (path / METADATA).is_file() or bag_files(path):
+        if (path / METADATA).is_file():
+            return open_rosbag2(path)
+        for belongs, source in _FOLDERS:
+            if belongs(path):
+                return source(path)
+        if bag_files(path):
             return open_rosbag2(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None

@@ -8,39 +8,18 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
-
-RNG = np.random.default_rng(5)
-
-
-def _picture(path, suffix=".png"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(cv2.imencode(suffix, RNG.integers(0, 256, (48, 64), dtype=np.uint8))[1].tobytes())
-    return path
-
-
-def _kitti(folder, images=("image_0", "image_1"), offsets=((0, 0, 0), (-0.54, 0, 0))):
-    k = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
-    first = int(images[0][-1])
-    text = "".join(
-        f"P{first + i}: " + " ".join(repr(float(x)) for x in (k @ np.c_[np.eye(3), o]).ravel()) + "\n"
-        for i, o in enumerate(offsets)
-    )
-    folder.mkdir(parents=True)
-    (folder / "calib.txt").write_text(text)
-    (folder / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072869e-01\n")
-    for name in images:
-        for n in range(3):
-            _picture(folder / name / f"{n:06d}.png")
-    poses = se3.exp(RNG.normal(size=(3, 6)) * 0.2)
-    poses[0] = np.eye(4)
-    (folder / "poses.txt").write_text(
-        "".join(" ".join(repr(float(x)) for x in p[:3].ravel()) + "\n" for p in poses)
-    )
-    return poses
+from tests.helpers.data_sets import (
+    BODY_FROM_LEFT,
+    EUROC_STAMPS_NS,
+    RIGHT_FROM_LEFT,
+    write_euroc,
+    write_kitti,
+    write_picture,
+)
 
 
 def test_kitti_round_trip(tmp_path):
-    poses = _kitti(tmp_path / "00")
+    poses = write_kitti(tmp_path / "00")
     done = import_kitti(tmp_path / "00", tmp_path / "00.mcap")
     assert (done.left, done.right, done.poses, done.warnings) == (3, 3, 3, [])
     log = sfm.open_log(tmp_path / "00.mcap")
@@ -57,7 +36,7 @@ def test_kitti_round_trip(tmp_path):
 
 
 def test_kitti_colour_poses_are_those_of_the_left_colour_camera(tmp_path):
-    poses = _kitti(tmp_path / "00", ("image_2", "image_3"), ((0.06, 0, 0), (-0.47, 0.002, 0)))
+    poses = write_kitti(tmp_path / "00", ("image_2", "image_3"), ((0.06, 0, 0), (-0.47, 0.002, 0)))
     import_kitti(tmp_path / "00", tmp_path / "00.mcap")
     log = sfm.open_log(tmp_path / "00.mcap")
     cam0_from_cam2 = se3.from_rotation_translation(np.eye(3), (-0.06, 0, 0))
@@ -65,50 +44,20 @@ def test_kitti_colour_poses_are_those_of_the_left_colour_camera(tmp_path):
     assert np.allclose(log.rig.right_from_left[:3, 3], (-0.53, 0.002, 0), atol=1e-9)
 
 
-def _sensor(folder, body_from_cam, model="radial-tangential"):
-    folder.mkdir(parents=True)
-    rows = ",\n         ".join(", ".join(repr(float(x)) for x in r) for r in body_from_cam)
-    (folder / "sensor.yaml").write_text(
-        "# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam (MT9M034)\n\n"
-        f"# Sensor extrinsics wrt. the body-frame.\nT_BS:\n  cols: 4\n  rows: 4\n  data: [{rows}]\n\n"
-        "rate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\nintrinsics: [60.1, 60.2, 31.5, 23.5] #fu fv\n"
-        f"distortion_model: {model}\n"
-        "distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]\n"
-    )
-
-
 def test_euroc_round_trip(tmp_path):
+    world_from_body = write_euroc(tmp_path / "MH")
     mav = tmp_path / "MH" / "mav0"
-    body_from_left = se3.exp([0.02, -0.06, 0.01, 0.1, 0.2, 1.5])
-    right_from_left = se3.exp([-0.11, 0.001, 0.002, 0.01, -0.02, 0.005])
-    body_from_right = body_from_left @ se3.inverse(right_from_left)
-    stamps = [1403636579763555584 + n * 50_000_000 for n in range(3)]
-    for name, pose in (("cam0", body_from_left), ("cam1", body_from_right)):
-        _sensor(mav / name, pose)
-        kept = stamps if name == "cam0" else stamps[:2]
-        table = "".join(f"{s},{s}.png\r\n" for s in kept)
-        (mav / name / "data.csv").write_text("#timestamp [ns],filename\r\n" + table, newline="")
-        for s in kept:
-            _picture(mav / name / "data" / f"{s}.png")
-    world_from_body = se3.exp(RNG.normal(size=(4, 6)))
-    quats = se3.quat_xyzw_from_matrix(world_from_body[:, :3, :3])
-    rows = [
-        ",".join(map(repr, [s, *p.tolist(), q[3].item(), *q[:3].tolist(), 0.1, 0.0, 0.0]))
-        for s, p, q in zip([stamps[0] - 5, *stamps], world_from_body[:, :3, 3], quats, strict=True)
-    ]
-    (mav / "state_groundtruth_estimate0").mkdir()
-    (mav / "state_groundtruth_estimate0" / "data.csv").write_text("#timestamp,...\n" + "\n".join(rows))
     done = import_euroc(tmp_path / "MH", tmp_path / "mh.mcap")
     assert (done.left, done.right, done.poses, len(done.warnings)) == (3, 2, 4, 1)
     log = sfm.open_log(tmp_path / "mh.mcap")
     pairs = list(log.pairs())
-    assert [p.stamp_ns for p in pairs] == stamps[:2]
+    assert [p.stamp_ns for p in pairs] == EUROC_STAMPS_NS[:2]
     for pair in pairs:
         assert pair.left.data == (mav / "cam0/data" / f"{pair.stamp_ns}.png").read_bytes()
         assert pair.right.data == (mav / "cam1/data" / f"{pair.stamp_ns}.png").read_bytes()
-    assert np.allclose(log.rig.right_from_left, right_from_left, atol=1e-9)
+    assert np.allclose(log.rig.right_from_left, RIGHT_FROM_LEFT, atol=1e-9)
     assert log.rig.left.D == (-0.28, 0.07, 0.0002, 1.7e-05)
-    assert np.allclose(log.ground_truth().world_from_cam, world_from_body @ body_from_left, atol=1e-9)
+    assert np.allclose(log.ground_truth().world_from_cam, world_from_body @ BODY_FROM_LEFT, atol=1e-9)
 
 
 @pytest.mark.parametrize("model,d", [("plumb_bob", (-0.1, 0.01, 0, 0)), ("equidistant", (0.01, 0.001, 0, 0))])
@@ -119,7 +68,7 @@ def test_image_folders_round_trip(tmp_path, model, d, suffix):
         sfm.Camera(64, 48, k, d, model), sfm.Camera(64, 48, k, d, model), se3.exp([-0.2, 0, 0, 0, 0.05, 0])
     )
     (tmp_path / "c.toml").write_text(rig.to_toml())
-    files = [[_picture(tmp_path / s / f"img_{n}{suffix}", suffix) for n in (1, 2, 10)] for s in ("l", "r")]
+    files = [[write_picture(tmp_path / s / f"img_{n}{suffix}", suffix) for n in (1, 2, 10)] for s in ("l", "r")]
     globs = (str(tmp_path / "l" / "*"), str(tmp_path / "r" / "*"))
     import_images(*globs, tmp_path / "c.toml", tmp_path / "o.mcap", rate_hz=20)
     log = sfm.open_log(tmp_path / "o.mcap")
@@ -132,10 +81,10 @@ def test_image_folders_round_trip(tmp_path, model, d, suffix):
 
 
 def test_what_is_wrong_is_named_and_nothing_is_left(tmp_path):
-    _kitti(tmp_path / "00")
+    write_kitti(tmp_path / "00")
     out = tmp_path / "o.mcap"
     (tmp_path / "00/image_1/000001.png").write_bytes(b"no image")
-    with pytest.raises(sfm.InputError, match=r"000001\.png is no PNG"):
+    with pytest.raises(sfm.InputError, match=r"000001\.png is not a PNG"):
         import_kitti(tmp_path / "00", out)
     (tmp_path / "00/times.txt").write_text("0\n1\n")
     with pytest.raises(sfm.InputError, match=r"000002\.png"):
@@ -156,7 +105,8 @@ def _folders(tmp_path, left, right):
     rig = sfm.StereoRig(sfm.Camera(64, 48, k), sfm.Camera(64, 48, k), se3.exp([-0.2, 0, 0, 0, 0, 0]))
     (tmp_path / "c.toml").write_text(rig.to_toml())
     return [
-        [str(_picture(tmp_path / side / name)) for name in names] for side, names in (("l", left), ("r", right))
+        [str(write_picture(tmp_path / side / name)) for name in names]
+        for side, names in (("l", left), ("r", right))
     ]
 
 
@@ -196,7 +146,7 @@ def test_images_of_another_size_or_kind_are_named(tmp_path):
     with pytest.raises(sfm.InputError, match=r"r/1\.png is 32×24, the calibration is for 64×48"):
         import_images(*give)
     (tmp_path / "r" / "1.png").write_bytes(b"GIF89a")
-    with pytest.raises(sfm.InputError, match=r"r/1\.png is no PNG, JPEG or WebP image: convert"):
+    with pytest.raises(sfm.InputError, match=r"r/1\.png is not a PNG, JPEG or WebP image: convert"):
         import_images(*give)
     with pytest.raises(sfm.InputError, match=r"x\* matches no left image"):
         import_images(str(tmp_path / "x*"), *give[1:])

@@ -13,7 +13,6 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import read_config
-from stream_sfm.importers.common import calibration_messages
 from stream_sfm.pipeline.replay import ReplayInterrupted, replay
 from stream_sfm.recording import open_log
 from stream_sfm.recording.ground_truth import DepthImages
@@ -213,7 +212,7 @@ def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
     pairs = list(room.pairs())
     turns = [pairs if turn % 2 == 0 else pairs[-2:0:-1] for turn in range(20)]
     n = 0
-    with StereoLogWriter(longer, calibration_messages(room.rig)) as writer:
+    with StereoLogWriter(longer, room.rig) as writer:
         for pair in (pair for turn in turns for pair in turn):
             for side, image in enumerate((pair.left, pair.right)):
                 writer.image(side, n * 100_000_000, bytes(image.data), image.encoding)

@@ -1,0 +1,149 @@
+"""Image files with stamps, a rig and ground truth as a source: messages of the log profile, made on the way."""
+
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..camera.models import Camera
+from ..camera.rectification import check_rectifiable
+from ..camera.rig import StereoRig
+from ..errors import ConfigError, LogError, RigError
+from ..geometry.se3 import Array
+from ..mcap_file.damage import Damage
+from .image_header import image_format, image_size
+from .profile import ProfileEncoder
+from .source import Attachment, Contents, Message
+
+
+@dataclass(frozen=True, slots=True)
+class ImageFile:
+    """An image on disk and its stamp."""
+
+    stamp_ns: int
+    path: Path
+
+
+class ImageFilesSource:
+    """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
+
+    `format` names the data set. An image that cannot be read, or has another size than the rig's, is skipped and
+    added to the damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError
+    where no image can be rectified by the rig.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        format: str,
+        rig: StereoRig | None,
+        images: tuple[Sequence[ImageFile], Sequence[ImageFile]],
+        poses: Sequence[tuple[int, Array]] = (),
+        notes: Sequence[str] = (),
+    ) -> None:
+        self.path, self.format, self.rig = path, format, rig
+        if rig is not None:
+            try:
+                check_rectifiable(rig)
+            except RigError as error:
+                raise ConfigError(f"{path}: {error}", hint=error.hint) from None
+        self.images, self.poses = images, poses
+        self.notes = list(notes)
+        left, right = ({image.stamp_ns for image in side} for side in images)
+        if not left & right:
+            raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
+        if alone := len(left ^ right):
+            self.notes.append(f"{alone} images have no partner of the same stamp on the other side")
+        self.size_bytes = sum(_size_of_file(image.path) for side in images for image in side)
+
+    def contents(self) -> Contents | None:
+        """Known from the lists of files."""
+        encoder = ProfileEncoder(self.rig)
+        contents = Contents([(c, len(side)) for c, side in zip(encoder.images, self.images, strict=True)])
+        if self.rig is not None:
+            contents.channels += [(channel, None) for channel in encoder.calibrations]
+        if self.poses:
+            contents.channels.append((encoder.poses, len(self.poses)))
+        stamps = [s for side in self.images for s in (side[0].stamp_ns, side[-1].stamp_ns)]
+        contents.start_ns, contents.end_ns = min(stamps), max(stamps)
+        return contents
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
+        damage.notes += self.notes
+        encoder = ProfileEncoder(self.rig)
+        events: Iterator[tuple[int, int, Path | Array]] = heapq.merge(
+            ((stamp, 0, pose) for stamp, pose in self.poses),
+            ((image.stamp_ns, 1, image.path) for image in self.images[0]),
+            ((image.stamp_ns, 2, image.path) for image in self.images[1]),
+            key=lambda event: event[:2],
+        )
+        for stamp_ns, kind, item in events:
+            if not isinstance(item, Path):
+                message = encoder.pose(stamp_ns, item)
+                if topics is None or message.channel.topic in topics:
+                    yield message
+                continue
+            side = kind - 1
+            for message in encoder.due_calibration(side, stamp_ns):
+                if topics is None or message.channel.topic in topics:
+                    yield message
+            if topics is None or encoder.images[side].topic in topics:
+                try:
+                    data, encoding = read_image(item, self._camera(side))
+                except LogError as error:
+                    damage.add(str(error))
+                    continue
+                damage.bytes_read += len(data)
+                yield encoder.image(side, stamp_ns, data, encoding)
+
+    def _camera(self, side: int) -> Camera | None:
+        return None if self.rig is None else (self.rig.left, self.rig.right)[side]
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """There are none."""
+        return iter(())
+
+    def description(self) -> dict[str, Any]:
+        """See `Source`."""
+        return {"format": self.format, "profile": None, "library": None, "indexed": True}
+
+    def drop_unverified_index(self) -> bool:
+        """See `Source`."""
+        return False
+
+
+def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
+    """Bytes and format of an image file, of the camera's size if given. Raises LogError naming file and remedy."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"cannot read image {path}: {error.strerror}") from None
+    encoding = image_format(data)
+    if encoding is None:
+        raise LogError(f"{path} is not a PNG, JPEG or WebP image: convert the images to PNG first")
+    size = image_size(data)
+    if size is None:
+        raise LogError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
+    if camera is not None and size != (camera.width, camera.height):
+        raise LogError(
+            f"{path} is {size[0]}×{size[1]}, the calibration is for {camera.width}×{camera.height}: give images "
+            "of the calibrated size, or the calibration of these images"
+        )
+    return data, encoding
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    """Width and height of an image file, pixels. Raises LogError."""
+    data, _ = read_image(path)
+    size = image_size(data)
+    assert size is not None  # read_image has looked
+    return size
+
+
+def _size_of_file(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # it is missing, which its reading will report
+        return 0

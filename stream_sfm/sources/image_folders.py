@@ -1,0 +1,171 @@
+"""Two sets of image files, paired in the order of their names: folders, globs or files, with or without stamps."""
+
+import glob
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..camera.calibration.read import is_calibration
+from ..camera.rig import StereoRig
+from ..errors import ConfigError, LogError
+from .image_files import ImageFile, ImageFilesSource
+from .pose_files import read_times
+from .text_files import check_ascending, stamp_ns
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+_SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))
+_STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
+# Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
+_UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
+_SECONDS = re.compile(r"\d{10}\.\d{1,9}")
+_MAX_RATE_HZ = 1e6
+DEFAULT_RATE_HZ = 10.0
+
+
+def is_image_folder(folder: Path) -> bool:
+    """Whether a folder has a folder of images for each side."""
+    return _side_folders(folder) is not None
+
+
+def open_image_folder(folder: Path) -> ImageFilesSource:
+    """A folder with a folder of images for each side, and perhaps stamps and a calibration. Raises LogError."""
+    sides = _side_folders(folder)
+    if sides is None:
+        raise LogError(f"{folder} has no folders of left and right images, such as left and right")
+    stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
+    rig = None
+    if any(is_calibration(p) for p in folder.iterdir() if p.is_file()):
+        rig = StereoRig.from_calibration(folder)
+    return open_images(str(sides[0]), str(sides[1]), rig, stamps, path=folder)
+
+
+def open_images(
+    left: str | Sequence[str],
+    right: str | Sequence[str],
+    rig: StereoRig | None,
+    stamps: str | Path | None = None,
+    rate_hz: float | None = None,
+    path: Path | None = None,
+) -> ImageFilesSource:
+    """The images `left` and `right`, each one or several files, folders or globs. Raises LogError, ConfigError.
+
+    `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it names that
+    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording.
+    """
+    sides = [_matches("left", left), _matches("right", right)]
+    if both := set(sides[0]) & set(sides[1]):
+        raise ConfigError(
+            f"{min(both)} is both a left and a right image: give two different globs", hint=("left", "right")
+        )
+    path = path if path is not None else sides[0][0].parent
+    notes: list[str] = []
+    named = [_named_stamps(side) for side in sides]
+    if stamps is None and rate_hz is None and named[0] is not None and named[1] is not None:
+        left_images, right_images = (
+            _stamped(times, side) for times, side in zip(named, sides, strict=True) if times
+        )
+        return ImageFilesSource(path, "image files", rig, (left_images, right_images))
+    _check_partners(*sides)
+    if stamps is not None:
+        times = read_times(Path(stamps))
+        if len(times) != len(sides[0]):
+            raise LogError(f"{stamps} has {len(times)} times for {len(sides[0])} pairs of images")
+    else:
+        times = _at_rate(len(sides[0]), rate_hz, notes)
+    left_images, right_images = (_stamped(times, side) for side in sides)
+    return ImageFilesSource(path, "image files", rig, (left_images, right_images), notes=notes)
+
+
+def _stamped(times: Sequence[int], files: Sequence[Path]) -> list[ImageFile]:
+    return [ImageFile(time, file) for time, file in zip(times, files, strict=True)]
+
+
+def first_image(patterns: str | Sequence[str]) -> Path | None:
+    """One of the files of a side, which tells the size of all; None where there is none."""
+    try:
+        return _matches("left", patterns)[0]
+    except LogError:
+        return None
+
+
+def _at_rate(count: int, rate_hz: float | None, notes: list[str]) -> list[int]:
+    if rate_hz is None:
+        rate_hz = DEFAULT_RATE_HZ
+        notes.append(f"no stamps and no rate were given: frames are put {1 / rate_hz:g} s apart")
+    if not 0 < rate_hz < _MAX_RATE_HZ:
+        raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
+    return [round(n * 1e9 / rate_hz) for n in range(count)]
+
+
+def _side_folders(folder: Path) -> tuple[Path, Path] | None:
+    for pair in _SIDES:
+        for inner in ("", "data"):
+            left, right = (folder / name / inner for name in pair)
+            if left.is_dir() and right.is_dir() and _images_in(left) and _images_in(right):
+                return left, right
+    return None
+
+
+def _images_in(folder: Path) -> list[Path]:
+    return [p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES]
+
+
+def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
+    """Files in natural order: image_2 before image_10. Raises LogError where there is none."""
+    found: set[Path] = set()
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        if Path(pattern).is_dir():
+            matches = _images_in(Path(pattern))
+        elif Path(pattern).is_file():  # a name may contain what means something else in a glob
+            matches = [Path(pattern)]
+        else:
+            matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
+        if not matches:
+            raise LogError(
+                f"{pattern} matches no {side} image: give files, a folder, or a glob such as 'l/*.png'",
+                hint=(side,),
+            )
+        found.update(matches)
+    return sorted(found, key=lambda p: [(int(t), "") if t.isdecimal() else (-1, t) for t in _tokens(str(p))])
+
+
+def _named_stamps(files: Sequence[Path]) -> list[int] | None:
+    """The stamps that the names of the files are, ascending; None where they are not stamps."""
+    stamps = []
+    for file in files:
+        name = file.stem
+        if name.isdecimal() and len(name) in _UNITS_NS:
+            stamps.append(int(name) * _UNITS_NS[len(name)])
+        elif _SECONDS.fullmatch(name):
+            stamps.append(stamp_ns(name, str(file)))
+        else:
+            return None
+    check_ascending(stamps, files[0].parent)
+    return stamps
+
+
+def _check_partners(left: list[Path], right: list[Path]) -> None:
+    """Raise LogError where the order of names would pair images of different moments, as far as names tell."""
+    numbers = [{_number(p): p for p in side} for side in (left, right)]
+    numbered = all(len(n) == len(side) for n, side in zip(numbers, (left, right), strict=True))
+    alone = sorted(str(n[k]) for n, other in (numbers, numbers[::-1]) for k in n.keys() - other.keys())
+    if numbered and alone and numbers[0].keys() & numbers[1].keys():
+        raise LogError(
+            f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, the "
+            f"first: {alone[0]}; leave them out"
+        )
+    if len(left) != len(right):
+        raise LogError(
+            f"there are {len(left)} left and {len(right)} right images: both must be as many, because they are "
+            "paired in the order of their names"
+        )
+
+
+def _number(path: Path) -> str:
+    """The last number in the name of a file, else the name."""
+    numbers = re.findall(r"\d+", path.stem)
+    return str(int(numbers[-1])) if numbers else path.stem
+
+
+def _tokens(text: str) -> list[str]:
+    return [t for t in re.split(r"(\d+)", text) if t]

@@ -1,0 +1,109 @@
+"""Poses in text files: TUM (`t x y z qx qy qz qw`), EuRoC's CSV, KITTI (twelve numbers of a 3×4 pose per line)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import LogError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..types import Trajectory
+from .text_files import check_ascending, read_table, read_text, stamp_ns
+
+_UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
+_ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
+
+
+def read_poses(path: Path) -> Trajectory:
+    """The poses of a file in any of the three formats, told by the number of columns. Raises LogError.
+
+    KITTI's twelve numbers have no stamps: they are in `times.txt` beside the file, or in front of the twelve.
+    """
+    rows = read_table(path, "poses")
+    if not rows:
+        raise LogError(f"{path} holds no pose")
+    columns = len(rows[0][1])
+    if columns == 8 and "," not in read_text(path, "poses"):
+        return read_tum(path)
+    if columns >= 8 and columns not in (12, 13):
+        return read_euroc(path)
+    if columns == 13:
+        stamps = [stamp_ns(cells[0], f"{path}, line {n}") for n, cells in rows]
+        return _trajectory(path, stamps, _matrices(path, [(n, cells[1:]) for n, cells in rows]))
+    if columns == 12:
+        times = path.parent / "times.txt"
+        if not times.is_file():
+            raise LogError(f"{path} has no stamps: put one in front of each line, or a file {times.name} beside it")
+        poses = read_kitti(path)
+        stamps = read_times(times)
+        if len(poses) > len(stamps):
+            raise LogError(f"{path} has {len(poses)} poses for {len(stamps)} times in {times}")
+        return _trajectory(path, stamps[: len(poses)], poses)
+    raise LogError(
+        f"{path}: a line has {columns} columns; supported are TUM (8), EuRoC's CSV (8 or more, the quaternion's w "
+        "first) and KITTI (12, or 13 with the stamp)"
+    )
+
+
+def read_tum(path: Path) -> Trajectory:
+    """A TUM file; stamps come back to the nanosecond. Raises LogError naming the line."""
+    return _with_quaternions(path, (4, 5, 6, 7), "`t x y z qx qy qz qw`")
+
+
+def read_euroc(path: Path) -> Trajectory:
+    """A table of EuRoC: stamp, position, quaternion with w first; the body in the world. Raises LogError."""
+    return _with_quaternions(path, (5, 6, 7, 4), "a stamp, a position and a quaternion (w, x, y, z)")
+
+
+def read_kitti(path: Path) -> Array:
+    """The poses (n, 4, 4) of a file of KITTI, which has no stamps. Raises LogError."""
+    return _matrices(path, read_table(path, "poses"))
+
+
+def read_times(path: Path) -> list[int]:
+    """The stamps of a file with one per line, ascending. Raises LogError."""
+    stamps = [stamp_ns(cells[0], f"{path}, line {n}") for n, cells in read_table(path, "times")]
+    check_ascending(stamps, path)
+    return stamps
+
+
+def _with_quaternions(path: Path, columns: tuple[int, int, int, int], form: str) -> Trajectory:
+    """`columns`: of x, y, z, w."""
+    stamps: list[int] = []
+    poses: list[Array] = []
+    for number, cells in read_table(path, "poses"):
+        try:
+            values = np.array([float(cell) for cell in cells[:8]])
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != 8 or not np.isfinite(values).all():
+            raise LogError(f"{path}, line {number} is not {form}")
+        quaternion = values[list(columns)]
+        if not _UNIT_NORMS[0] < np.linalg.norm(quaternion) < _UNIT_NORMS[1]:
+            raise LogError(f"{path}, line {number}: the quaternion {quaternion.tolist()} is not of length 1")
+        stamps.append(stamp_ns(cells[0], f"{path}, line {number}"))
+        poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quaternion), values[1:4]))
+    return _trajectory(path, stamps, np.array(poses).reshape(-1, 4, 4))
+
+
+def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
+    if not rows:
+        raise LogError(f"{path} holds no pose")
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    for pose, (number, cells) in zip(poses, rows, strict=True):
+        try:
+            values = np.array([float(cell) for cell in cells])
+        except ValueError:
+            values = np.empty(0)
+        if values.shape != (12,) or not np.isfinite(values).all():
+            raise LogError(f"{path}, line {number} does not have 12 numbers: {' '.join(cells)[:60]!r}")
+        pose[:3] = values.reshape(3, 4)
+    rotations = poses[:, :3, :3]
+    if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
+        raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
+    return np.asarray(se3.orthonormalise(poses))
+
+
+def _trajectory(path: Path, stamps: list[int], poses: Array) -> Trajectory:
+    check_ascending(stamps, path)
+    return Trajectory(np.array(stamps, dtype=np.int64), poses)

@@ -1,0 +1,110 @@
+"""Encodes the messages of the log profile (docs/log-profile.md): Foxglove protobuf, image bytes unchanged."""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from ..camera.models import Camera
+from ..camera.rectification import Rectifier
+from ..camera.rig import StereoRig
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .source import Channel, Message
+
+_SIDES = ("left", "right")
+_FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
+_CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that a part of the log can be read alone
+_MODELS = {  # the names of Foxglove's CameraCalibration
+    "none": "plumb_bob",
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "kannala_brandt",
+}
+
+
+class ProfileEncoder:
+    """Encodes one log; `rig` is None where the calibration is not known."""
+
+    def __init__(self, rig: StereoRig | None) -> None:
+        self.images = tuple(_channel(f"/camera/{side}/image", CompressedImage) for side in _SIDES)
+        self.calibrations = tuple(_channel(f"/camera/{side}/calibration", CameraCalibration) for side in _SIDES)
+        self.poses = _channel("/ground_truth/pose", PoseInFrame)
+        self._rig = rig
+        self._messages = None if rig is None else calibration_messages(rig)
+        self._last_calibration_ns: list[int | None] = [None, None]
+
+    def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> Message:
+        """One image of `side` (0 left, 1 right), `encoding` png, jpeg or webp."""
+        message = CompressedImage(frame_id=_FRAME_IDS[side], format=encoding, data=data)
+        return _encoded(self.images[side], message, stamp_ns)
+
+    def due_calibration(self, side: int, stamp_ns: int) -> Iterator[Message]:
+        """Yield the calibration of `side` where it is due before an image of this stamp."""
+        last_ns = self._last_calibration_ns[side]
+        if self._messages is not None and (last_ns is None or stamp_ns - last_ns >= _CALIBRATION_PERIOD_NS):
+            self._last_calibration_ns[side] = stamp_ns
+            yield _encoded(self.calibrations[side], self._messages[side], stamp_ns)
+
+    def pose(self, stamp_ns: int, world_from_cam: Array) -> Message:
+        """One pose (4, 4) of ground truth: the physical left camera in the world, metres."""
+        message = PoseInFrame(frame_id="world")
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = world_from_cam[:3, 3]
+        q.x, q.y, q.z, q.w = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
+        return _encoded(self.poses, message, stamp_ns)
+
+
+def calibration_messages(rig: StereoRig) -> tuple[CameraCalibration, CameraCalibration]:
+    """K, D, R, P of both cameras in the ROS sense; a reader gets the rig back from them.
+
+    A pair that is rectified already (parallel, undistorted, one K) keeps R = 1 and P = K.
+    """
+    pose, k = rig.right_from_left, rig.left.K
+    parallel = np.array_equal(pose[:3, :3], np.eye(3)) and not pose[1:3, 3].any() and pose[0, 3] < 0
+    if parallel and np.array_equal(k, rig.right.K) and not any((*rig.left.D, *rig.right.D)):
+        left_p, right_p = (np.c_[k, [x, 0, 0]] for x in (0.0, k[0, 0] * pose[0, 3]))
+        return _calibration(0, rig.left, np.eye(3), left_p), _calibration(1, rig.right, np.eye(3), right_p)
+    rectifier = Rectifier(rig)
+    p, r = rectifier.projection, rectifier.rect_from_cam
+    left_p, right_p = (
+        np.array([[p.f_px, 0, cx, tx], [0, p.f_px, p.cy_px, 0], [0, 0, 1, 0]])
+        for cx, tx in ((p.cx_left_px, 0.0), (p.cx_right_px, -p.f_px * p.baseline_m))
+    )
+    return _calibration(0, rig.left, r, left_p), _calibration(1, rig.right, r @ pose[:3, :3].T, right_p)
+
+
+def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) -> CameraCalibration:
+    return CameraCalibration(
+        frame_id=_FRAME_IDS[side],
+        width=camera.width,
+        height=camera.height,
+        distortion_model=_MODELS[camera.distortion_model],
+        D=camera.D if any(camera.D) else (0.0,) * 5,
+        K=camera.K.ravel().tolist(),
+        R=rotation.ravel().tolist(),
+        P=projection.ravel().tolist(),
+    )
+
+
+def _channel(topic: str, kind: Any) -> Channel:
+    return Channel(
+        topic, MessageEncoding.Protobuf, kind.DESCRIPTOR.full_name, SchemaEncoding.Protobuf, _definition(kind)
+    )
+
+
+@lru_cache
+def _definition(kind: Any) -> bytes:
+    definition: bytes = build_file_descriptor_set(kind).SerializeToString()
+    return definition
+
+
+def _encoded(channel: Channel, message: Any, stamp_ns: int) -> Message:
+    message.timestamp.FromNanoseconds(stamp_ns)
+    return Message(channel, stamp_ns, message.SerializeToString())

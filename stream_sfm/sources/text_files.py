@@ -1,0 +1,51 @@
+"""Text files of data sets: tables, stamps in seconds or nanoseconds, with errors that name file and line."""
+
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
+from pathlib import Path
+
+from ..errors import LogError
+
+_NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
+
+
+def read_text(path: Path, what: str) -> str:
+    """The content of a text file; `what` names it in errors. Raises LogError."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise LogError(f"cannot read {what} {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise LogError(f"{what} {path} is not a text file") from None
+
+
+def read_table(path: Path, what: str) -> list[tuple[int, list[str]]]:
+    """The number of each line and its cells, separated by commas or white space; lines with `#` are left out."""
+    rows = []
+    for number, line in enumerate(read_text(path, what).splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            cells = line.split(",") if "," in line else line.split()
+            rows.append((number, [cell.strip() for cell in cells]))
+    return rows
+
+
+def stamp_ns(text: str, where: str) -> int:
+    """A time in nanoseconds: decimal seconds, exactly, or a whole number of nanoseconds. Raises LogError."""
+    if text.isdecimal() and len(text) >= _NANOSECOND_DIGITS:
+        return int(text)
+    try:
+        return round(Decimal(text) * 1_000_000_000)
+    except (InvalidOperation, ValueError, OverflowError):
+        raise LogError(f"{where}: {text!r} is not a time in seconds or whole nanoseconds") from None
+
+
+def check_ascending(stamps_ns: Sequence[int], where: str | Path) -> None:
+    """Raise LogError naming the first entry where time does not advance, or is negative."""
+    if stamps_ns and stamps_ns[0] < 0:
+        raise LogError(f"{where}: the first stamp is negative ({stamps_ns[0]} ns)")
+    for number, (a, b) in enumerate(pairwise(stamps_ns), start=2):
+        if b <= a:
+            raise LogError(
+                f"{where}: entry {number} ({b} ns) is not later than the one before it: sort the entries"
+            )

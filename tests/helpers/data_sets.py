@@ -1,0 +1,100 @@
+"""Small recordings laid out like KITTI's, EuRoC's, and like people's own folders of images."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
+from stream_sfm.geometry import se3
+
+RNG = np.random.default_rng(5)
+WIDTH, HEIGHT = 64, 48
+K = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
+EUROC_STAMPS_NS = [1403636579763555584 + n * 50_000_000 for n in range(3)]
+RIGHT_FROM_LEFT = se3.exp([-0.11, 0.001, 0.002, 0.01, -0.02, 0.005])
+BODY_FROM_LEFT = se3.exp([0.02, -0.06, 0.01, 0.1, 0.2, 1.5])
+
+
+def camera_pair(right_from_left: np.ndarray | None = None) -> StereoRig:
+    """A rig of two cameras without distortion, of the size of the images here."""
+    pose = se3.exp([-0.2, 0, 0, 0, 0.05, 0]) if right_from_left is None else right_from_left
+    return StereoRig(Camera(WIDTH, HEIGHT, K), Camera(WIDTH, HEIGHT, K), pose)
+
+
+def write_picture(path: Path, suffix: str = ".png") -> Path:
+    """An image of noise."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    grey = RNG.integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
+    path.write_bytes(cv2.imencode(suffix, grey)[1].tobytes())
+    return path
+
+
+def write_image_folders(folder: Path, names: Sequence[str]) -> None:
+    """Images of these names in `left` and `right`."""
+    for side in ("left", "right"):
+        for name in names:
+            write_picture(folder / side / name)
+
+
+def write_kitti(
+    folder: Path,
+    images: tuple[str, str] = ("image_0", "image_1"),
+    offsets: Sequence[Sequence[float]] = ((0, 0, 0), (-0.54, 0, 0)),
+) -> np.ndarray:
+    """A sequence of three frames; returns the poses of camera 0."""
+    k = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
+    first = int(images[0][-1])
+    text = "".join(
+        f"P{first + i}: " + " ".join(repr(float(x)) for x in (k @ np.c_[np.eye(3), o]).ravel()) + "\n"
+        for i, o in enumerate(offsets)
+    )
+    folder.mkdir(parents=True)
+    (folder / "calib.txt").write_text(text)
+    (folder / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072869e-01\n")
+    for name in images:
+        for n in range(3):
+            write_picture(folder / name / f"{n:06d}.png")
+    poses = se3.exp(RNG.normal(size=(3, 6)) * 0.2)
+    poses[0] = np.eye(4)
+    (folder / "poses.txt").write_text(
+        "".join(" ".join(repr(float(x)) for x in p[:3].ravel()) + "\n" for p in poses)
+    )
+    return poses
+
+
+def write_euroc(folder: Path, right_frames: int = 2) -> np.ndarray:
+    """A recording of three left and so many right images; returns the four poses of the body."""
+    mav = folder / "mav0"
+    body_from_right = BODY_FROM_LEFT @ se3.inverse(RIGHT_FROM_LEFT)
+    for name, pose in (("cam0", BODY_FROM_LEFT), ("cam1", body_from_right)):
+        _write_sensor(mav / name, pose)
+        kept = EUROC_STAMPS_NS if name == "cam0" else EUROC_STAMPS_NS[:right_frames]
+        table = "".join(f"{s},{s}.png\r\n" for s in kept)
+        (mav / name / "data.csv").write_text("#timestamp [ns],filename\r\n" + table, newline="")
+        for s in kept:
+            write_picture(mav / name / "data" / f"{s}.png")
+    world_from_body = se3.exp(RNG.normal(size=(4, 6)))
+    quats = se3.quat_xyzw_from_matrix(world_from_body[:, :3, :3])
+    stamps = [EUROC_STAMPS_NS[0] - 5, *EUROC_STAMPS_NS]
+    rows = [
+        ",".join(map(repr, [s, *p.tolist(), q[3].item(), *q[:3].tolist(), 0.1, 0.0, 0.0]))
+        for s, p, q in zip(stamps, world_from_body[:, :3, 3], quats, strict=True)
+    ]
+    (mav / "state_groundtruth_estimate0").mkdir()
+    (mav / "state_groundtruth_estimate0" / "data.csv").write_text("#timestamp,...\n" + "\n".join(rows))
+    return world_from_body
+
+
+def _write_sensor(folder: Path, body_from_cam: np.ndarray) -> None:
+    folder.mkdir(parents=True)
+    rows = ",\n         ".join(", ".join(repr(float(x)) for x in r) for r in body_from_cam)
+    (folder / "sensor.yaml").write_text(
+        "# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam (MT9M034)\n\n"
+        f"# Sensor extrinsics wrt. the body-frame.\nT_BS:\n  cols: 4\n  rows: 4\n  data: [{rows}]\n\n"
+        "rate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\nintrinsics: [60.1, 60.2, 31.5, 23.5] #fu fv\n"
+        "distortion_model: radial-tangential\n"
+        "distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]\n"
+    )

@@ -1,0 +1,105 @@
+"""Data-set folders and folders of images open as they lie on disk, with the frames that an import of them has."""
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.geometry import se3
+from stream_sfm.importers import import_euroc, import_images, import_kitti
+from stream_sfm.inspection import inspect_log
+from tests.helpers.data_sets import camera_pair, write_euroc, write_image_folders, write_kitti
+
+
+def check_same(folder, imported):
+    log, other = sfm.open_log(folder), sfm.open_log(imported)
+    frames, expected = list(log.frames()), list(other.frames())
+    assert [f.stamp_ns for f in frames] == [f.stamp_ns for f in expected] and len(frames) > 1
+    for frame, one in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(frame.left, one.left)
+        np.testing.assert_array_equal(frame.right, one.right)
+    np.testing.assert_array_equal(log.rig.right_from_left, other.rig.right_from_left)
+    assert log.stats.complete and log.expected_frames == log.stats.left_read
+    return log, other
+
+
+@pytest.mark.parametrize("images", [("image_0", "image_1"), ("image_2", "image_3")])
+def test_a_kitti_sequence(tmp_path, images):
+    write_kitti(tmp_path / "00", images)
+    import_kitti(tmp_path / "00", tmp_path / "00.mcap")
+    log, other = check_same(tmp_path / "00", tmp_path / "00.mcap")
+    np.testing.assert_array_equal(log.ground_truth().world_from_cam, other.ground_truth().world_from_cam)
+    assert inspect_log(tmp_path / "00")["format"] == "KITTI odometry"
+
+
+def test_an_euroc_recording(tmp_path):
+    write_euroc(tmp_path / "MH")
+    import_euroc(tmp_path / "MH", tmp_path / "mh.mcap")
+    for folder in (tmp_path / "MH", tmp_path / "MH" / "mav0"):
+        log, other = check_same(folder, tmp_path / "mh.mcap")
+        np.testing.assert_array_equal(log.ground_truth().world_from_cam, other.ground_truth().world_from_cam)
+
+
+def test_folders_of_images_with_a_calibration_and_stamps_beside_them(tmp_path):
+    rig = camera_pair()
+    write_image_folders(tmp_path, [f"{n:03d}.png" for n in (1, 2, 3)])
+    (tmp_path / "rig.toml").write_text(rig.to_toml())
+    (tmp_path / "times.txt").write_text("100.0\n100.05\n100.1\n")
+    import_images(
+        str(tmp_path / "left"),
+        str(tmp_path / "right"),
+        tmp_path / "rig.toml",
+        tmp_path / "o.mcap",
+        tmp_path / "times.txt",
+    )
+    log, _ = check_same(tmp_path, tmp_path / "o.mcap")
+    assert [p.stamp_ns for p in log.pairs()] == [100_000_000_000, 100_050_000_000, 100_100_000_000]
+
+
+@pytest.mark.parametrize(
+    ("names", "stamps_ns"),
+    [
+        (("1403636579763555584", "1403636579813555456"), (1403636579763555584, 1403636579813555456)),
+        (("1403636579.763555584", "1403636579.813555456"), (1403636579763555584, 1403636579813555456)),
+        (("1403636579763555", "1403636579813555"), (1403636579763555000, 1403636579813555000)),
+        (("1403636579763", "1403636579813"), (1403636579763000000, 1403636579813000000)),
+        (("000001", "000002"), (0, 100_000_000)),
+    ],
+)
+def test_names_that_are_times_are_the_stamps(tmp_path, names, stamps_ns):
+    write_image_folders(tmp_path, [f"{name}.png" for name in names])
+    log = sfm.open_log(tmp_path, calibration=camera_pair())
+    assert tuple(f.stamp_ns for f in log.frames()) == stamps_ns
+    assert [w for w in log.stats.warnings if "no stamps" in w] == (
+        ["no stamps and no rate were given: frames are put 0.1 s apart"] if stamps_ns[0] == 0 else []
+    )
+
+
+def test_folders_of_images_without_a_calibration_ask_for_it(tmp_path):
+    write_image_folders(tmp_path, ["1.png", "2.png"])
+    with pytest.raises(sfm.LogError, match="has no calibration for topic /camera/left/image") as caught:
+        sfm.open_log(tmp_path)
+    assert caught.value.hint == ("calibration",)
+
+
+def test_a_damaged_image_costs_its_frame_where_the_folder_is_read(tmp_path):
+    write_kitti(tmp_path / "00")
+    (tmp_path / "00/image_1/000001.png").write_bytes(b"no image")
+    log = sfm.open_log(tmp_path / "00")
+    assert len(list(log.frames())) == 2 and not log.stats.complete
+    assert any("000001.png is not a PNG" in w for w in log.stats.warnings)
+
+
+def test_the_missing_calibration_of_a_data_set_is_named(tmp_path):
+    write_euroc(tmp_path / "MH")
+    (tmp_path / "MH/mav0/cam1/sensor.yaml").unlink()
+    with pytest.raises(sfm.ConfigError, match=r"cannot read calibration .*cam1/sensor\.yaml"):
+        sfm.open_log(tmp_path / "MH")
+
+
+def test_the_right_camera_is_where_the_calibration_puts_it(tmp_path):
+    write_image_folders(tmp_path, ["1.png", "2.png"])
+    rig = camera_pair(se3.exp([0.2, 0, 0, 0, 0, 0]))
+    (tmp_path / "rig.toml").write_text(rig.to_toml())
+    with pytest.raises(sfm.ConfigError, match="to the left of the left one") as caught:
+        sfm.open_log(tmp_path)
+    assert str(tmp_path) in str(caught.value)
