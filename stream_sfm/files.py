@@ -1,5 +1,6 @@
 """Files that get their name only when they are complete, and JSON as every file of the package holds it."""
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,6 +10,7 @@ from typing import IO, Any
 import msgspec
 
 from .errors import OutputError
+from .outputs import try_lock
 
 
 class PartFile:
@@ -16,7 +18,8 @@ class PartFile:
 
     If the process is killed, what was flushed is left under the temporary name. Raises OutputError naming the file if
     the disk refuses; the file then takes no more data and keeps its temporary name, so that a file under its final
-    name never has a gap.
+    name never has a gap. The temporary file is always a new one: what an ended run has left there is removed, a link
+    is not followed, and where another run is writing it, an OutputError says so.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -24,7 +27,7 @@ class PartFile:
         self.part_path = self.path.with_name(self.path.name + ".part")
         self._failure: OutputError | None = None
         try:
-            self._file: IO[bytes] = open(self.part_path, "wb")  # noqa: SIM115
+            self._file: IO[bytes] = _create(self.part_path)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
 
@@ -49,11 +52,16 @@ class PartFile:
         try:
             with self._or_fail():
                 self._file.flush()
+                self._check_it_is_ours()
+                os.replace(self.part_path, self.path)
         finally:
             with suppress(OSError):  # a second failure to flush the same bytes
                 self._file.close()
-        with self._or_fail():
-            os.replace(self.part_path, self.path)
+
+    def _check_it_is_ours(self) -> None:
+        ours, found = os.fstat(self._file.fileno()), os.lstat(self.part_path)
+        if (ours.st_dev, ours.st_ino) != (found.st_dev, found.st_ino):
+            raise OSError(errno.ESTALE, f"{self.part_path} was replaced by another process")
 
     @contextmanager
     def _or_fail(self) -> Iterator[None]:
@@ -66,6 +74,30 @@ class PartFile:
                 f"cannot write {self.path}: {error.strerror}; what was written before is in {self.part_path}"
             )
             raise self._failure from None
+
+
+def _create(path: Path) -> IO[bytes]:
+    """A new file, locked while it is open."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+    try:
+        descriptor = os.open(path, flags, 0o666)
+    except FileExistsError:
+        _remove_left_over(path)
+        descriptor = os.open(path, flags, 0o666)
+    try_lock(descriptor)
+    return os.fdopen(descriptor, "wb")
+
+
+def _remove_left_over(path: Path) -> None:
+    """Remove what stands in the way of a temporary file, unless it is being written."""
+    if not path.is_symlink() and path.is_file():
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            if not try_lock(descriptor):
+                raise OSError(errno.EBUSY, f"another run is writing {path}")
+        finally:
+            os.close(descriptor)
+    path.unlink()
 
 
 def write_whole(path: str | Path, *parts: bytes) -> None:

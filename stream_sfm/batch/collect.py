@@ -1,6 +1,7 @@
 """Run the jobs of all logs on an executor, and collect their results in batch.json and one page."""
 
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -15,13 +16,14 @@ from ..errors import ConfigError, OutputError
 from ..estimators import METHODS
 from ..files import json_bytes, write_whole
 from ..interrupts import deferred_interrupts
+from ..outputs import only_writer, refuse_overwriting
 from ..report.batch_page import render_batch
 from ..wording import unknown_name
-from .job import Job, JobResult, read_summary, run_job
+from .job import FILES, Job, JobResult, read_summary, run_job
 from .logs import names_for
 
 SCHEMA_VERSION = 1
-RECORD, PAGE, STOP = "batch.json", "report.html", "stop"
+RECORD, PAGE = "batch.json", "report.html"
 _POLL_S = 0.2  # how soon a Ctrl-C is passed on to the jobs
 
 
@@ -46,26 +48,35 @@ def run_batch(
     if config.method not in METHODS:
         raise ConfigError(unknown_name("method", config.method, METHODS))
     out = out.resolve()
-    stop = out / STOP
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        stop.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write to {out}: {error.strerror}") from None
-    started_s = time.monotonic()
+    stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml = config_to_toml(config)
     jobs = [
         Job(name, log, out / name, toml, tuple(options), calibration, timeout_s, stop)
-        for log, name in names_for(logs, reserved=(RECORD, PAGE, STOP)).items()
+        for log, name in names_for(logs, reserved=(RECORD, PAGE)).items()
     ]
+    outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
+    refuse_overwriting(outputs, [*logs, *([calibration] if calibration else [])])
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {out}: {error.strerror}") from None
+    with only_writer(out):
+        known = {"method": config.method, "configuration": toml, "options": list(options)}
+        return _run_and_record(out, jobs, known, executor, on_done)
+
+
+def _run_and_record(
+    out: Path,
+    jobs: Sequence[Job],
+    known: dict[str, Any],
+    executor: Executor,
+    on_done: Callable[[JobResult], None] | None,
+) -> dict[str, Any]:
+    """Run all jobs, and write batch.json, with what is `known` of the batch, and the page."""
+    started_s = time.monotonic()
     results, interrupted = _run_jobs(executor, jobs, on_done)
-    content = _content(jobs, results) | {
-        "method": config.method,
-        "interrupted": interrupted,
-        "wall_s": time.monotonic() - started_s,
-        "configuration": toml,
-        "options": list(options),
-    }
+    ended = {"interrupted": interrupted, "wall_s": time.monotonic() - started_s}
+    content = _content(jobs, results) | known | ended
     write_whole(out / RECORD, json_bytes(content))
     write_whole(out / PAGE, render_batch(content, out).encode())
     return content

@@ -18,12 +18,13 @@ from typing import Any, Literal
 import msgspec
 
 from .. import __version__
-from ..errors import ExitCode
+from ..errors import ExitCode, OutputError
 from ..executors import ONE_THREAD
 from ..files import json_bytes, write_whole
+from ..outputs import RESULTS, only_writer
 
-RESULTS = ("estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml")
 _RECORD, _STDERR = "job.json", "stderr.txt"
+FILES = (*RESULTS, _RECORD, _STDERR)  # what a job writes to its folder
 _ERROR_PREFIX = "stream-sfm: "  # how the command line begins the line that states an error
 JobStatus = Literal["done", "incomplete", "failed", "interrupted"]
 _POLL_S = 0.2
@@ -81,13 +82,20 @@ def run_job(job: Job) -> JobResult:
             if previous.log_sha256 != log_sha256 and previous.log != str(job.log):
                 reason = f"{job.folder} holds the results of another log, {previous.log}: choose another folder"
                 return _result(job, "failed", reason)
+        if previous is None and (foreign := [name for name in RESULTS if os.path.lexists(job.folder / name)]):
+            reason = f"{job.folder} holds files that no batch wrote ({', '.join(foreign)}): choose another folder"
+            return _result(job, "failed", reason)
         _clear(job.folder)
+        # Written first: what an ended batch leaves behind is known as ours by it.
+        write_whole(job.folder / _RECORD, json_bytes(_result(job, "interrupted", "not finished")))
         status, reason = _replay(job)
         seconds = time.monotonic() - started_s
         result = _result(job, status, reason, seconds=seconds, log_sha256=log_sha256, key=key)
         write_whole(job.folder / _RECORD, json_bytes(result))
     except OSError as error:
         return _result(job, "failed", f"{error.filename or job.log}: {error.strerror}")
+    except OutputError as error:
+        return _result(job, "failed", str(error))
     return result
 
 
@@ -123,9 +131,10 @@ def _previous(folder: Path) -> JobResult | None:
 def _clear(folder: Path) -> None:
     """Remove the results of an earlier attempt, so that none is taken for one of this; keep all other files."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (*RESULTS, _RECORD, _STDERR):
-        (folder / name).unlink(missing_ok=True)
-        (folder / f"{name}.part").unlink(missing_ok=True)
+    with only_writer(folder):
+        for name in FILES:
+            (folder / name).unlink(missing_ok=True)
+            (folder / f"{name}.part").unlink(missing_ok=True)
 
 
 def _replay(job: Job) -> tuple[JobStatus, str]:

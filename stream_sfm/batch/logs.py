@@ -44,12 +44,13 @@ def _logs_below(folder: Path) -> Iterator[Path]:
 def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Path, str]:
     """A unique name for each log: its file name without the suffix, after as many parent folders as needed.
 
-    `logs` as `find_logs` returns them. Upper and lower case count as equal, as in some file systems; names that are
+    `logs` as `find_logs` returns them. Each is a plain name: no dots in front, so that it cannot be `..` and is not
+    hidden, and no control characters. Upper and lower case count as equal, as in some file systems; names that are
     still equal get a number.
     """
     depths = dict(logs)
     while True:
-        names = {log: "-".join((*log.parts[-depth:-1], log.stem)) for log, depth in depths.items()}
+        names = {log: _plain("-".join((*log.parts[-depth:-1], log.stem))) for log, depth in depths.items()}
         counts = Counter(name.casefold() for name in names.values())
         clashing = [log for log in logs if counts[names[log].casefold()] > 1 and depths[log] < len(log.parts) - 1]
         if not clashing:
@@ -58,6 +59,10 @@ def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Pa
             depths[log] += 1
     taken = {name.casefold() for name in reserved}
     return {log: _unused(name, taken) for log, name in names.items()}
+
+
+def _plain(name: str) -> str:
+    return "".join(c if c.isprintable() else "_" for c in name).lstrip(".") or "log"
 
 
 def _unused(name: str, taken: set[str]) -> str:

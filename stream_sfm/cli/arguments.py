@@ -4,6 +4,7 @@ import argparse
 import math
 import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -133,6 +134,14 @@ def read_settings(args: argparse.Namespace, further: Sequence[str] = ()) -> "Con
 
     method = [f'method="{args.method}"'] if getattr(args, "method", None) else []
     return read_config(args.config, [*args.set, *method, *further])
+
+
+def protect_inputs(args: argparse.Namespace, outputs: Sequence[str | Path | None]) -> None:
+    """Raise an OutputError where one of the outputs is the log, the calibration or the settings (None: no output)."""
+    from ..outputs import refuse_overwriting
+
+    named = (getattr(args, name, None) for name in ("log", "calibration", "config"))
+    refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in named if path])
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -73,18 +73,20 @@ def run(args: argparse.Namespace) -> int:
 def _compare(
     log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
 ) -> "ComparisonResult":
-    from ..comparison.compare import compare
+    from ..comparison.compare import compare, outputs
     from ..inspection import inspect_log
     from .progress import frame_progress
 
     names = (name.strip() for name in (args.methods or DEFAULT_METHODS).split(","))
+    methods = tuple(dict.fromkeys(name for name in names if name))
+    arguments.protect_inputs(args, outputs(folder, methods))
     with frame_progress("compare", selection.count(log.expected_frames), args.quiet) as progress:
         return compare(
             log,
             folder,
             config,
             selection,
-            methods=tuple(dict.fromkeys(name for name in names if name)),
+            methods=methods,
             there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
             inspection=inspect_log(args.log, args.left, args.right, args.calibration),
             sinks=[progress],

@@ -52,12 +52,13 @@ def run(args: argparse.Namespace) -> int:
     """Replay, print, and return whether the log was read to its end."""
     from ..pipeline.replay import ReplayInterrupted
     from ..recording import open_log
-    from ..results.folder import new_run_folder, point_latest_to
+    from ..results.folder import changed_results, new_run_folder, point_latest_to
 
     config = arguments.read_settings(args, ["mono=true"] if args.mono else [])
     selection = arguments.read_selection(args)
-    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
+    arguments.protect_inputs(args, [args.rrd, *changed_results(folder, config)])
+    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono)
     interrupted = False
     try:
         result = _replay(log, folder, config, selection, args)

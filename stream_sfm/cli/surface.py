@@ -105,6 +105,7 @@ def _check_files(args: argparse.Namespace) -> None:
             raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
         if not os.access(path.parent, os.W_OK):
             raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
+    arguments.protect_inputs(args, [args.out, args.preview, args.rrd])
 
 
 def _write(surface: "Surface", args: argparse.Namespace) -> None:

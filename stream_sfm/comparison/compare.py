@@ -14,13 +14,14 @@ from ..errors import ConfigError, FrameError, InputError
 from ..estimators import METHODS
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observer
+from ..outputs import RESULTS, refuse_overwriting
 from ..pipeline.statistics import Stopwatch
 from ..pipeline.structure import TrueDepth
 from ..pipeline.there_and_back import TOO_MANY, KeptFrames
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..report.numbers import numbers
-from ..report.page import write_report
-from ..report.records import Comparison
+from ..report.page import REPORT, write_report
+from ..report.records import Comparison, MethodRun
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink, Trajectory
 from ..wording import unknown_name
@@ -73,6 +74,8 @@ def compare(
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
     folder = None if out_dir is None else Path(out_dir)
+    if folder is not None:
+        refuse_overwriting(outputs(folder, methods), [log.path])
     run = _Run(log, config, methods, selection or Selection(), folder, sinks)
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
@@ -86,6 +89,12 @@ def compare(
     for method in run.methods:
         method.write_summary(log, run.selection, comparison)
     return ComparisonResult(write_report(comparison, folder), folder, comparison)
+
+
+def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
+    """All files that a comparison writes."""
+    results = [folder / MethodRun(method).key / name for method in methods for name in RESULTS]
+    return [*results, *(folder / name for name in REPORT)]
 
 
 class _Run:

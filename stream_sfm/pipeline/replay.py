@@ -16,6 +16,7 @@ from ..engine import Engine
 from ..errors import FrameError, InputError, LogError
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
+from ..outputs import RESULTS, refuse_overwriting
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..results.folder import ResultFolder, close_all
 from ..types import Selection, Sink, Trajectory
@@ -69,6 +70,8 @@ def replay(
     config = config or Config()
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
+    if out_dir is not None:
+        refuse_overwriting([Path(out_dir) / name for name in RESULTS], [log.path])
     run = _Run(log, config, selection or Selection(), None if out_dir is None else Path(out_dir), sinks)
     frames = log.frames(run.selection)
     if there_and_back:

@@ -12,6 +12,8 @@ from .records import Comparison
 from .template import inline, template
 from .traces import trace
 
+REPORT = ("report.json", "report.html")  # the files of a report
+
 
 def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
     """Write report.html and report.json to a folder and return the content of report.json. Raises OutputError."""

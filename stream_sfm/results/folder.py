@@ -1,5 +1,6 @@
 """The folder that a replay writes its results to, and a comparison those of each method."""
 
+import os
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -10,6 +11,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import json_bytes, write_whole
+from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
 from .estimates_writer import EstimatesWriter
 from .trajectory_files import KittiWriter, TumWriter
@@ -21,13 +23,14 @@ class ResultFolder:
     """A sink that writes estimates.mcap, trajectory.tum, trajectory.kitti and config.toml, and at last summary.json.
 
     The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
-    behind. Raises OutputError naming the file.
+    behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
         self.path = Path(path)
         self._rig, self._config = rig, config
         self._files: list[Sink] = []
+        self._lock: int | None = None
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Append one frame to each file."""
@@ -39,21 +42,45 @@ class ResultFolder:
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write summary.json, if there was an estimate."""
         if self._files:
-            write_whole(self.path / "summary.json", json_bytes(summary))
+            with only_writer(self.path):
+                write_whole(self.path / "summary.json", json_bytes(summary))
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
-        close_all(self._files)
+        try:
+            close_all(self._files)
+        finally:
+            if self._lock is not None:
+                os.close(self._lock)
+                self._lock = None
 
     def _open(self) -> None:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder {self.path}: {error.strerror}") from None
-        write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
+        self._lock = lock_folder(self.path)
+        self._write_config()
         self._files.append(EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config))
         self._files.append(TumWriter(self.path / "trajectory.tum", UNIT_WITHOUT_SCALE if self._config.mono else ""))
         self._files.append(KittiWriter(self.path / "trajectory.kitti"))
+
+    def _write_config(self) -> None:
+        if self.path / "config.toml" in changed_results(self.path, self._config):
+            write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
+
+
+def changed_results(folder: Path, config: Config) -> list[Path]:
+    """The files that a run writes to a folder: all but a config.toml that already holds just this configuration.
+
+    It may be the file that the run was configured with, as where a run is repeated.
+    """
+    files = [folder / name for name in RESULTS]
+    with suppress(OSError):
+        known = folder / "config.toml"
+        if known.is_file() and known.read_bytes() == config_to_toml(config).encode():
+            files.remove(known)
+    return files
 
 
 def close_all(sinks: Iterable[Sink]) -> None:

@@ -1,0 +1,103 @@
+"""Where a run may write: never over its inputs, and into a folder that no other run writes to."""
+
+import fcntl
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import OutputError
+
+# What a result folder holds. A file of these names is written as `<name>.part` first.
+RESULTS = ("estimates.mcap", "trajectory.tum", "trajectory.kitti", "summary.json", "config.toml")
+_FileId = tuple[int, int]  # device and inode: equal for all names and links of a file
+
+
+def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise an OutputError where an output, or the temporary file it is written to, is one of the inputs.
+
+    Files are compared by inode, so that links do not matter; of a folder, every file in it and below is an input,
+    except in folders of results. An output that exists must be a regular file, since anything else is not replaced
+    but written to.
+    """
+    existing = [(path, found) for output in outputs for path in _names(output) if (found := _stat(path))]
+    for path, found in existing:
+        if not stat.S_ISREG(found.st_mode):
+            kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
+            raise OutputError(f"cannot write {path}: it is {kind}; choose another name")
+    if not existing:
+        return
+    known = {file: given for given in inputs for file in _files(given)}
+    for path, found in existing:
+        if (given := known.get((found.st_dev, found.st_ino))) is not None:
+            raise OutputError(
+                f"cannot write {path}: it is an input of this run, {given}; write somewhere else, nothing was changed"
+            )
+
+
+def _names(output: Path) -> tuple[Path, Path]:
+    return output, output.with_name(output.name + ".part")
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except (OSError, ValueError):  # there is none; what else is wrong is found when it is opened
+        return None
+
+
+def _files(given: Path) -> Iterator[_FileId]:
+    """The files that an input stands for."""
+    found = _stat(given)
+    if found is None:
+        return
+    if not stat.S_ISDIR(found.st_mode):
+        yield found.st_dev, found.st_ino
+        return
+    for folder, folders, names in os.walk(given):
+        if Path(folder) != given and "summary.json" in names:  # results of an earlier run, which a new one replaces
+            folders.clear()
+            continue
+        for name in names:
+            if (file := _stat(Path(folder, name))) is not None:
+                yield file.st_dev, file.st_ino
+
+
+@contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Be the only run that writes to a folder, which exists. Raises OutputError where another one is at it.
+
+    The system forgets the lock with the process that holds it, however that ends. A file system without locks (some
+    network shares) gives no protection.
+    """
+    descriptor = lock_folder(folder)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def lock_folder(folder: Path) -> int:
+    """The lock of `only_writer` as a file descriptor: closing it gives the folder back."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
+    if not try_lock(descriptor):
+        os.close(descriptor)
+        raise OutputError(
+            f"cannot write to {folder}: another run is writing there; wait for its end or choose another folder"
+        )
+    return descriptor
+
+
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file or folder; False where another one holds the lock."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True

@@ -1,0 +1,224 @@
+"""No run harms a file that it reads, a file of the user, or the results of another run."""
+
+import fcntl
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.batch.logs import names_for
+from stream_sfm.cli.main import main
+from stream_sfm.files import PartFile, write_whole
+from stream_sfm.outputs import only_writer, refuse_overwriting
+from stream_sfm.results.folder import ResultFolder
+from tests.helpers.stereo_logs import write_log
+from tests.helpers.wall import Wall, camera_path, rig
+
+FAST = ("--method", "frame-to-frame", "-q")
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+ATTACKS = {
+    "replay, its recording for the viewer": ("a/estimates.mcap", "replay {log} --out {d}/new --rrd {log}"),
+    "replay, its results": ("a/estimates.mcap", "replay {log} --out {d}/a"),
+    "replay, its part": ("a/estimates.mcap.part", "replay {log} --out {d}/a"),
+    "compare, its results": ("a/frame_to_frame/estimates.mcap", "compare {log} --methods frame-to-frame --out {d}/a"),
+    "compare, its page": ("a/report.html", "compare {log} --out {d}/a"),
+    "batch, its results": ("estimates/estimates.mcap", "batch {log} --out {d}"),
+    "batch, its page": ("report.html", "batch {log} --out {d}"),
+    "surface, its mesh": ("x.ply", "surface {log} --out {log}"),
+    "surface, its picture": ("x.png", "surface {log} --out {d}/y.ply --preview {log}"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("through", ["itself", "a symbolic link", "a hard link"])
+def test_an_output_that_is_an_input_is_refused(
+    attack: str, through: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, command = ATTACKS[attack]
+    log = there = tmp_path / name
+    log.parent.mkdir(exist_ok=True, parents=True)
+    if through != "itself":
+        log = tmp_path / "log.mcap"
+        write_log(log)
+        there.symlink_to(log) if through == "a symbolic link" else os.link(log, there)
+    else:
+        write_log(log)
+    before = everything(tmp_path)
+    words = [word.format(log=there if "{d}" not in command else log, d=tmp_path) for word in command.split()]
+    if "--rrd" in words:
+        words[-1] = str(there)
+    if "batch" in words and "estimates/" in name:
+        words[1] = str(there)  # its name makes the folder
+    if "--preview" in words:
+        words[-1] = str(there)
+    assert main([*words, "-q"]) == 3
+    said = capsys.readouterr().err
+    assert "it is an input of this run" in said and "Traceback" not in said
+    assert everything(tmp_path) == before
+
+
+def test_settings_are_not_replaced_by_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
+    out.mkdir()
+    mine = out / "config.toml"
+    mine.write_text("# tuned for the tunnel\n[window]\nframes = 7\n")
+    assert main(["replay", str(log), "--out", str(out), "--config", str(mine), *FAST]) == 3
+    assert "config.toml: it is an input" in capsys.readouterr().err and "tunnel" in mine.read_text()
+    assert main(["replay", str(log), "--out", str(tmp_path / "b"), "--config", str(mine), *FAST]) == 0
+    again = [
+        "replay",
+        str(log),
+        "--out",
+        str(tmp_path / "b"),
+        "--config",
+        str(tmp_path / "b" / "config.toml"),
+        "-q",
+    ]
+    assert main(again) == 0  # the same settings: nothing of it is lost
+
+
+def test_the_library_refuses_too(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "estimates.mcap")
+    before = everything(tmp_path)
+    with pytest.raises(sfm.OutputError, match="it is an input"):
+        sfm.replay(log, tmp_path)
+    assert everything(tmp_path) == before
+
+
+def test_the_files_of_a_folder_are_inputs_but_not_results_in_it(tmp_path: Path) -> None:
+    for name in ("image_0/000.png", "out/summary.json", "out/estimates.mcap"):
+        write_whole_with_folder(tmp_path / name)
+    refuse_overwriting([tmp_path / "out/estimates.mcap", tmp_path / "new.ply"], [tmp_path])
+    with pytest.raises(sfm.OutputError, match=r"000\.png"):
+        refuse_overwriting([tmp_path / "image_0/000.png"], [tmp_path])
+
+
+def write_whole_with_folder(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, b"content")
+
+
+@pytest.mark.parametrize("kind", ["fifo", "folder"])
+def test_only_regular_files_are_replaced(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "there"
+    os.mkfifo(path) if kind == "fifo" else path.mkdir()
+    with pytest.raises(sfm.OutputError, match="there: it is"):
+        refuse_overwriting([path], [])
+
+
+def test_a_temporary_file_is_a_new_one(tmp_path: Path) -> None:
+    """A link that lies in its place was followed, and the file behind it written over."""
+    precious = tmp_path / "precious"
+    precious.write_bytes(b"years of work")
+    (tmp_path / "x.part").symlink_to(precious)
+    write_whole(tmp_path / "x", b"result")
+    os.link(precious, tmp_path / "y.part")
+    write_whole(tmp_path / "y", b"result")
+    assert precious.read_bytes() == b"years of work"
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == b"result"
+
+
+def test_a_temporary_file_has_one_writer(tmp_path: Path) -> None:
+    first = PartFile(tmp_path / "x")
+    first.write(b"first")
+    with pytest.raises(sfm.OutputError, match=r"another run is writing .*x\.part"):
+        PartFile(tmp_path / "x")
+    first.close()
+    write_whole(tmp_path / "x", b"second")
+    assert (tmp_path / "x").read_bytes() == b"second"
+
+
+def test_a_temporary_file_that_was_exchanged_is_not_taken(tmp_path: Path) -> None:
+    file = PartFile(tmp_path / "x")
+    (tmp_path / "x.part").unlink()
+    (tmp_path / "x.part").write_bytes(b"of somebody else")
+    with pytest.raises(sfm.OutputError, match="replaced by another process"):
+        file.close()
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_folder_has_one_writer(tmp_path: Path) -> None:
+    """Two at once left a fifth of the frames, and said that all was well."""
+    engine = sfm.Engine(rig())
+    frame = next(iter(Wall(5).frames(rig(), camera_path(1))))
+    estimate = engine.step(frame)
+    first, second = (ResultFolder(tmp_path, rig(), sfm.Config()) for _ in range(2))
+    first.write(estimate, frame)
+    with pytest.raises(sfm.OutputError, match=f"{tmp_path}: another run is writing there"):
+        second.write(estimate, frame)
+    second.close()
+    second.write_summary({})
+    first.close()
+    first.write_summary({"frames": 1})
+    assert len(sfm.read_trajectory(tmp_path / "estimates.mcap")) == 1
+    assert not list(tmp_path.glob("*.part"))
+    second.write(estimate, frame)  # the folder is free again
+    second.close()
+
+
+def test_a_process_that_dies_gives_its_folder_back(tmp_path: Path) -> None:
+    code = "import sys, time; from pathlib import Path; from stream_sfm.outputs import lock_folder\n"
+    code += "lock_folder(Path(sys.argv[1])); print('locked', flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.readline() == b"locked\n"
+        with pytest.raises(sfm.OutputError, match="another run"), only_writer(tmp_path):
+            pass
+        process.kill()
+    with only_writer(tmp_path):
+        pass
+
+
+def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with only_writer(tmp_path):
+        write_whole(tmp_path / "x", b"content")
+
+
+def test_a_batch_stays_in_its_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The stem of `...mcap` is `..`; results went beside the folder, over whatever was there."""
+    (tmp_path / "logs").mkdir()
+    log = write_log(tmp_path / "logs" / "...mcap")
+    (tmp_path / "config.toml").write_text("mine")
+    out = tmp_path / "out"
+    before = everything(tmp_path)
+    assert main(["batch", str(log), "--out", str(out), *FAST]) == 0, capsys.readouterr().err
+    after = everything(tmp_path)
+    assert {name: content for name, content in after.items() if not name.startswith("out/")} == before
+    assert (out / "log" / "estimates.mcap").exists()
+
+
+def test_names_are_plain() -> None:
+    odd = ("/l/...mcap", "/l/.hidden.mcap", "/l/a\nb.mcap", "/l/....mcap", "/l/\x1b[31m.mcap")
+    names = list(names_for({Path(log): 1 for log in odd}).values())
+    assert names == ["l-..", "hidden", "a_b", "l-...", "_[31m"]
+
+
+def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
+    (out / "log").mkdir(parents=True)
+    (out / "stop").write_text("mine")
+    (out / "log" / "config.toml").write_text("mine too")
+    assert main(["batch", str(log), "--out", str(out), *FAST]) == 3
+    assert "no batch wrote (config.toml)" in capsys.readouterr().err
+    assert (out / "stop").read_text() == "mine"
+    assert everything(out / "log") == {"config.toml": b"mine too"}
+
+
+def test_two_batches_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write_log(tmp_path / "log.mcap")
+    (tmp_path / "out").mkdir()
+    with only_writer(tmp_path / "out"):
+        assert main(["batch", str(log), "--out", str(tmp_path / "out"), *FAST]) == 3
+    assert "another run is writing there" in capsys.readouterr().err
+    assert not list((tmp_path / "out").iterdir())
