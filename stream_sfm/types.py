@@ -45,7 +45,7 @@ class StereoFrame:
         return self.left, self.right
 
     def __repr__(self) -> str:
-        return f"<StereoFrame at {self.stamp_ns} ns, {_size(self.left)} and {_size(self.right)}>"
+        return f"<{type(self).__name__} at {self.stamp_ns} ns, {_size(self.left)} and {_size(self.right)}>"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

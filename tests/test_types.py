@@ -7,6 +7,12 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.dense.mesh import Mesh
+from stream_sfm.dense.surface import Surface
+from stream_sfm.recording.frames import recorded_frame
+from stream_sfm.recording.messages import ImageMessage
+from stream_sfm.recording.pair_reader import StereoPair
+from stream_sfm.results.estimates_reader import Cloud
 from stream_sfm.types import MapStart, Observations, Solution
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -30,6 +36,27 @@ def test_a_frame_says_its_stamp_and_size() -> None:
     assert repr(sfm.StereoFrame(7, image, image)) == "<StereoFrame at 7 ns, 64×48 and 64×48>"
     assert repr(sfm.MonoFrame(7, np.zeros((48, 64, 3), np.uint8))) == "<MonoFrame at 7 ns, 64×48×3>"
     assert "str" in repr(sfm.StereoFrame(7, "left.png", image))  # type: ignore[arg-type]
+
+
+def public_records() -> list[object]:
+    """Of a log, of a result and of a surface."""
+    image = ImageMessage("/left", 7, "cam", True, "png", b"123")
+    raw = np.zeros((48, 64), np.uint8)
+    frame = recorded_frame(StereoPair(image, image), [raw, raw])
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.zeros((1, 3), np.int32), np.zeros((3, 3), np.float32),
+                np.zeros((3, 3), np.uint8), np.zeros(3, np.float32))  # fmt: skip
+    cloud = Cloud(7, "world", np.arange(3), np.zeros((3, 3), np.float32), np.zeros((3, 3, 3), np.float32))
+    return [frame, mesh, cloud, Surface(mesh, 3, 2, 0.01, np.zeros((3, 3)))]
+
+
+def test_what_is_read_has_a_short_repr() -> None:
+    one, other = public_records(), public_records()
+    assert repr(one[0]) == "<RecordedFrame at 7 ns, 64×48 and 64×48>"
+    assert repr(one[0].recorded) == "<StereoPair at 7 ns, 3 and 3 bytes>"
+    assert repr(one[1]) == "<Mesh 3 vertices, 1 triangles>"
+    assert repr(one[3]) == "<Surface of 2 frames: <Mesh 3 vertices, 1 triangles>>"
+    for a, b in zip(one, other, strict=True):
+        assert len(repr(a)) < 120 and a == a and a != b
 
 
 def records(estimate: sfm.FrameEstimate) -> list[object]:

@@ -13,7 +13,7 @@ from .disparity import DisparityMap, rays, std_along_ray
 _MAX_RELATIVE_STEP = 0.1  # of the disparity between neighbours: at far range, noise would be drawn out into spikes
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh:
     """A surface of triangles with a normal, a colour and a σ at each vertex.
 
@@ -33,6 +33,9 @@ class Mesh:
         vertices = se3.transform(target_from_source, self.vertices).astype(np.float32)
         normals = (self.normals @ target_from_source[:3, :3].T).astype(np.float32)
         return Mesh(vertices, self.faces, normals, self.colours, self.std_m)
+
+    def __repr__(self) -> str:
+        return f"<Mesh {len(self.vertices)} vertices, {len(self.faces)} triangles>"
 
 
 def mesh_of_frame(

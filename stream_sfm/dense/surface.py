@@ -29,7 +29,7 @@ _NOTHING_SEEN = (
 )
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class Surface:
     """A surface, and how it came about.
 
@@ -46,6 +46,9 @@ class Surface:
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
     interrupted: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Surface of {self.used} frames: {self.mesh!r}>"
 
 
 class DenseView:

@@ -28,7 +28,7 @@ _FIT = np.linalg.pinv(_DESIGN)
 _BINS_M = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: gives the median without keeping the errors
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StructureErrors:
     """Depth errors (m,) of the points of one frame, and their estimated standard deviations (m,); metres."""
 

@@ -42,7 +42,7 @@ class UndecodableMessage(Exception):
     """One message does not fit its schema; the next one may."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class ImageMessage:
     """One image as recorded, not decoded.
 
@@ -60,6 +60,9 @@ class ImageMessage:
     height: int = 0
     step: int = 0
     big_endian: bool = False
+
+    def __repr__(self) -> str:
+        return f"<ImageMessage {self.topic} at {self.stamp_ns} ns, {self.encoding}, {len(self.data)} bytes>"
 
 
 @dataclass(frozen=True, slots=True)

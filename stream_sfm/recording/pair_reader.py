@@ -16,7 +16,7 @@ _USUAL_UNPAIRED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class StereoPair:
     """Two images of one moment as recorded, not decoded; of one camera, twice the same image."""
 
@@ -32,6 +32,9 @@ class StereoPair:
     def stamp_ns(self) -> int:
         """The stamp of the left image, nanoseconds: it is that of the pair."""
         return self.left.stamp_ns
+
+    def __repr__(self) -> str:
+        return f"<StereoPair at {self.stamp_ns} ns, {len(self.left.data)} and {len(self.right.data)} bytes>"
 
 
 @dataclass(slots=True)

@@ -14,7 +14,7 @@ from ..types import FrameEstimate, Observations, Trajectory
 MAX_SNAPSHOTS = 6  # kept, of which three are shown; a report stays below a few megabytes
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class MethodRun:
     """The results of one method; a list has one entry per frame unless stated otherwise.
 
@@ -79,7 +79,7 @@ def _median_sigma(estimate: FrameEstimate) -> float:
     return float(np.sqrt(np.median(np.maximum(variance, 0))))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Snapshot:
     """A stereo frame as small JPEGs of the rectified images, with displacements in full-size pixels.
 
@@ -94,7 +94,7 @@ class Snapshot:
     temporal: Array
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class FrontRecord:
     """What all methods share: observations and times, one entry per frame unless stated otherwise.
 
@@ -131,7 +131,7 @@ class FrontRecord:
             self.snapshot_stride *= 2
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class Comparison:
     """Everything that a report is made from.
 

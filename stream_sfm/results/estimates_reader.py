@@ -17,7 +17,7 @@ from .estimates_writer import POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Cloud:
     """The points of one message: `track_ids` (n,), `points` (n, 3) m, `cov_points` (n, 3, 3) m², float32 as stored."""
 
@@ -26,6 +26,9 @@ class Cloud:
     track_ids: NDArray[np.int64]
     points: NDArray[np.float32]
     cov_points: NDArray[np.float32]
+
+    def __repr__(self) -> str:
+        return f"<Cloud at {self.stamp_ns} ns in {self.frame_id}, {len(self.points)} points>"
 
 
 def read_estimates(path: str | Path) -> Iterator[EstimateRecord]:
