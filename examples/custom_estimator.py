@@ -80,9 +80,13 @@ def main() -> None:
             np.stack([e.world_from_cam for e in estimates]),
             np.stack([e.cov_pose for e in estimates]),
         )
-        figures = sfm.evaluate(trajectory, truth) if truth is not None else {}
-        error_m, nees = figures.get("ate_rmse_m"), figures.get("nees_pose_mean")
-        print(f"{name}: {len(trajectory)} frames, position error {error_m} m RMS, NEES {nees} (6 expected)")
+        if truth is None:
+            raise SystemExit(f"{args.log} has no ground truth to compare with")
+        figures = sfm.evaluate(trajectory, truth)
+        error_mm, nees = 1e3 * figures["ate_rmse_m"], figures["nees_pose_mean"]
+        print(
+            f"{name}: {len(trajectory)} frames, position error {error_mm:.2f} mm RMS, NEES {nees:.2f} (6 expected)"
+        )
 
 
 if __name__ == "__main__":

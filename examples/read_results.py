@@ -8,25 +8,26 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import stream_sfm as sfm
 
 
-def speeds_m_s(trajectory: sfm.Trajectory) -> np.ndarray:
+def speeds_m_s(trajectory: sfm.Trajectory) -> NDArray[np.float64]:
     """The speed (n - 1,) between consecutive frames."""
     steps_m = np.linalg.norm(np.diff(trajectory.world_from_cam[:, :3, 3], axis=0), axis=1)
-    return steps_m / (np.diff(trajectory.stamps_ns) / 1e9)
+    return np.asarray(steps_m / (np.diff(trajectory.stamps_ns) / 1e9))
 
 
 def rows(path: Path) -> list[dict[str, float | str]]:
-    """One row per frame: time, position, its σ, status and number of points; `pandas.DataFrame(rows(…))` takes them."""
+    """One row per frame, as `pandas.DataFrame` takes them: stamp, position, its σ, status, number of points."""
     found: list[dict[str, float | str]] = []
     for record in sfm.read_estimates(path):
         position_m = np.array(record.world_from_cam, dtype=float)[:3, 3]
         cov_position = np.array(record.cov_pose, dtype=float)[:3, :3]
         found.append(
             {
-                "time_s": record.stamp_ns / 1e9,
+                "stamp_ns": record.stamp_ns,
                 **dict(zip(("x_m", "y_m", "z_m"), position_m.tolist(), strict=True)),
                 "sigma_m": float(np.sqrt(np.trace(cov_position))),
                 "status": record.status,
@@ -54,7 +55,8 @@ def main() -> None:
     except ImportError:
         print("pip install pandas for the table")
         return
-    table = pd.DataFrame(rows(estimates)).set_index("time_s")
+    table = pd.DataFrame(rows(estimates))
+    table.index = pd.to_datetime(table.pop("stamp_ns"))
     print(table.tail(3).to_string(float_format="%.4f"))
 
 

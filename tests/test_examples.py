@@ -38,7 +38,7 @@ def test_live(tmp_path: Path) -> None:
     for number, frame in enumerate(log.frames(sfm.Selection(max_frames=FRAMES))):
         for side, image in zip(("left", "right"), frame.images, strict=True):
             cv2.imwrite(str(tmp_path / side / f"{number:06d}.png"), image)
-    folders = ("--folders", tmp_path / "left", tmp_path / "right", "--patience", 0.5)
+    folders = ("--folders", tmp_path / "left", tmp_path / "right", "--timeout", 0.5)
     said = run("live.py", tmp_path / "calibration.toml", *folders, "--no-view", "--rrd", tmp_path / "live.rrd")
     assert f"{FRAMES} frames" in said and (tmp_path / "live.rrd").stat().st_size > 1000
 
@@ -59,6 +59,6 @@ def test_custom_sink() -> None:
 
 def test_custom_estimator() -> None:
     said = run("custom_estimator.py", ROOM, "--max-frames", 30)
-    errors_m = dict(re.findall(r"^([\w -]+): 30 frames, position error (\S+) m", said, re.MULTILINE))
-    assert set(errors_m) == {"dead reckoning", "cross-frame"}
-    assert all(float(error) < 0.1 for error in errors_m.values())
+    errors_mm = dict(re.findall(r"^([\w -]+): 30 frames, position error (\S+) mm", said, re.MULTILINE))
+    assert set(errors_mm) == {"dead reckoning", "cross-frame"}
+    assert all(float(error) < 20 for error in errors_mm.values())  # of 1.5 m
