@@ -12,7 +12,10 @@ import msgspec
 from msgspec import Meta
 
 from .errors import ConfigError
+from .inputs import check_text, check_values, read_small
 from .wording import expected, invalid_setting
+
+_MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -197,10 +200,10 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     if path is not None:
         where = f" in {path}"
         try:
-            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            data = _parse(read_small(path, _MAX_BYTES).decode("utf-8-sig"))
         except OSError as error:
             raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except (ValueError, RecursionError) as error:
             raise ConfigError(f"configuration {path} is not TOML: {error}") from None
     for override in overrides:
         _apply(override, data)
@@ -211,14 +214,22 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
 
 
+def _parse(text: str) -> dict[str, Any]:
+    """The content of TOML. Raises ValueError where it is none, or none that a person would write."""
+    check_text(text)
+    data = tomllib.loads(text)
+    check_values(data)
+    return data
+
+
 def _apply(override: str, data: dict[str, Any]) -> None:
     """Set what an override such as `window.frames=12` says in the content of a TOML file."""
     key, sign, text = override.partition("=")
     if not sign:
         raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
     try:
-        value = tomllib.loads(f"x = {text}")["x"]
-    except tomllib.TOMLDecodeError:
+        value = _parse(f"x = {text}")["x"]
+    except (ValueError, RecursionError):
         value = text  # a bare word is a string
     *sections, leaf = key.strip().split(".")
     for section in sections:

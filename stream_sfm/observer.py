@@ -23,6 +23,7 @@ from .frontend.prepared import Image, PreparedImages
 from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
+from .inputs import INT64
 from .types import Frame, FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
 
 
@@ -178,6 +179,8 @@ class Observer:
             raise FrameError(
                 f"{where}: stamp_ns is {_described(frame.stamp_ns)}; give an integer number of nanoseconds"
             )
+        if not -INT64 <= frame.stamp_ns < INT64:
+            raise FrameError(f"{where}: stamp_ns is beyond 64 bits; give an integer number of nanoseconds")
         if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
             raise FrameError(
                 f"{where} (stamp {frame.stamp_ns} ns): stamps must increase, and the last frame had "

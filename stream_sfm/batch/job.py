@@ -18,9 +18,11 @@ from typing import Any, Literal
 import msgspec
 
 from .. import __version__
+from ..camera.calibration.document import MAX_BYTES
 from ..errors import ExitCode, OutputError
 from ..executors import ONE_THREAD
 from ..files import json_bytes, write_whole
+from ..inputs import open_regular, read_small
 from ..outputs import RESULTS, only_writer
 
 _RECORD, _STDERR = "job.json", "stderr.txt"
@@ -114,9 +116,9 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 
 def _fingerprint(job: Job) -> tuple[str, str]:
     """SHA-256 of the log, and of everything that its results depend on."""
-    with open(job.log, "rb") as stream:
+    with open_regular(job.log) as stream:
         log_sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-    calibration = job.calibration.read_bytes() if job.calibration else None
+    calibration = read_small(job.calibration, MAX_BYTES) if job.calibration else None
     parts = [log_sha256, job.config_toml, job.options, calibration, __version__]
     return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 

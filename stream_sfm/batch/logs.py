@@ -21,9 +21,9 @@ def find_logs(arguments: Sequence[str]) -> dict[Path, int]:
     """
     found: dict[Path, int] = {}
     for argument in arguments:
-        matches = [argument] if Path(argument).exists() else sorted(glob.glob(argument, recursive=True))
+        matches = [argument] if os.path.exists(argument) else sorted(glob.glob(argument, recursive=True))
         for path in (Path(os.path.abspath(match)) for match in matches or [argument]):
-            if not path.is_dir():
+            if not os.path.isdir(path):
                 found.setdefault(path, 1)
                 continue
             below = list(_logs_below(path))

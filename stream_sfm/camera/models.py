@@ -9,6 +9,8 @@ from ..geometry.se3 import Array
 
 MAX_PIXELS = 2**25  # of an image: more is a damaged header, or hostile
 _MIN_EDGE_PX = 16  # of an image: less holds no patch
+_MAX_EDGE_PX = 2**15 - 1  # of an image: OpenCV's maps count in 16 bits
+_MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a tenth of it
 # How many coefficients each lens model takes, in OpenCV's order.
 DISTORTION_COEFFICIENTS = {
     "none": (0,),
@@ -37,10 +39,11 @@ class Camera:
         d = tuple(float(x) for x in np.ravel(np.asarray(self.D, dtype=float)))
         object.__setattr__(self, "K", k)
         object.__setattr__(self, "D", d)
-        if self.width < _MIN_EDGE_PX or self.height < _MIN_EDGE_PX or self.width * self.height > MAX_PIXELS:
+        edges = (self.width, self.height)
+        if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
-                f"camera size {self.width}×{self.height}: give width and height in pixels, each at least "
-                f"{_MIN_EDGE_PX}, together at most {MAX_PIXELS / 1e6:.0f} megapixels"
+                f"camera size {self.width:.6g}×{self.height:.6g}: give width and height in pixels, each from "
+                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, together at most {MAX_PIXELS / 1e6:.0f} megapixels"
             )
         if k.shape != (3, 3) or not np.isfinite(k).all():
             raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")
@@ -49,6 +52,8 @@ class Camera:
                 f"camera matrix K must have fx, fy > 0 and last row 0 0 1, got {k.tolist()}: "
                 "is the camera calibrated?"
             )
+        if np.abs(k).max() > _MAX_K_PX:
+            raise ConfigError(f"camera matrix K must be in pixels, none over {_MAX_K_PX:g}, got {k.tolist()}")
         allowed = DISTORTION_COEFFICIENTS.get(self.distortion_model)
         if allowed is None:
             names = ", ".join(DISTORTION_COEFFICIENTS)

@@ -1,6 +1,7 @@
 """`stream-sfm replay`: a log in, a folder of results out."""
 
 import argparse
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     except ReplayInterrupted as stop:
         result, interrupted = stop.result, True
     finally:
-        if not args.out and folder.exists():
+        if not args.out and os.path.exists(folder):
             point_latest_to(folder)
     _print(result, args)
     if interrupted:

@@ -99,9 +99,9 @@ def _check_files(args: argparse.Namespace) -> None:
         path = Path(name)
         if path.suffix.lower() != ending:
             raise ConfigError(f"--{option} {name}: the name must end in {ending}")
-        if path.is_dir():
+        if os.path.isdir(path):
             raise OutputError(f"cannot write {name}: it is a folder")
-        if not path.parent.is_dir():
+        if not os.path.isdir(path.parent):
             raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
         if not os.access(path.parent, os.W_OK):
             raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")

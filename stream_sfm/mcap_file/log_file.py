@@ -16,6 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Schema
 
 from ..errors import LogError
+from ..inputs import open_regular
 from .chunks import decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
@@ -78,7 +79,7 @@ class LogFile:
 
     def _open(self) -> IO[bytes]:
         try:
-            return open(self.path, "rb", buffering=1 << 18)
+            return open_regular(self.path, 1 << 18)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 

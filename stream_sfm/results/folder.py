@@ -17,6 +17,7 @@ from .estimates_writer import EstimatesWriter
 from .trajectory_files import KittiWriter, TumWriter
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
+_STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits the 255 bytes of file systems
 
 
 class ResultFolder:
@@ -97,10 +98,10 @@ def close_all(sinks: Iterable[Sink]) -> None:
 
 def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
     """Return a name that is not in use, `<root>/<log>-<local time>`; the folder is not made."""
-    root, stem = Path(root), Path(log_path).stem or "log"
+    root, stem = Path(root), Path(log_path).stem[:_STEM] or "log"
     name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = root / name, 1
-    while folder.exists():
+    while os.path.exists(folder):
         number += 1
         folder = root / f"{name}-{number}"
     return folder

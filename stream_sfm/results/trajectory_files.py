@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inputs import INT64, open_regular
 from ..types import Frame, FrameEstimate, Trajectory
 
 
@@ -66,7 +67,8 @@ def read_tum(path: str | Path) -> Trajectory:
     """Read a TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
     stamps, poses = [], []
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with open_regular(path) as stream:
+            text = stream.read().decode()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read {path}: {error}") from None
     for number, line in enumerate(text.splitlines(), start=1):
@@ -78,7 +80,7 @@ def read_tum(path: str | Path) -> Trajectory:
                 raise ValueError("eight numbers are expected")
             stamps.append(_ns(fields[0]))
             values = np.array([float(x) for x in fields[1:]])
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise InputError(f"{path}, line {number} is not `t x y z qx qy qz qw`: {error}") from None
         poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(values[3:]), values[:3]))
     return Trajectory(np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, 4, 4))
@@ -86,8 +88,12 @@ def read_tum(path: str | Path) -> Trajectory:
 
 def _ns(text: str) -> int:
     """Nanoseconds of decimal seconds, exactly; exponents are read as floats."""
-    if "e" in text.lower():
-        return round(float(text) * 1e9)
     whole, _, fraction = text.partition(".")
-    ns = int((fraction + "0" * 9)[:9] or 0)
-    return int(whole or 0) * 10**9 + (-ns if whole.startswith("-") else ns)
+    if "e" in text.lower():
+        ns = round(float(text) * 1e9)
+    else:
+        ns = int((fraction + "0" * 9)[:9] or 0)
+        ns = int(whole or 0) * 10**9 + (-ns if whole.startswith("-") else ns)
+    if not -INT64 <= ns < INT64:
+        raise ValueError("the stamp is beyond 64 bits of nanoseconds")
+    return ns

@@ -11,10 +11,13 @@ from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
+from ..inputs import read_small
 from ..mcap_file.damage import Damage
 from .image_header import image_format, image_size
 from .profile import ProfileEncoder
 from .source import Attachment, Contents, Message
+
+_MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ class ImageFilesSource:
 def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
     """Bytes and format of an image file, of the camera's size if given. Raises LogError naming file and remedy."""
     try:
-        data = path.read_bytes()
+        data = read_small(path, _MAX_IMAGE_BYTES)
     except OSError as error:
         raise LogError(f"cannot read image {path}: {error.strerror}") from None
     encoding = image_format(data)

@@ -1,6 +1,7 @@
 """Two sets of image files, paired in the order of their names: folders, globs or files, with or without stamps."""
 
 import glob
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -114,9 +115,9 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
     """Files in natural order: image_2 before image_10. Raises LogError where there is none."""
     found: set[Path] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        if Path(pattern).is_dir():
+        if os.path.isdir(pattern):
             matches = _images_in(Path(pattern))
-        elif Path(pattern).is_file():  # a name may contain what means something else in a glob
+        elif os.path.isfile(pattern):  # a name may contain what means something else in a glob
             matches = [Path(pattern)]
         else:
             matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]

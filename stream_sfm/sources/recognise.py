@@ -1,9 +1,11 @@
 """Finds out by its content what a path is, and opens the source that reads it."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import LogError
+from ..inputs import open_regular
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from . import ros1_bag, sqlite_bag
 from .euroc import is_euroc, open_euroc
@@ -41,12 +43,12 @@ def open_source(path: str | Path) -> Source:
         str(path).encode()
     except UnicodeEncodeError:  # it could not be named in any result
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
-    return _open_folder(path) if path.is_dir() else _open_file(path)
+    return _open_folder(path) if os.path.isdir(path) else _open_file(path)
 
 
 def _open_file(path: Path) -> Source:
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             start = stream.read(_START_BYTES)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None

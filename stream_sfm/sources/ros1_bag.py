@@ -17,6 +17,7 @@ import lz4.frame
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
+from ..inputs import open_regular
 from ..mcap_file.damage import Damage
 from ..mcap_file.records import MAX_RECORD_BYTES
 from .source import Attachment, Channel, Contents, Message
@@ -82,7 +83,7 @@ class Ros1BagSource:
 
     def _open(self) -> IO[bytes]:
         try:
-            return open(self.path, "rb", buffering=1 << 18)
+            return open_regular(self.path, 1 << 18)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 

@@ -15,6 +15,7 @@ from typing import Any
 import zstandard
 
 from ..errors import LogError
+from ..inputs import check_text, open_regular, read_small
 from .joined import JoinedSource
 from .mcap import McapSource
 from .source import Source
@@ -79,7 +80,7 @@ class _Decompressed:
             self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         target = self._folder / path.stem
         try:
-            with path.open("rb") as compressed, target.open("wb") as stream:
+            with open_regular(path) as compressed, target.open("wb") as stream:
                 zstandard.ZstdDecompressor().copy_stream(compressed, stream)
         except OSError as error:
             raise LogError(f"cannot decompress {path} to {self._folder}: {error.strerror}") from None
@@ -103,11 +104,11 @@ def _read_metadata(folder: Path) -> tuple[dict[str, Any], list[str]]:
     if not path.is_file():
         return {}, []
     try:
-        if path.stat().st_size > _MAX_METADATA_BYTES:
-            raise ValueError("it is too large")
-        content = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        text = read_small(path, _MAX_METADATA_BYTES).decode()
+        check_text(text)
+        content = YAML(typ="safe", pure=True).load(text)
         return dict(content["rosbag2_bagfile_information"]), []
-    except (OSError, YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError) as error:
+    except (OSError, YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
         return {}, [f"{path} is not used ({f'{error}'.splitlines()[0]}); the files beside it are read"]
 
 

@@ -1,5 +1,6 @@
 """ROS 2 bags in SQLite files (`.db3`), the storage of ROS 2 before MCAP."""
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -10,6 +11,7 @@ from urllib.parse import quote
 from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
+from ..inputs import open_regular
 from ..mcap_file.damage import Damage
 from .ros_definitions import standard_definition
 from .source import Attachment, Channel, Contents, Message
@@ -23,7 +25,8 @@ class SqliteBagSource:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         try:
-            self.size_bytes = self.path.stat().st_size
+            with open_regular(self.path) as stream:
+                self.size_bytes = os.fstat(stream.fileno()).st_size
             with closing(self._connect()) as database:
                 self._channels = self._read_channels(database)
         except OSError as error:

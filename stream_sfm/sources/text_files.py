@@ -1,19 +1,21 @@
 """Text files of data sets: tables, stamps in seconds or nanoseconds, with errors that name file and line."""
 
 from collections.abc import Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 
 from ..errors import LogError
+from ..inputs import INT64, read_small
 
+_MAX_BYTES = 2**26  # a pose of a million frames is a line of hundred bytes
 _NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
 
 
 def read_text(path: Path, what: str) -> str:
     """The content of a text file; `what` names it in errors. Raises LogError."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_small(path, _MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise LogError(f"cannot read {what} {path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -32,11 +34,13 @@ def read_table(path: Path, what: str) -> list[tuple[int, list[str]]]:
 
 def stamp_ns(text: str, where: str) -> int:
     """A time in nanoseconds: decimal seconds, exactly, or a whole number of nanoseconds. Raises LogError."""
-    if text.isdecimal() and len(text) >= _NANOSECOND_DIGITS:
-        return int(text)
     try:
-        return round(Decimal(text) * 1_000_000_000)
-    except (InvalidOperation, ValueError, OverflowError):
+        whole = text.isdecimal() and len(text) >= _NANOSECOND_DIGITS
+        ns = Decimal(text) * (1 if whole else 1_000_000_000)
+        if not abs(ns) < INT64 - 1:
+            raise ValueError
+        return round(ns)
+    except (ArithmeticError, ValueError):
         raise LogError(f"{where}: {text!r} is not a time in seconds or whole nanoseconds") from None
 
 

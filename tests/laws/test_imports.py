@@ -15,7 +15,7 @@ ROOT = Path(stream_sfm.__file__).parent
 # other. A new room needs a place here.
 LAYERS = (
     ("errors", "__version__"),
-    ("outputs",),
+    ("inputs", "outputs"),
     ("geometry", "files", "interrupts", "executors", "wording"),
     ("camera",),
     ("types", "config"),

@@ -1,6 +1,7 @@
 """A calibration file as nested dictionaries, whatever it is written in: TOML, YAML, OpenCV's FileStorage, or rows."""
 
 import re
+import reprlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +13,15 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ...inputs import check_text, check_values
 from ..models import DISTORTION_COEFFICIENTS, Camera
 
 Pair = tuple[Camera, Camera, Array]  # left, right, right_from_left (4, 4) in metres
 Size = tuple[int, int]  # width, height in pixels
 
 MAX_BYTES = 2**20  # calibration files are kilobytes
+_MAX_TOML_BYTES = 2**16
+_MAX_YAML_CHARACTERS = 2**18  # which take the parser seconds
 # What the models of this package are called elsewhere.
 DISTORTION_MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",
@@ -149,9 +153,15 @@ def load(content: bytes, name: str | Path) -> Document:
 
 def _load_toml(content: bytes, name: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        if len(content) > _MAX_TOML_BYTES:
+            raise ValueError(f"it has {len(content)} bytes")
+        text = content.decode("utf-8-sig")
+        check_text(text)
+        data = tomllib.loads(text)
+        check_values(data)
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"calibration {name} is not TOML: {error}") from None
+    return data
 
 
 def _load_yaml(text: str, name: str) -> dict[str, Any]:
@@ -159,7 +169,11 @@ def _load_yaml(text: str, name: str) -> dict[str, Any]:
     from ruamel.yaml.error import YAMLError
 
     try:
+        if len(text) > _MAX_YAML_CHARACTERS:
+            raise ValueError(f"it has {len(text)} characters")
+        check_text(text)
         data = YAML(typ="safe", pure=True).load(text)
+        check_values(data)
     except (YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(f"{error}".split())
         raise ConfigError(f"calibration {name} is neither TOML nor YAML: {problem}") from None
@@ -171,6 +185,10 @@ def _load_yaml(text: str, name: str) -> dict[str, Any]:
 def _load_opencv(text: str, name: str) -> dict[str, Any]:
     import cv2
 
+    try:
+        check_text(text)  # OpenCV's parsers recurse without a limit
+    except ValueError as error:
+        raise ConfigError(f"calibration {name} is not a file of OpenCV's FileStorage: {error}") from None
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         try:
@@ -199,5 +217,5 @@ def _keys(node: Any) -> list[str]:
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = reprlib.repr(value)
     return text if len(text) <= 80 else f"{text[:77]}…"

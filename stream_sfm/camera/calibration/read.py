@@ -1,13 +1,15 @@
 """Reads a calibration in any known format, recognised by its content: a file, two files, or the folder they are in."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 from ...errors import ConfigError
+from ...inputs import read_small
 from ..models import Camera
 from . import euroc, kalibr, kitti, opencv, ros, toml_file
-from .document import Document, Format, Pair, Size, load
+from .document import MAX_BYTES, Document, Format, Pair, Size, load
 
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
@@ -57,7 +59,7 @@ def named(where: Where) -> str:
 def is_calibration(path: Path) -> bool:
     """Whether a file is a calibration in one of the formats."""
     try:
-        return _format_of(load(path.read_bytes(), path)) is not None
+        return _format_of(load(read_small(path, MAX_BYTES), path)) is not None
     except (OSError, ConfigError):
         return False
 
@@ -73,12 +75,12 @@ def _documents(where: Where) -> list[Document]:
     if not isinstance(where, str | Path):
         return [_read(Path(path)) for path in where]
     path = Path(where)
-    return _in_folder(path) if path.is_dir() else [_read(path)]
+    return _in_folder(path) if os.path.isdir(path) else [_read(path)]
 
 
 def _read(path: Path) -> Document:
     try:
-        return load(path.read_bytes(), path)
+        return load(read_small(path, MAX_BYTES), path)
     except OSError as error:
         raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
 
