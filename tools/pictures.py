@@ -23,8 +23,8 @@ LOG = ROOT / "logs/room.mcap"
 PICTURES = ROOT / "docs/pictures"
 VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
-VIEWER_LOADS_S = 25.0  # on two busy cores without a graphics card
-REPORT_SIZE = (1280, 1160)
+VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
+REPORT_SIZE = (1280, 1225)
 REPORT_LEFT_OUT = "<style>nav, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
 
 
