@@ -31,6 +31,7 @@ __all__ = [
     "FrameError",
     "FrameEstimate",
     "FrontendConfig",
+    "GroundTruthFile",
     "ImageMessage",
     "Imported",
     "InputError",
@@ -129,6 +130,7 @@ _HOMES = {
     "inspection.overview": ("inspect_log as inspect",),
     "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "recording.frames": ("RecordedFrame",),
+    "recording.truth_file": ("GroundTruthFile",),
     "recording.ground_truth": ("DepthImages",),
     "recording.messages": ("ImageMessage",),
     "recording.pair_reader": ("ReadStats", "StereoPair"),
@@ -199,6 +201,7 @@ if TYPE_CHECKING:
     from .recording.messages import ImageMessage
     from .recording.pair_reader import ReadStats, StereoPair
     from .recording.stereo_log import StereoLog, open_log
+    from .recording.truth_file import GroundTruthFile
     from .results.estimates_reader import Cloud, read_clouds, read_estimates, read_trajectory
     from .results.folder import ResultFolder
     from .results.schema import EstimateRecord

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..config import Config
+    from ..recording.truth_file import GroundTruthFile
     from ..types import Selection
 
 # The names of `estimators.METHODS`, which a parser must know without importing the estimators.
@@ -73,7 +74,9 @@ def add_debug(group: Any, default: Any = False) -> None:
 
 def add_log(parser: argparse.ArgumentParser) -> None:
     """The log to read."""
-    parser.add_argument("log", metavar="LOG", help="a stereo log (MCAP)")
+    parser.add_argument(
+        "log", metavar="LOG", help="the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders"
+    )
 
 
 def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
@@ -87,6 +90,33 @@ def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help="use this calibration instead of the log's own: a file or folder, ours (TOML) or of other tools",
     )
     return group
+
+
+def add_ground_truth(parser: argparse.ArgumentParser) -> None:
+    """Ground truth that is not in the log."""
+    group = parser.add_argument_group("ground truth")
+    group.add_argument(
+        "--ground-truth",
+        metavar="FILE",
+        help="use the poses in this file instead of the log's own: TUM, EuRoC's CSV, or KITTI with stamps",
+    )
+    group.add_argument(
+        "--ground-truth-frame",
+        metavar="FRAME",
+        help="whose poses they are: a frame of the log's transforms, or a sensor.yaml (default: the left camera)",
+    )
+    group.add_argument(
+        "--ground-truth-offset", metavar="S", type=float, default=0.0, help="add S seconds to their stamps"
+    )
+
+
+def read_ground_truth(args: argparse.Namespace) -> "GroundTruthFile | None":
+    """The file that `add_ground_truth` chose, if any."""
+    from ..recording.truth_file import GroundTruthFile
+
+    if args.ground_truth is None:
+        return None
+    return GroundTruthFile(args.ground_truth, args.ground_truth_frame, args.ground_truth_offset)
 
 
 def add_selection(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
@@ -137,10 +167,10 @@ def read_settings(args: argparse.Namespace, further: Sequence[str] = ()) -> "Con
 
 
 def protect_inputs(args: argparse.Namespace, outputs: Sequence[str | Path | None]) -> None:
-    """Raise an OutputError where one of the outputs is the log, the calibration or the settings (None: no output)."""
+    """Raise an OutputError where one of the outputs is an input of the command (None: no output)."""
     from ..outputs import refuse_overwriting
 
-    named = (getattr(args, name, None) for name in ("log", "calibration", "config"))
+    named = (getattr(args, name, None) for name in ("log", "calibration", "ground_truth", "config"))
     refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in named if path])
 
 

@@ -38,6 +38,7 @@ def add_parser(subparsers: Any) -> None:
         default="auto",
         help="read the frames forwards, then backwards: yes, no, or auto (default: where the log has no ground truth)",
     )
+    arguments.add_ground_truth(parser)
     arguments.add_settings(parser, method=False)
     results = parser.add_argument_group("results")
     results.add_argument(
@@ -56,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
 
     config = arguments.read_settings(args)
     selection = arguments.read_selection(args)
-    log = open_log(args.log, args.left, args.right, args.calibration)
+    truth = arguments.read_ground_truth(args)
+    log = open_log(args.log, args.left, args.right, args.calibration, ground_truth=truth)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
     result = _compare(log, folder, config, selection, args)
     if not args.out:

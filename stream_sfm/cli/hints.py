@@ -10,6 +10,7 @@ OPTIONS = {
     "calibration": "--calibration FILE",
     "left": "--left TOPIC",
     "right": "--right TOPIC",
+    "ground_truth_frame": "--ground-truth-frame FRAME",
     "mono": "--mono",
     "rrd": "--rrd FILE",
 }

@@ -40,6 +40,7 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="read the frames forwards, then backwards: shows the drift of a log without ground truth",
     )
+    arguments.add_ground_truth(parser)
     arguments.add_settings(parser)
     results = parser.add_argument_group("results")
     results.add_argument("--out", metavar="DIR", help="result folder (default: runs/LOG-TIME)")
@@ -59,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
     selection = arguments.read_selection(args)
     folder = Path(args.out) if args.out else new_run_folder(args.log)
     arguments.protect_inputs(args, [args.rrd, *changed_results(folder, config)])
-    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono)
+    truth = arguments.read_ground_truth(args)
+    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono, ground_truth=truth)
     interrupted = False
     try:
         result = _replay(log, folder, config, selection, args)

@@ -20,6 +20,7 @@ from .rig import check_rig
 from .rig_finder import find_camera, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
+from .truth_file import GroundTruthFile, load_truth, time_warning
 
 
 def open_log(
@@ -28,21 +29,25 @@ def open_log(
     right: str | None = None,
     calibration: Where | StereoRig | MonoRig | None = None,
     mono: bool = False,
+    ground_truth: str | Path | GroundTruthFile | Trajectory | None = None,
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
     `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
     any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
-    alone; the log need not have another. Raises LogError where the log cannot be used, ConfigError for the
-    calibration.
+    alone; the log need not have another. `ground_truth`: a trajectory of the left camera, or the file of one, instead
+    of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
     """
     source = open_source(path)
     try:
-        return _open(source, left, right, calibration, mono)
+        log = _open(source, left, right, calibration, mono)
     except LogError:
         if not source.drop_unverified_index():
             raise
-    return _open(source, left, right, calibration, mono)
+        log = _open(source, left, right, calibration, mono)
+    if ground_truth is not None:
+        log.use_ground_truth(ground_truth)
+    return log
 
 
 def _open(
@@ -110,6 +115,9 @@ class StereoLog:
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
         self._camera_frame = ""
+        self._given_truth: Trajectory | None = None
+        self._given_truth_name = ""
+        self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
 
     @property
     def stereo_rig(self) -> StereoRig:
@@ -161,6 +169,7 @@ class StereoLog:
         with closing(self.pairs()) as pairs:
             for pair in pairs:
                 first_ns = pair.stamp_ns if first_ns is None else first_ns
+                self._read_span_ns = first_ns, pair.stamp_ns
                 since_ns = pair.stamp_ns - first_ns
                 if end_ns is not None and since_ns > end_ns:
                     break
@@ -176,10 +185,31 @@ class StereoLog:
             )
 
     def ground_truth(self) -> Trajectory | None:
-        """`world_from_cam` of the physical left camera; None where the log has none that can be used."""
+        """`world_from_cam` of the physical left camera; None where there is none that can be used.
+
+        The one that `open_log` was given goes before the log's own.
+        """
+        if self._given_truth is not None:
+            if self._read_span_ns is not None:
+                warning = time_warning(self._given_truth, self._given_truth_name, *self._read_span_ns)
+                self.stats.warnings += [warning] if warning is not None else []
+            return self._given_truth
         topic = truth_topic(self.survey)
         if topic is None:
             return None
+        return read_truth(self._source, topic, self._left_frame(), self.stats.warnings)
+
+    def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:
+        """Use this ground truth from now on. Raises LogError where the file cannot be read, ConfigError."""
+        if isinstance(truth, Trajectory):
+            self._given_truth, self._given_truth_name = truth, "given by the caller"
+            return
+        file = truth if isinstance(truth, GroundTruthFile) else GroundTruthFile(truth)
+        self._given_truth = load_truth(file, self._source, self.survey, self._left_frame())
+        self._given_truth_name = str(file.path)
+
+    def _left_frame(self) -> str:
+        """The coordinate frame that the left images name."""
         if not self._camera_frame:
             for message in self._source.messages(Damage(), frozenset([self.left_topic])):
                 try:
@@ -187,7 +217,7 @@ class StereoLog:
                 except UndecodableMessage:
                     continue
                 break
-        return read_truth(self._source, topic, self._camera_frame, self.stats.warnings)
+        return self._camera_frame
 
     def depths(self) -> Iterator[tuple[int, Depth]]:
         """Yield (stamp_ns, depth (h, w) float32 in metres, NaN where unknown) of ground truth, if there is any."""

@@ -7,13 +7,10 @@ place.
 
 from pathlib import Path
 
-import numpy as np
-
-from ..errors import InputError
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..inputs import INT64, open_regular
+from ..sources import pose_files
 from ..types import Frame, FrameEstimate, Trajectory
 
 
@@ -65,35 +62,4 @@ def kitti_line(world_from_cam: Array) -> str:
 
 def read_tum(path: str | Path) -> Trajectory:
     """Read a TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
-    stamps, poses = [], []
-    try:
-        with open_regular(path) as stream:
-            text = stream.read().decode()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {error}") from None
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split()
-        if not fields or line.lstrip().startswith("#"):
-            continue
-        try:
-            if len(fields) != 8:
-                raise ValueError("eight numbers are expected")
-            stamps.append(_ns(fields[0]))
-            values = np.array([float(x) for x in fields[1:]])
-        except (ValueError, OverflowError) as error:
-            raise InputError(f"{path}, line {number} is not `t x y z qx qy qz qw`: {error}") from None
-        poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(values[3:]), values[:3]))
-    return Trajectory(np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, 4, 4))
-
-
-def _ns(text: str) -> int:
-    """Nanoseconds of decimal seconds, exactly; exponents are read as floats."""
-    whole, _, fraction = text.partition(".")
-    if "e" in text.lower():
-        ns = round(float(text) * 1e9)
-    else:
-        ns = int((fraction + "0" * 9)[:9] or 0)
-        ns = int(whole or 0) * 10**9 + (-ns if whole.startswith("-") else ns)
-    if not -INT64 <= ns < INT64:
-        raise ValueError("the stamp is beyond 64 bits of nanoseconds")
-    return ns
+    return pose_files.read_tum(Path(path))

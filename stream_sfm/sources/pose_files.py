@@ -1,5 +1,6 @@
 """Poses in text files: TUM (`t x y z qx qy qz qw`), EuRoC's CSV, KITTI (twelve numbers of a 3×4 pose per line)."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,10 @@ def read_poses(path: Path) -> Trajectory:
     if not rows:
         raise LogError(f"{path} holds no pose")
     columns = len(rows[0][1])
-    if columns == 8 and "," not in read_text(path, "poses"):
-        return read_tum(path)
-    if columns >= 8 and columns not in (12, 13):
+    if is_euroc_table(path):
         return read_euroc(path)
+    if columns == 8:
+        return read_tum(path)
     if columns == 13:
         stamps = [stamp_ns(cells[0], f"{path}, line {n}") for n, cells in rows]
         return _trajectory(path, stamps, _matrices(path, [(n, cells[1:]) for n, cells in rows]))
@@ -43,6 +44,12 @@ def read_poses(path: Path) -> Trajectory:
         f"{path}: a line has {columns} columns; supported are TUM (8), EuRoC's CSV (8 or more, the quaternion's w "
         "first) and KITTI (12, or 13 with the stamp)"
     )
+
+
+def is_euroc_table(path: Path) -> bool:
+    """Whether a file is a table of EuRoC: cells separated by commas, stamps in whole nanoseconds. Raises LogError."""
+    rows = read_table(path, "poses")
+    return bool(rows) and len(rows[0][1]) >= 8 and rows[0][1][0].isdecimal() and "," in read_text(path, "poses")
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -105,5 +112,7 @@ def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
 
 
 def _trajectory(path: Path, stamps: list[int], poses: Array) -> Trajectory:
-    check_ascending(stamps, path)
+    for (number, _), (a, b) in zip(read_table(path, "poses")[1:], pairwise(stamps), strict=False):
+        if b <= a:
+            raise LogError(f"{path}, line {number}: its stamp is not later than the one before: sort the lines")
     return Trajectory(np.array(stamps, dtype=np.int64), poses)

@@ -1,0 +1,86 @@
+"""Ground truth from a file: a trajectory of the left camera, or of a body that carries it, in the time of a log."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..camera.calibration import euroc
+from ..camera.calibration.document import load
+from ..errors import ConfigError
+from ..geometry.se3 import Array
+from ..sources.pose_files import is_euroc_table, read_poses
+from ..sources.source import Source
+from ..sources.text_files import read_text
+from ..types import Trajectory
+from .survey import Survey
+from .transforms import fixed_transform
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruthFile:
+    """Poses in a file: TUM, EuRoC's CSV, or KITTI with stamps.
+
+    `frame`: whose poses they are. None: the left camera's, or of EuRoC's CSV the body's, which `cam0/sensor.yaml` of
+    the recording places. Else the name of a frame that fixed transforms in the log connect with the left camera's, or
+    the path of a sensor.yaml. `offset_s` is added to the stamps.
+    """
+
+    path: str | Path
+    frame: str | Path | None = None
+    offset_s: float = 0.0
+
+
+def load_truth(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Trajectory:
+    """`world_from_cam` of the physical left camera. Raises LogError for the file, ConfigError for the frame."""
+    path = Path(truth.path)
+    poses = read_poses(path)
+    body_from_cam = _body_from_cam(truth, path, source, survey, camera_frame)
+    stamps_ns = poses.stamps_ns + round(truth.offset_s * 1e9)
+    return Trajectory(stamps_ns, poses.world_from_cam @ body_from_cam)
+
+
+def _body_from_cam(truth: GroundTruthFile, path: Path, source: Source, survey: Survey, camera_frame: str) -> Array:
+    if truth.frame is None:
+        if not is_euroc_table(path):
+            return np.eye(4)
+        sensor = path.resolve().parent.parent / "cam0" / "sensor.yaml"
+        if not sensor.is_file():
+            raise ConfigError(
+                f"{path}: the poses are of EuRoC's body, and {sensor} is missing: name the frame, or a sensor.yaml of "
+                "the left camera",
+                hint=("ground_truth_frame",),
+            )
+        return _of_sensor(sensor)
+    if Path(truth.frame).is_file():
+        return _of_sensor(Path(truth.frame))
+    frame = str(truth.frame).lstrip("/")
+    if frame == camera_frame:
+        return np.eye(4)
+    found = fixed_transform(source, survey, frame, camera_frame)
+    if found is None:
+        raise ConfigError(
+            f"{source.path}: no fixed transform leads from frame {camera_frame!r} of the left camera to frame "
+            f"{frame!r} of the ground truth {path}: name another frame, or a sensor.yaml of the left camera",
+            hint=("ground_truth_frame",),
+        )
+    return found
+
+
+def _of_sensor(path: Path) -> Array:
+    document = load(read_text(path, "calibration").encode(), path)
+    if not euroc.matches(document.data):
+        raise ConfigError(f"{path} is not a sensor.yaml with T_BS, the pose of the left camera in the body")
+    return euroc.body_from_cam(document)
+
+
+def time_warning(truth: Trajectory, path: str | Path, first_ns: int, last_ns: int) -> str | None:
+    """What to say where no pose lies within the time of the frames."""
+    begin_ns, end_ns = int(truth.stamps_ns[0]), int(truth.stamps_ns[-1])
+    if begin_ns <= last_ns and end_ns >= first_ns:
+        return None
+    spans = (f"{begin_ns / 1e9:.3f} to {end_ns / 1e9:.3f} s", f"{first_ns / 1e9:.3f} to {last_ns / 1e9:.3f} s")
+    return (
+        f"ground truth {path}: its stamps run from {spans[0]}, those of the frames from {spans[1]}, so no pose belongs "
+        f"to a frame; an offset of {(first_ns - begin_ns) / 1e9:.3f} s would let both begin together"
+    )
