@@ -7,7 +7,7 @@ from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ..ids import among
-from .inverse_depth import linearise
+from .inverse_depth import Q_COLUMNS, in_reference, linearise, q_jacobian
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -25,7 +25,7 @@ def absorb_oldest_frame(current: Map) -> None:
 
     prior = current.prior.select(among(current.prior.ids, np.union1d(seen_later, seen)))
     at = np.searchsorted(current.ids, prior.ids)
-    prior = prior.with_drift(_drift_since_previous(frame, prior.ids))
+    prior = prior.with_drift(_drift_since_previous(current, frame, prior.ids, at))
     prior = prior.absorb_frame(
         current.amplitudes, frame.cam_from_ref, current.q[at], blocks.v[at], blocks.g_point[at]
     )
@@ -43,10 +43,18 @@ def absorb_oldest_frame(current: Map) -> None:
     current.select(among(current.ids, np.union1d(seen_later, current.prior.ids)))
 
 
-def _drift_since_previous(frame: WindowFrame, ids: NDArray[np.int64]) -> Array:
-    """Return covariances (n, 3, 3) of q of points `ids` for their drift up to `frame`; zero where unseen by it."""
+def _drift_since_previous(current: Map, frame: WindowFrame, ids: NDArray[np.int64], at: NDArray[np.intp]) -> Array:
+    """Return covariances (n, 3, 3) of q of points `ids`, rows `at` of the map, for their drift up to `frame`.
+
+    The frame is the reference already; the covariance is zero where it does not see a point.
+    """
     cov = np.zeros((len(ids), 3, 3))
     known = among(ids, frame.ids)
-    if frame.cov_drift is not None:
-        cov[known] = frame.cov_drift[np.searchsorted(frame.ids, ids[known])]
+    if not len(frame.var_drift) or not known.any():
+        return cov
+    ref_from_anchor = current.ref_from_anchor[at[known]]
+    here = in_reference(ref_from_anchor, current.q[at[known]])
+    anchor_from_here = np.linalg.inv(q_jacobian(here) @ ref_from_anchor[:, :, Q_COLUMNS])
+    drift = frame.var_drift[np.searchsorted(frame.ids, ids[known])]
+    cov[known] = (anchor_from_here * drift[:, None, :]) @ np.swapaxes(anchor_from_here, 1, 2)
     return cov

@@ -101,8 +101,7 @@ class WhitenedViews:
 class NormalBlocks:
     """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
 
-    `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3). `v_by_frame`
-    (F, P, 3, 3) are the parts of `v`; `coupling` (6F, 6F) is added between all poses, if there is any.
+    `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3).
     """
 
     u: Array
@@ -110,8 +109,6 @@ class NormalBlocks:
     w: Array
     g_pose: Array
     g_point: Array
-    v_by_frame: Array
-    coupling: Array | None = None
 
 
 def whitened_residuals(
@@ -143,14 +140,13 @@ def linearise(
     by_frame = (of_frame @ products.reshape(len(r), 90)).reshape(frames, 9, 10)
     by_point = np.zeros((frames, points, 3, 4))
     by_point[views.frame, views.point] = products[:, 6:, 6:]
-    of_point = by_point.sum(0)
+    by_point = by_point.sum(0)
     w = np.zeros((points, 3, frames, 6))
     w[views.point, :, views.frame] = products[:, 6:, :6]
     return NormalBlocks(
         u=by_frame[:, :6, :6],
-        v=of_point[..., :3],
+        v=by_point[..., :3],
         w=w.reshape(points, 3, 6 * frames),
         g_pose=by_frame[:, :6, 9],
-        g_point=of_point[..., 3],
-        v_by_frame=by_point[..., :3],
+        g_point=by_point[..., 3],
     )

@@ -13,12 +13,11 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Solution
 from ..ids import among
-from .inverse_depth import Q_COLUMNS, WhitenedViews, in_reference, linearise, q_jacobian, q_of_views
+from .inverse_depth import WhitenedViews, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
-from .window_drift import DRIFT_WITHIN_WINDOW, with_drift
 from .window_frame import WindowFrame
 
 
@@ -26,8 +25,8 @@ class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
     `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point. `frames`: the window, oldest first.
-    `prior` and the `amplitudes` (k,) of its modes. `blocks`, and factored `system`: the latest normal equations.
-    `marginals`: of the latest frame.
+    `prior` and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the
+    latest frame.
     """
 
     def __init__(self, projection: StereoProjection, frame: WindowFrame, first: Solution) -> None:
@@ -88,33 +87,6 @@ class Map:
         )
         self.select(np.argsort(self.ids))
         self.frames.append(frame)
-        frame.cov_drift = self._drift_of_own_q(frame)
-
-    def _drift_of_own_q(self, frame: WindowFrame) -> Array | None:
-        """Return the drift (n, 3, 3) up to a frame, eq. (33), carried into the cameras that first saw the points."""
-        if not len(frame.var_drift):
-            return None
-        at = np.searchsorted(self.ids, frame.ids).clip(
-            0, len(self.ids) - 1
-        )  # of the map's points; others do not matter
-        cam_from_anchor = frame.cam_from_ref @ self.ref_from_anchor[at]
-        here = in_reference(cam_from_anchor, self.q[at])
-        anchor_from_here = np.linalg.inv(q_jacobian(here) @ cam_from_anchor[:, :, Q_COLUMNS])
-        cov = (anchor_from_here * frame.var_drift[:, None, :]) @ np.swapaxes(anchor_from_here, 1, 2)
-        return np.asarray(cov)
-
-    def _drift_in_window(self) -> Array:
-        """Return the drift of every point up to every frame of the window (F, P, 3, 3); none where a point begins."""
-        drift = np.zeros((len(self.frames), len(self.ids), 3, 3))
-        begun = among(self.ids, self.prior.ids)
-        for s, frame in enumerate(self.frames):
-            at = np.searchsorted(self.ids, frame.ids).clip(0, len(self.ids) - 1)
-            here = self.ids[at] == frame.ids
-            if frame.cov_drift is not None:
-                old = here & begun[at]
-                drift[s, at[old]] = frame.cov_drift[old]
-            begun[at[here & frame.used]] = True
-        return drift
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
@@ -151,9 +123,8 @@ class Map:
     def gauss_newton_step(self, views: WhitenedViews) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
         cams = self.cams_from_ref()
-        self.blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, views)
-        blocks, known = self.blocks, np.searchsorted(self.ids, self.prior.ids)
-        self.system = System(self.prior, known, blocks)
+        blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, views)
+        self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), blocks)
         dx, dq, dy, decrease = self.system.step(blocks.g_pose, blocks.g_point, self.q, self.amplitudes)
         for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ cams), strict=True):
             f.cam_from_ref = cam
@@ -161,11 +132,7 @@ class Map:
         return decrease
 
     def update_marginals(self) -> Marginals:
-        """Compute the marginals of the newest frame from the latest system, with the drift inside the window."""
-        drift = self._drift_in_window()
-        if drift.any():
-            known = np.searchsorted(self.ids, self.prior.ids)
-            self.system = System(self.prior, known, with_drift(self.blocks, DRIFT_WITHIN_WINDOW * drift))
+        """Compute the marginals of the newest frame from the latest system."""
         self.marginals = self._marginals()
         return self.marginals
 

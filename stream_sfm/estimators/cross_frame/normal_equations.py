@@ -50,8 +50,6 @@ class System:
         h = np.zeros((size, size))
         for s in range(frames):
             h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
-        if blocks.coupling is not None:
-            h[: self.poses, : self.poses] += blocks.coupling
         h[self.poses :, self.poses :] = np.eye(k) + _flat(prior.modes).T @ _flat(self.pull)
         h -= _flat(self.cross).T @ _flat(self.gain)
         self.chol = Cholesky(symmetric(h))

@@ -17,8 +17,7 @@ class WindowFrame:
 
     The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
-    `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none;
-    `cov_drift` (n, 3, 3): the same of the points' own q, in the cameras that first saw them, once it is in the window.
+    `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 
     index: int
@@ -30,7 +29,6 @@ class WindowFrame:
     used: NDArray[np.bool_]
     var_drift: Array
     cam_from_ref: Array
-    cov_drift: Array | None = None
 
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
