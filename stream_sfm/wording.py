@@ -19,6 +19,15 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*?)`")
 _PATH = re.compile(r" - at `\$\.?(.*)`$")
 
 
+def printable(text: str) -> str:
+    """A text in one line whose every character can be seen: others, such as escapes of terminals, by their code.
+
+    Names of topics, encodings and files may hold anything, and what reads them (a terminal, a header of lines) would
+    take it as a command.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in text)
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence that a name is not known, with the nearest known one, or else with all of them."""
     known = list(known)

@@ -68,15 +68,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(content: dict[str, Any], out: Path, args: argparse.Namespace) -> None:
     from ..report.batch_page import conclusion
+    from ..wording import printable
     from .batch_table import print_batch
-    from .printing import print_json
+    from .printing import cleaned, print_json
 
     if args.json:
         print_json(content)
     elif not args.quiet:
         print_batch(content)
         print(conclusion(content))
-        print(out / "report.html")
-    for log in content["logs"]:
+        print(printable(str(out / "report.html")))
+    for log in cleaned(content["logs"]):
         if log["status"] != "done":
             print(f"stream-sfm: {log['name']}: {log['status']}: {log['reason']}", file=sys.stderr)

@@ -6,7 +6,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from .printing import number, stdout_console
+from .printing import cleaned, number, stdout_console
 
 _PIPED_WIDTH = 120  # columns: names of logs are long
 _TRUTH_COLUMNS = {"ate_rmse_aligned_m": "ATE\nm", "final_drift_percent": "drift\n%", "t_rel_percent": "t_rel\n%"}
@@ -19,7 +19,7 @@ def print_batch(content: dict[str, Any]) -> None:
     table.add_column("status", no_wrap=True)
     for heading in ("frames", "lost", "path\nm", *_TRUTH_COLUMNS.values(), "time\nms/frame"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for log in content["logs"]:
+    for log in cleaned(content["logs"]):
         summary = log["summary"]
         if summary is None:
             table.add_row(escape(log["name"]), log["status"])

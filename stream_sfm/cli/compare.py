@@ -97,6 +97,7 @@ def _compare(
 
 def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -> None:
     from ..report.numbers import conclusion
+    from ..wording import printable
     from .comparison_table import print_comparison
     from .printing import print_json, print_notes
 
@@ -107,4 +108,4 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
         print_notes("warning", result.comparison.warnings)
         print_comparison(content)
         print(conclusion(content, bool(content["frames_with_ground_truth"] > 1))[1])
-        print(folder / "report.html")
+        print(printable(str(folder / "report.html")))

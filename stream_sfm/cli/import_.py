@@ -111,12 +111,14 @@ def _images(args: argparse.Namespace) -> int:
 
 
 def _report(imported: "Imported", args: argparse.Namespace) -> int:
+    from ..wording import printable
     from .printing import print_json, print_notes
 
     print_notes("warning", imported.warnings)
     if args.json:
-        counts = {"left": imported.left, "right": imported.right, "poses": imported.poses}
-        print_json({"out": str(imported.path), **counts, "warnings": imported.warnings})
+        numbers = {"left": imported.left, "right": imported.right, "poses": imported.poses}
+        print_json({"out": str(imported.path), **numbers, "warnings": imported.warnings})
     else:
-        print(f"{imported.path}: {imported.left} left and {imported.right} right images, {imported.poses} poses")
+        counts = f"{imported.left} left and {imported.right} right images, {imported.poses} poses"
+        print(f"{printable(str(imported.path))}: {counts}")
     return ExitCode.DONE

@@ -7,13 +7,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from .printing import facts_table, number, print_notes, stdout_console
+from .printing import cleaned, facts_table, number, print_notes, stdout_console
 
 _MAX_GAPS = 5  # listed; more would hide the rest of the table
 
 
 def print_inspection(found: dict[str, Any]) -> None:
     """Print the description that `inspect_log` returns."""
+    found = cleaned(found)
     console = stdout_console()
     console.print(_topics(found, console))
     facts = facts_table()

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
+from ..wording import printable
 from . import batch, compare, config, import_, inspect, replay, simulate, surface
 from .arguments import add_debug
 from .hints import hint
@@ -86,7 +87,7 @@ def _failed(args: argparse.Namespace, error: BaseException, code: int, message: 
         import traceback
 
         traceback.print_exception(error)
-    print(f"stream-sfm: {message}", file=sys.stderr)
+    print(f"stream-sfm: {printable(message)}", file=sys.stderr)
     if advice:
         print(advice, file=sys.stderr)
     return code

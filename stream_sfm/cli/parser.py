@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ..errors import ExitCode
-from ..wording import did_you_mean, unknown_name
+from ..wording import did_you_mean, printable, unknown_name
 
 
 class Formatter(argparse.HelpFormatter):
@@ -33,7 +33,9 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error and exit as for every wrong use."""
         text = message.removeprefix("argument ")
-        self.exit(ExitCode.USAGE, f"stream-sfm: {text}\nhint: `{self.prog} --help` lists all arguments\n")
+        self.exit(
+            ExitCode.USAGE, f"stream-sfm: {printable(text)}\nhint: `{self.prog} --help` lists all arguments\n"
+        )
 
     def parse(self, arguments: Sequence[str] | None) -> argparse.Namespace:
         """Parse like `parse_args`; an unknown option is answered by the nearest one."""

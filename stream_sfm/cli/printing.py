@@ -1,5 +1,6 @@
 """How results are printed: JSON, tables, and warnings on standard error."""
 
+import json
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -8,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..files import json_bytes
+from ..wording import printable
 
 _PIPED_WIDTH = 110  # columns of a table that goes to a file or a pipe
 
@@ -18,14 +20,31 @@ def stdout_console(piped_width: int = _PIPED_WIDTH) -> Console:
 
 
 def print_json(value: Any) -> None:
-    """One JSON object; NaN and infinity become null."""
-    print(json_bytes(value).decode(), end="")
+    """One JSON object; NaN and infinity become null. Characters that a terminal would obey are escaped."""
+    print("\n".join(map(_escaped, json_bytes(value).decode().split("\n"))), end="")
+
+
+def _escaped(line: str) -> str:
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line) if not line.isprintable() else line
+
+
+def cleaned(value: Any) -> Any:
+    """What is about to be printed, a text or anything that holds texts, with every text made printable."""
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, dict):
+        return {key: cleaned(content) for key, content in value.items()}
+    if isinstance(value, list | tuple):
+        return [cleaned(content) for content in value]
+    return value
 
 
 def print_notes(kind: str, notes: Iterable[str], console: Console | None = None) -> None:
     """One line each, such as "warning: …", on standard error unless a console is given."""
     for note in notes:
-        (console or Console(stderr=True, soft_wrap=True)).print(f"{kind}: {note}", markup=False, highlight=False)
+        (console or Console(stderr=True, soft_wrap=True)).print(
+            f"{kind}: {printable(note)}", markup=False, highlight=False
+        )
 
 
 def facts_table(title: str | None = None) -> Table:

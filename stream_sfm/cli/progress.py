@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from rich.console import Console
 
+from ..wording import printable
+
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
 
@@ -71,7 +73,7 @@ def _bar(label: str, unit: str, total: int | None) -> Iterator[Advance]:
 
         def advance(finished: int = 1, line: str = "") -> None:
             if line:
-                bar.console.print(line, markup=False, highlight=False)
+                bar.console.print(printable(line), markup=False, highlight=False)
             bar.advance(task, finished)
 
         yield advance
@@ -85,7 +87,7 @@ def _lines(label: str, unit: str, total: int | None) -> Advance:
         nonlocal done, printed_s
         done += finished
         if line:
-            print(line, file=sys.stderr, flush=True)
+            print(printable(line), file=sys.stderr, flush=True)
         now_s = time.monotonic()
         if now_s - printed_s >= LINE_INTERVAL_S:
             printed_s = now_s

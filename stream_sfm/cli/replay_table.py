@@ -6,15 +6,16 @@ from typing import Any
 
 from rich.markup import escape
 
+from ..wording import printable
 from .printing import facts_table, number, stdout_console
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) -> None:
     """Print the summary and where the results are; `stages` adds the time that each stage takes."""
-    table = facts_table(escape(f"{summary['log']}: {summary['method']}"))
+    table = facts_table(escape(printable(f"{summary['log']}: {summary['method']}")))
     for label, text in (*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth"))):
         table.add_row(label, text)
-    table.add_row("results", escape(str(folder)))
+    table.add_row("results", escape(printable(str(folder))))
     stdout_console().print(table)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ExitCode
+from ..wording import printable
 from . import arguments
 
 EXPLAINED = {
@@ -63,5 +64,5 @@ def run(args: argparse.Namespace) -> int:
         print_json(report)
     elif not args.quiet:
         print_tables(args.experiment, report)
-        print(f"results.json, {args.experiment}.png and {args.experiment}.svg in {folder}")
+        print(f"results.json, {args.experiment}.png and {args.experiment}.svg in {printable(str(folder))}")
     return ExitCode.DONE

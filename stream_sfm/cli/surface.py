@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExitCode
+from ..wording import printable
 from . import arguments
 
 if TYPE_CHECKING:
@@ -147,8 +148,8 @@ def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _print(figures: dict[str, Any]) -> None:
-    std = figures["std_m"]
+    std, out = figures["std_m"], printable(figures["out"])
     frames = f"frame {figures['frame']}" if figures["frame"] is not None else f"{figures['frames']['used']} frames"
     voxel = f", voxels of {1e3 * figures['voxel_m']:.1f} mm" if figures["voxel_m"] else ""
-    print(f"{figures['out']}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames}{voxel}")
+    print(f"{out}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames}{voxel}")
     print(f"σ {1e3 * std['p50']:.1f} mm (median), {1e3 * std['p5']:.1f} to {1e3 * std['p95']:.1f} mm (5 to 95 %)")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..files import write_whole
+from ..wording import printable
 from .mesh import Mesh
 
 _VERTEX = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -14,7 +15,7 @@ _TYPES = {"<f4": "float", "|u1": "uchar"}
 
 
 def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
-    """Write a mesh; `comment`, a single line, states its axes. Raises OutputError."""
+    """Write a mesh; `comment` states its axes. Raises OutputError."""
     vertices = np.empty(len(mesh.vertices), _VERTEX)
     for i, axis in enumerate("xyz"):
         vertices[axis], vertices[f"n{axis}"] = mesh.vertices[:, i], mesh.normals[:, i]
@@ -26,7 +27,7 @@ def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment {comment}",
+        f"comment {printable(comment)}",
         "comment metres; std_m: standard deviation of the vertex along its viewing ray",
         f"element vertex {len(vertices)}",
         *(f"property {_TYPES[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()),

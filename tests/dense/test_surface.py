@@ -208,6 +208,12 @@ def test_ply_is_read_back_by_another_library(tmp_path: Path):
     assert not (tmp_path / "a.ply.part").exists()
 
 
+def test_a_name_cannot_add_lines_to_the_header(tmp_path: Path):
+    write_ply(tmp_path / "a.ply", small_mesh(), "log\nelement vertex 99\r\n: axes")
+    assert len(trimesh.load(tmp_path / "a.ply", process=False).vertices) == len(small_mesh().vertices)
+    assert b"\ncomment log\\nelement vertex 99\\r\\n: axes\n" in (tmp_path / "a.ply").read_bytes()
+
+
 def test_a_preview_shows_the_nearer_surface_and_the_background():
     wall = small_mesh()
     red = np.broadcast_to(np.array([255, 0, 0], np.uint8), wall.colours.shape)

@@ -1,0 +1,65 @@
+"""Whatever topics, encodings and files are called: what is printed has no character that a terminal would obey."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stream_sfm.cli.main import main
+from stream_sfm.wording import printable
+from tests.helpers.stereo_logs import START_NS, LogWriter, Spec, write_log
+
+ESCAPES = "\x1b]0;owned\x07\x1b[2J\x00\x9b31m\u202e\r\n"
+CAMERAS = Spec(topics=(f"/left{ESCAPES}/image", f"/right{ESCAPES}/image"))
+
+
+def obeyed(text: str) -> set[str]:
+    return {c for c in text if not c.isprintable() and c != "\n"}
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log whose name and topics are commands for a terminal."""
+    path = tmp_path / "a\x1b[31m\nb.mcap"
+    writer = LogWriter(tmp_path / "odd.mcap")
+    writer.add(f"/odd{ESCAPES}", f"odd/msg/{ESCAPES}", ("cdr", "ros2msg"), b"uint8 x\n", START_NS, b"\0")
+    writer.close()
+    write_log(path, CAMERAS)
+    return path
+
+
+def test_printable() -> None:
+    assert printable("plain – σ ° ✓") == "plain – σ ° ✓"
+    assert not obeyed(printable(ESCAPES)) and "\n" not in printable(ESCAPES)
+    assert printable("a\nb\x1b") == r"a\nb\x1b"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["inspect", "{log}"],
+        ["inspect", "{odd}"],
+        ["inspect", "{log}", "--json"],
+        ["replay", "{log}", "--out", "{dir}/o\x1b[1m", "--method", "frame-to-frame", "-v"],
+        ["replay", "{log}", "--left", "\x1b[2J", "--out", "{dir}/o"],
+        ["replay", "{log}", "--out", "{dir}/o", "--json", "--method", "frame-to-frame"],
+        ["replay", "{dir}/missing\x1b[31m", "--out", "{dir}/o"],
+        ["replay", "{log}", "--\x1b[31m"],
+        ["replay", "{log}", "--config", "\x1b[31m"],
+        ["batch", "{log}", "--out", "{dir}/o\x1b[1m", "--method", "frame-to-frame"],
+        ["batch", "{dir}/missing\x1b[31m", "--out", "{dir}/o\x1b[1m"],
+        ["surface", "{log}", "--out", "{dir}/s\x1b[1m.ply", "--frame", "2"],
+    ],
+)  # fmt: skip
+def test_a_terminal_is_told_nothing(
+    command: list[str], log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap"}
+    main([word.format(**names) for word in command])
+    said = capsys.readouterr()
+    assert said.out or said.err
+    assert not obeyed(said.out + said.err)
+    assert "Traceback" not in said.err and "defect" not in said.err
+    if "--json" in command:  # the names themselves, not what is shown of them
+        assert json.loads(said.out)["log"] in (str(log), log.name)
