@@ -36,14 +36,15 @@ def run_batch(
     options: Sequence[str] = (),
     calibration: Path | None = None,
     timeout_s: float = 600.0,
+    skipped: Sequence[str] = (),
     on_done: Callable[[JobResult], None] | None = None,
 ) -> dict[str, Any]:
     """Replay each log into `out`/<name> and return the content of batch.json.
 
     `logs` as `find_logs` returns them; `options` are further arguments of `replay`; a log that delivers no frame for
-    `timeout_s` is stopped; `on_done` is called with the result of each log. On the first Ctrl-C or SIGTERM the
-    running replays end after their current frame, and no further one is started. Raises ConfigError and OutputError
-    before any replay is started.
+    `timeout_s` is stopped; `skipped` says what was found but is not a log; `on_done` is called with the result of each
+    log. On the first Ctrl-C or SIGTERM the running replays end after their current frame, and no further one is
+    started. Raises ConfigError and OutputError before any replay is started.
     """
     if config.method not in METHODS:
         raise ConfigError(unknown_name("method", config.method, METHODS))
@@ -61,7 +62,7 @@ def run_batch(
     except OSError as error:
         raise OutputError(f"cannot write to {out}: {error.strerror}") from None
     with only_writer(out):
-        known = {"method": config.method, "configuration": toml, "options": list(options)}
+        known = {"method": config.method, "configuration": toml, "options": list(options), "skipped": list(skipped)}
         return _run_and_record(out, jobs, known, executor, on_done)
 
 

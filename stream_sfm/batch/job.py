@@ -116,11 +116,21 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 
 def _fingerprint(job: Job) -> tuple[str, str]:
     """SHA-256 of the log, and of everything that its results depend on."""
-    with open_regular(job.log) as stream:
-        log_sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    log_sha256 = _sha256(job.log)
     calibration = read_small(job.calibration, MAX_BYTES) if job.calibration else None
     parts = [log_sha256, job.config_toml, job.options, calibration, __version__]
     return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    """Of the content of a file, or of the names and contents of all files of a folder."""
+    if not path.is_dir():
+        with open_regular(path) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
+    digest = hashlib.sha256()
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path).as_posix()}\0{_sha256(file)}\0".encode(errors="surrogateescape"))
+    return digest.hexdigest()
 
 
 def _previous(folder: Path) -> JobResult | None:

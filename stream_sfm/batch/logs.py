@@ -7,37 +7,48 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ..errors import LogError
+from ..sources.recognise import SUPPORTED, is_recording
 
 _RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log
 
 
-def find_logs(arguments: Sequence[str]) -> dict[Path, int]:
+def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dict[Path, int]:
     """Absolute paths in the given order, each once, with the number of parts of the path that make its name.
 
-    A folder stands for all *.mcap files in it and below, except hidden ones and results (estimates.mcap); they are
-    named relative to that folder, so that a name stays the same when the folder grows. A pattern that no shell has
-    expanded is expanded here, `**` for any depth. Raises LogError where a folder holds no log; a file that does not
-    exist is kept, and reported when it is its turn.
+    A folder that is a recording (a bag, a data set) is one log. Any other folder stands for all recordings in it and
+    below, except hidden ones and results (estimates.mcap); they are named relative to that folder, so that a name
+    stays the same when the folder grows. `skipped` is given a line for each linked folder, which is not followed. A
+    pattern that no shell has expanded is expanded here, `**` for any depth. Raises LogError where a folder holds no
+    log; a file that does not exist is kept, and reported when it is its turn.
     """
+    skipped = [] if skipped is None else skipped
     found: dict[Path, int] = {}
     for argument in arguments:
         matches = [argument] if os.path.exists(argument) else sorted(glob.glob(argument, recursive=True))
         for path in (Path(os.path.abspath(match)) for match in matches or [argument]):
-            if not os.path.isdir(path):
+            if not os.path.isdir(path) or is_recording(path):
                 found.setdefault(path, 1)
                 continue
-            below = list(_logs_below(path))
+            below = list(_logs_below(path, skipped))
             if not below:
-                raise LogError(f"the folder {path} holds no log (*.mcap)")
+                raise LogError(f"the folder {path} holds no log ({SUPPORTED})")
             for log in below:
                 found.setdefault(log, len(log.relative_to(path).parts))
     return found
 
 
-def _logs_below(folder: Path) -> Iterator[Path]:
-    for path in sorted(folder.rglob("*.mcap")):
-        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if not hidden and path.name != _RESULT and path.is_file():
+def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or path.name == _RESULT:
+            continue
+        if path.is_dir():
+            if path.is_symlink():
+                skipped.append(f"{path} is a link to a folder, which is not followed: name the folder itself")
+            elif is_recording(path):
+                yield path
+            else:
+                yield from _logs_below(path, skipped)
+        elif path.is_file() and is_recording(path):
             yield path
 
 

@@ -31,17 +31,18 @@ def replay_batch(
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
-    `logs`: files, folders of logs, patterns. `workers` processes of this machine (None: one per core), or those of
-    the Dask `scheduler`. A log that delivers no frame for `timeout_s` is stopped; `on_done` is called with the result
-    of each. A second call processes only what is missing or has changed. Raises ConfigError, LogError and OutputError
-    before any log is started.
+    `logs`: recordings of any kind, folders of them, patterns. `workers` processes of this machine (None: one per
+    core), or those of the Dask `scheduler`. A log that delivers no frame for `timeout_s` is stopped; `on_done` is
+    called with the result of each. A second call processes only what is missing or has changed. Raises ConfigError,
+    LogError and OutputError before any log is started.
     """
     config = config or Config()
     config.needs_scale("a batch, which compares metres,")
     calibration = None if calibration is None else Path(calibration).resolve()
     if calibration is not None:
         StereoRig.from_calibration(calibration)  # a mistake in it is reported once, before any log is started
-    found = find_logs([str(log) for log in logs])
+    skipped: list[str] = []
+    found = find_logs([str(log) for log in logs], skipped)
     # the threads only wait for the processes that replay
     with cluster(scheduler) if scheduler else ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
         return run_batch(
@@ -52,6 +53,7 @@ def replay_batch(
             options=_replay_options(left, right, selection or Selection()),
             calibration=calibration,
             timeout_s=timeout_s,
+            skipped=skipped,
             on_done=on_done,
         )
 

@@ -21,7 +21,9 @@ def add_parser(subparsers: Any) -> None:
         "file). A second run processes only what is missing or has changed.",
         usage="LOG... --out DIR [options]",
     )
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="stereo logs (MCAP), folders of logs, or patterns")
+    parser.add_argument(
+        "logs", nargs="+", metavar="LOG", help="recordings of any kind, folders of them, or patterns"
+    )
     results = parser.add_argument_group("results")
     results.add_argument("--out", metavar="DIR", required=True, help="folder for the results of all logs")
     arguments.add_workers(parser)
@@ -70,8 +72,10 @@ def _print(content: dict[str, Any], out: Path, args: argparse.Namespace) -> None
     from ..report.batch_page import conclusion
     from ..wording import printable
     from .batch_table import print_batch
-    from .printing import cleaned, print_json
+    from .printing import cleaned, print_json, print_notes
 
+    if not args.quiet:
+        print_notes("skipped", content["skipped"])
     if args.json:
         print_json(content)
     elif not args.quiet:

@@ -1,6 +1,7 @@
 """Finds out by its content what a path is, and opens the source that reads it."""
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +34,7 @@ _OTHER_FILES = (
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _START_BYTES = 16
+SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, folders of left and right images"
 
 
@@ -44,6 +46,17 @@ def open_source(path: str | Path) -> Source:
     except UnicodeEncodeError:  # it could not be named in any result
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
     return _open_folder(path) if os.path.isdir(path) else _open_file(path)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file by its name, or a folder by what is in it, is a recording as a whole."""
+    if not path.is_dir():
+        return path.name.removesuffix(".zstd").endswith(SUFFIXES)
+    if (path / METADATA).is_file() or any(belongs(path) for belongs, _ in _FOLDERS):
+        return True
+    # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.
+    files = [p.name for p in path.iterdir() if p.is_file()]
+    return bool(files) and all(re.fullmatch(rf"{re.escape(path.name)}_\d+\.(mcap|db3)(\.zstd)?", n) for n in files)
 
 
 def _open_file(path: Path) -> Source:

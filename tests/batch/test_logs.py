@@ -27,6 +27,22 @@ def test_a_folder_is_its_logs_but_not_results_or_hidden_files(tree: Path):
     assert list(names_for(found).values()) == ["a-run", "a-second", "b-deep-run", "b-run"]
 
 
+def test_a_recording_that_is_a_folder_is_one_log(tmp_path: Path):
+    for name in (
+        "bags/walk/metadata.yaml", "bags/walk/walk_0.db3", "bags/crashed/crashed_0.mcap", "bags/crashed/crashed_1.mcap",
+        "bags/old.bag", "bags/single.db3", "seq/00/calib.txt", "seq/00/image_0/000000.png", "seq/00/image_1/000000.png",
+        "MH/mav0/cam0/data.csv", "MH/mav0/cam1/data.csv", "notes/readme.txt",
+    ):  # fmt: skip
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "linked").symlink_to(tmp_path / "seq", target_is_directory=True)
+    skipped: list[str] = []
+    names = ["MH", "bags/crashed", "bags/old.bag", "bags/single.db3", "bags/walk", "seq/00"]
+    assert list(find_logs([str(tmp_path)], skipped)) == [tmp_path / name for name in names]
+    assert len(skipped) == 1 and "linked is a link to a folder" in skipped[0]
+    assert list(find_logs([str(tmp_path / "bags/walk")])) == [tmp_path / "bags/walk"]
+
+
 def test_names_stay_when_a_folder_grows(tree: Path):
     before = names_for(find_logs([str(tree / "b")]))
     (tree / "b" / "new").mkdir()
@@ -47,7 +63,7 @@ def test_each_log_once_and_missing_ones_kept(tree: Path, monkeypatch: pytest.Mon
 
 
 def test_a_folder_without_logs_is_an_error(tree: Path):
-    with pytest.raises(LogError, match=r"none holds no log \(\*\.mcap\)"):
+    with pytest.raises(LogError, match=r"none holds no log \(an MCAP file"):
         find_logs([str(tree / "none")])
 
 
