@@ -18,11 +18,10 @@ from typing import Any, Literal
 import msgspec
 
 from .. import __version__
-from ..camera.calibration.document import MAX_BYTES
 from ..errors import ExitCode, OutputError
 from ..executors import ONE_THREAD
 from ..files import json_bytes, write_whole
-from ..inputs import open_regular, read_small
+from ..inputs import open_regular
 from ..outputs import RESULTS, only_writer
 
 _RECORD, _STDERR = "job.json", "stderr.txt"
@@ -37,8 +36,8 @@ SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and i
 class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
-    `options` are further arguments of `replay`, `calibration` is a file. The replay is ended when no frame has been
-    written for `timeout_s`, or when the file `stop` appears.
+    `options` are further arguments of `replay`, `calibration` is a file or a folder. The replay is ended when no frame
+    has been written for `timeout_s`, or when the file `stop` appears.
     """
 
     name: str
@@ -117,7 +116,7 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 def _fingerprint(job: Job) -> tuple[str, str]:
     """SHA-256 of the log, and of everything that its results depend on."""
     log_sha256 = _sha256(job.log)
-    calibration = read_small(job.calibration, MAX_BYTES) if job.calibration else None
+    calibration = _sha256(job.calibration) if job.calibration else None
     parts = [log_sha256, job.config_toml, job.options, calibration, __version__]
     return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 

@@ -14,6 +14,8 @@ from .collect import run_batch
 from .job import JobResult
 from .logs import find_logs
 
+_ANY_SIZE = (1000, 1000)  # of images, pixels
+
 
 def replay_batch(
     logs: Sequence[str | Path],
@@ -40,7 +42,8 @@ def replay_batch(
     config.needs_scale("a batch, which compares metres,")
     calibration = None if calibration is None else Path(calibration).resolve()
     if calibration is not None:
-        StereoRig.from_calibration(calibration)  # a mistake in it is reported once, before any log is started
+        # A mistake in it is reported once, before any log is started; each log knows the size of its images.
+        StereoRig.from_calibration(calibration, image_size=_ANY_SIZE)
     skipped: list[str] = []
     found = find_logs([str(log) for log in logs], skipped)
     # the threads only wait for the processes that replay

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..wording import printable
-from . import batch, compare, config, import_, inspect, replay, simulate, surface
+from . import batch, calibration, compare, config, import_, inspect, replay, simulate, surface
 from .arguments import add_debug
 from .hints import hint
 from .parser import Parser
 
-COMMANDS = (replay, batch, compare, surface, inspect, import_, simulate, config)
+COMMANDS = (replay, batch, compare, surface, inspect, import_, calibration, simulate, config)
 
 
 def build_parser() -> Parser:
