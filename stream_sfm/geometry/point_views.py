@@ -11,6 +11,10 @@ from .linear import matvec
 from .se3 import Array
 from .stereo import MIN_DEPTH, StereoProjection, clamp_depth, whitening_of_views
 
+# A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a
+# hundred times more, the noise of the view itself would be lost to rounding in their sum.
+_MAX_PREDICTED_STD_PX = 1e5
+
 
 class PointViews:
     """Homogeneous points (n, 4) in a reference camera with covariances (n, 4, 4) (None: exact), and their views.
@@ -52,28 +56,37 @@ class PointViews:
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6) of a left perturbation.
 
-        The noise is that of the view and of the point itself, as seen from here.
+        The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
+        point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
         in_cam = clamp_depth(self.points @ cam_from_ref.T)
         j = self.projection.jacobian_homogeneous(in_cam)
-        cov = self.cov_px
         if self.cov_points is not None:
             by_point = j @ cam_from_ref
-            cov = cov + by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
-        root = whitening_of_views(self.z_px, cov)
+            predicted = by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
+            placed = np.trace(predicted, axis1=-2, axis2=-1) < _MAX_PREDICTED_STD_PX**2
+            root = whitening_of_views(self.z_px, self.cov_px + np.where(placed[:, None, None], predicted, 0.0))
+            root[~placed] = 0.0
+        else:
+            root = whitening_of_views(self.z_px, self.cov_px)
         a = root @ j[..., :3]
         return root, np.concatenate([a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])], axis=2)
 
     def residuals(self, cam_from_ref: Array, root: Array) -> tuple[Array, Array]:
-        """Return whitened residuals (n, 4) and their squared norms (n,), which are inf behind the camera."""
+        """Return whitened residuals (n, 4) and their squared norms (n,), inf where `_unusable`."""
         in_cam = self.points @ cam_from_ref.T
-        behind = in_cam[:, 2] < MIN_DEPTH
+        unusable = _unusable(in_cam, root)
         r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
-        return r, np.where(behind, np.inf, (r * r).sum(1))
+        return r, np.where(unusable, np.inf, (r * r).sum(1))
 
     def squared_residuals(self, cams_from_ref: Array, root: Array) -> Array:
-        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf behind the camera."""
+        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf where `_unusable`."""
         in_cam = self.points @ np.swapaxes(cams_from_ref, -1, -2)
-        behind = in_cam[..., 2] < MIN_DEPTH
+        unusable = _unusable(in_cam, root)
         r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
-        return np.where(behind, np.inf, (r * r).sum(-1))
+        return np.where(unusable, np.inf, (r * r).sum(-1))
+
+
+def _unusable(in_cam: Array, root: Array) -> NDArray[np.bool_]:
+    """Whether points (…, n, 4) are behind the camera, or predicted nothing where `root` (n, 4, 4) was linearised."""
+    return np.asarray((in_cam[..., 2] < MIN_DEPTH) | (root[:, 0, 0] == 0))

@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from stream_sfm.geometry import se3
-from stream_sfm.geometry.resection import resect
+from stream_sfm.geometry.point_views import PointViews
+from stream_sfm.geometry.resection import homogeneous, resect
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(620.0, 255.0, 255.0, 240.0, 0.25, 512, 480)
@@ -146,3 +147,18 @@ def test_scattered_outliers_are_no_rival() -> None:
     for seed in range(10):
         _, points, cov_points, z, cov, _ = problem(seed, 160, outliers=0.6)
         assert resect(P, points, cov_points, z, cov, np.eye(4)).rival is None
+
+
+def test_a_distant_point_next_to_the_camera_plane_predicts_nothing() -> None:
+    """A trial motion that turns a point of 75 m out of view predicts its view to 1e11 px."""
+    truth, points, cov_points, z, cov, _ = problem(2, 60)
+    points[0], cov_points[0] = [-14.0, -3.0, 75.5], np.diag([6e-4, 7e-4, 250.0])
+    views = PointViews(P, *homogeneous(points, cov_points), z, cov, 0.999)
+    turned = se3.exp(np.array([0, 0, 0, 0.6, 1.8, 0.0]))
+    turned[2, 3] = 2e-3 - turned[2, :3] @ points[0]  # just in front
+    root, jacobian = views.linearise(turned)
+    assert not root[0].any() and not jacobian[0].any()
+    assert views.residuals(truth, root)[1][0] == np.inf
+    assert views.squared_residuals(truth[None], root)[0, 0] == np.inf
+    root, _ = views.linearise(truth)
+    assert root.any(axis=(1, 2)).all()
