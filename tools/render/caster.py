@@ -17,7 +17,7 @@ from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
-from .scene import FACE_AXES, LEVELS, Scene
+from .scene import FACE_AXES, LEVELS, Box, Scene
 
 Array = NDArray[np.floating[Any]]
 
@@ -135,51 +135,66 @@ def _cast(
     )
     cam_from_room = se3.inverse(room_from_cam)
     for b, box in enumerate(scene.boxes):
-        if b == without:
-            continue
         rows, columns = _region(scene, b, cam_from_room, camera)
         block = rays[:, :, rows, columns]
-        if block.size == 0:
+        if b == without or block.size == 0:
             continue
         box_from_cam = box.box_from_room @ room_from_cam
-        half = np.array(box.size_m) / 2
-        origin = box_from_cam[:3, 3]
-        d = np.tensordot(box_from_cam[:3, :3].astype(kind), block, axes=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1 / d
-            centre = inverse * -origin.astype(kind)[:, None, None, None]
-            reach = np.abs(inverse) * half.astype(kind)[:, None, None, None]
-            enter, leave = centre - reach, centre + reach
-        if box.inside:
-            t, axis = leave.min(axis=0), leave.argmin(axis=0)
-            met = t > 0
-        else:
-            t, axis = enter.max(axis=0), enter.argmax(axis=0)
-            met = (t > 0) & (t < leave.min(axis=0)) & (t < hits.depth[:, rows, columns])
+        directions = np.tensordot(box_from_cam[:3, :3].astype(kind), block, axes=1)
+        origin = box_from_cam[:3, 3].astype(kind)
+        t, axis, met = _slab_test(box, origin, directions)
+        if not box.inside:
+            met &= t < hits.depth[:, rows, columns]
         if beyond is not None:
             met &= t > beyond[:, rows, columns]
         where = np.nonzero(met)
-        if len(where[0]) == 0:
-            continue
-        t, axis = t[where], axis[where]
-        d = d[(slice(None), *where)]
-        along = np.take_along_axis(d, axis[None], axis=0)[0]
-        # A ray running towards +axis enters through the − face and leaves through the + face.
-        side = (along > 0) == box.inside
-        face = 2 * axis + side
-        seen_as = face ^ 1 if box.inside else face
-        point = origin.astype(kind)[:, None] + t * d
-        fraction = point / (2 * half.astype(kind))[:, None] + kind(0.5)
-        table = np.array(FACE_AXES)  # (face, column or row, (axis, sign))
-        place = (where[0], where[1] + rows.start, where[2] + columns.start)
-        for row_or_column, out in ((0, hits.u), (1, hits.v)):
-            picked, sign = table[seen_as, row_or_column].T
-            value = np.take_along_axis(fraction, picked[None], axis=0)[0]
-            out[place] = np.where(sign > 0, value, 1 - value)
-        hits.depth[place] = t
-        hits.face[place] = 6 * b + face
-        hits.cosine[place] = np.abs(along) / np.sqrt((d * d).sum(axis=0))
+        if len(where[0]):
+            place = (where[0], where[1] + rows.start, where[2] + columns.start)
+            _record(hits, place, b, box, origin, directions[(slice(None), *where)], t[where], axis[where])
     return hits
+
+
+def _slab_test(box: Box, origin: Array, directions: Array) -> tuple[Array, Array, Array]:
+    """Depth and axis of the face that each ray (3, s, h, w) meets, and whether it meets the box, in the box's axes."""
+    half = (np.array(box.size_m) / 2).astype(origin.dtype)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1 / directions
+        centre = inverse * -origin[:, None, None, None]
+        reach = np.abs(inverse) * half[:, None, None, None]
+        enter, leave = centre - reach, centre + reach
+    if box.inside:
+        t = leave.min(axis=0)
+        return t, leave.argmin(axis=0), t > 0
+    t = enter.max(axis=0)
+    return t, enter.argmax(axis=0), (t > 0) & (t < leave.min(axis=0))
+
+
+def _record(
+    hits: _Hits,
+    place: tuple[Array, Array, Array],
+    index: int,
+    box: Box,
+    origin: Array,
+    directions: Array,
+    t: Array,
+    axis: Array,
+) -> None:
+    """Write the hits at `place` on the box with this index: depth, face, texture coordinates, cosine."""
+    kind = origin.dtype.type
+    along = np.take_along_axis(directions, axis[None], axis=0)[0]
+    # A ray running towards +axis enters through the − face and leaves through the + face.
+    face = 2 * axis + ((along > 0) == box.inside)
+    seen_as = face ^ 1 if box.inside else face
+    point = origin[:, None] + t * directions
+    fraction = point / np.array(box.size_m).astype(kind)[:, None] + kind(0.5)
+    table = np.array(FACE_AXES)  # (face, column or row, (axis, sign))
+    for row_or_column, out in ((0, hits.u), (1, hits.v)):
+        picked, sign = table[seen_as, row_or_column].T
+        value = np.take_along_axis(fraction, picked[None], axis=0)[0]
+        out[place] = np.where(sign > 0, value, 1 - value)
+    hits.depth[place] = t
+    hits.face[place] = 6 * index + face
+    hits.cosine[place] = np.abs(along) / np.sqrt((directions * directions).sum(axis=0))
 
 
 def _bilinear(scene: Scene, face: Array, level: Array, u: Array, v: Array) -> Array:
