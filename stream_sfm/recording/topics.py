@@ -84,6 +84,7 @@ def choose_pair(
 
     Raises LogError, listing the candidates, where there is none or where the user has to choose.
     """
+    left, right = (None if topic is None else _transport(topic, image_topics) for topic in (left, right))
     _check_named(path, image_topics, left, right)
     if left is not None and right is not None:
         return PairChoice(left, right, "named by the user")
@@ -130,6 +131,12 @@ def _choose_among(
     raise LogError(f"{path} holds several stereo pairs, name one: {candidates}", hint=("left", "right"))
 
 
+def _transport(topic: str, image_topics: Iterable[str]) -> str:
+    """The topic that carries the images called `topic`: itself, or its compressed form where only that is there."""
+    compressed = f"{topic.rstrip('/')}/compressed"
+    return compressed if topic not in image_topics and compressed in image_topics else topic
+
+
 def _check_named(path: Path, image_topics: Iterable[str], left: str | None, right: str | None) -> None:
     for side, topic in (("left", left), ("right", right)):
         if topic is not None and topic not in image_topics:
@@ -153,6 +160,7 @@ def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | N
     It is the one named, the only one, or the left one of the pair that `choose_pair` would choose.
     """
     cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+    left = None if left is None else _transport(left, image_topics)
     if left is not None and left in image_topics:
         return PairChoice(left, left, "named by the user")
     if len(cameras) == 1 and left is None:

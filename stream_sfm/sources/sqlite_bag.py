@@ -13,6 +13,7 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.damage import Damage
+from ..mcap_file.records import MAX_RECORD_BYTES
 from .ros_definitions import standard_definition
 from .source import Attachment, Channel, Contents, Message
 
@@ -57,11 +58,17 @@ class SqliteBagSource:
             rows = database.execute(
                 "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             )
-            definitions = {kind: (encoding, text.encode()) for kind, encoding, text in rows if text}
+            definitions = {
+                kind: (encoding, text.encode())
+                for kind, encoding, text in rows
+                if text and _are_text(encoding, text)
+            }
         channels = {}
         for number, topic, kind, encoding in database.execute(
             "SELECT id, name, type, serialization_format FROM topics"
         ):
+            if not _are_text(topic, kind, encoding or ""):
+                continue  # SQLite stores what it is given, whatever the type of the column
             schema_encoding, definition = definitions.get(kind) or ("ros2msg", standard_definition(kind))
             channels[number] = Channel(topic, encoding or MessageEncoding.CDR, kind, schema_encoding, definition)
         return channels
@@ -73,7 +80,8 @@ class SqliteBagSource:
         try:
             with closing(self._connect()) as database:
                 for number, count, first_ns, last_ns in database.execute(
-                    "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY topic_id"
+                    "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
+                    "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"
                 ):
                     counts[number] = count
                     spans.append((first_ns, last_ns))
@@ -88,14 +96,19 @@ class SqliteBagSource:
         """Yield the messages of `topics` (None: all); where the database is damaged, those before the damage."""
         wanted = [n for n, channel in self._channels.items() if topics is None or channel.topic in topics]
         marks = ",".join("?" * len(wanted))
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
+        data = f"CASE WHEN length(data) <= {MAX_RECORD_BYTES} THEN data END"
+        query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
         read = 0
         try:
             with closing(self._connect()) as database:
-                for number, log_time_ns, data in database.execute(query, wanted):
+                for number, log_time_ns, content in database.execute(query, wanted):
+                    if not isinstance(log_time_ns, int) or not isinstance(content, bytes):
+                        what = "messages that are not bytes with a time, or over 128 MiB, were skipped"
+                        damage.add(f"{self.path}: {what}")
+                        continue
                     read += 1
-                    damage.bytes_read += len(data)
-                    yield Message(self._channels[number], log_time_ns, bytes(data))
+                    damage.bytes_read += len(content)
+                    yield Message(self._channels[number], log_time_ns, content)
         except sqlite3.Error as error:
             damage.add(f"{self.path}: reading failed after {read} messages: {error}")
         else:
@@ -112,3 +125,7 @@ class SqliteBagSource:
     def drop_unverified_index(self) -> bool:
         """See `Source`; the database has no other index than itself."""
         return False
+
+
+def _are_text(*values: object) -> bool:
+    return all(isinstance(value, str) for value in values)

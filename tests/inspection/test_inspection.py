@@ -174,7 +174,7 @@ def test_exit_codes_and_json(path, frames, capsys):
     assert found["problems"] == [] and found["images"]["left"]["size"] == [320, 240]
     assert main(["inspect", str(path)]) == 0
     text = capsys.readouterr().out
-    for words in ("baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "a replay can use this log"):
+    for words in ("baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "this log can be replayed"):
         assert words in text
     assert main(["inspect", str(write(path, frames, swapped=True))]) == 3
     assert "the images are swapped" in capsys.readouterr().out

@@ -212,6 +212,14 @@ def test_topics_can_be_named(path):
         open_log(path, left="/a/image", right="/a/image")
 
 
+def test_a_topic_that_is_there_in_its_compressed_form_only_is_found(path):
+    topics = ("/stereo/a/image_raw/compressed", "/stereo/b/image_raw/compressed")
+    write_log(path, Spec(topics=topics, info_topics=("/stereo/a/camera_info", "/stereo/b/camera_info")))
+    log = check_frames(path, left="/stereo/a/image_raw", right="/stereo/b/image_raw")
+    assert (log.left_topic, log.right_topic) == topics
+    assert open_log(path, left="/stereo/b/image_raw", mono=True).left_topic == topics[1]
+
+
 def test_several_pairs_are_the_users_choice(path):
     log = LogWriter(path)
     for topic in ("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"):

@@ -1,0 +1,93 @@
+"""Bags with damaged bytes give frames or an error that names the file, in bounded memory, whatever was damaged."""
+
+import random
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+import stream_sfm as sfm
+from tests.helpers.bags import messages_of, write_bag1, write_bag2
+from tests.helpers.stereo_logs import PERIOD_NS, START_NS, Spec, write_log
+
+STAMPS_NS = {START_NS + n * PERIOD_NS for n in range(12)}
+SEEDS = 120
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The content of a bag of each kind."""
+    folder = tmp_path_factory.mktemp("bags")
+    old, new = (messages_of(write_log(folder / f"{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
+    content = {
+        f"walk.{compression}.bag": write_bag1(folder / f"{compression}.bag", old, compression, 1 << 14).read_bytes()
+        for compression in ("none", "bz2", "lz4")
+    }
+    return content | {"walk.db3": (write_bag2(folder / "walk", new) / "walk.db3").read_bytes()}
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Some bytes changed, a part cut out, doubled, or zeroed, or the end missing."""
+    content = bytearray(data)
+    at, length = rng.randrange(len(content)), rng.choice((1, 4, 16, 200, 5000))
+    kind = rng.randrange(5)
+    if kind == 0:
+        for _ in range(rng.choice((1, 3, 20))):
+            content[rng.randrange(len(content))] = rng.randrange(256)
+    elif kind == 1:
+        del content[at : at + length]
+    elif kind == 2:
+        content[at:at] = content[at : at + length]
+    elif kind == 3:
+        content[at : at + length] = bytes(len(content[at : at + length]))
+    else:
+        del content[at:]
+    return bytes(content)
+
+
+@pytest.mark.parametrize("name", ["walk.none.bag", "walk.bz2.bag", "walk.lz4.bag", "walk.db3"])
+def test_damage_costs_what_it_hits_and_nothing_else_is_raised(
+    name: str, bags: dict[str, bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    whole = 0
+    for seed in range(SEEDS):
+        path.write_bytes(damaged(bags[name], random.Random(seed)))
+        try:
+            log = sfm.open_log(path)
+            stamps = [pair.stamp_ns for pair in log.pairs()]
+        except sfm.LogError as error:
+            assert str(path) in str(error) and "\n" not in str(error), seed
+            continue
+        assert stamps == sorted(set(stamps)), seed
+        whole += set(stamps) == STAMPS_NS
+        assert log.stats.complete or log.stats.warnings, seed
+    assert 0 < whole < SEEDS
+
+
+def test_a_database_of_other_types_is_refused(tmp_path: Path, bags: dict[str, bytes]) -> None:
+    """SQLite stores what it is given, whatever the type of the column."""
+    path = tmp_path / "walk.db3"
+    for change in (
+        "UPDATE messages SET data = 'text'",
+        "UPDATE messages SET data = 7",
+        "UPDATE messages SET topic_id = 99",
+        "UPDATE messages SET timestamp = 'soon'",
+        "UPDATE topics SET name = x'ff00'",
+        "UPDATE topics SET type = 5",
+        "UPDATE topics SET serialization_format = 3",
+        "UPDATE message_definitions SET encoded_message_definition = x'00'",
+        "UPDATE message_definitions SET encoding = 3",
+        "DROP TABLE messages",
+        "ALTER TABLE messages RENAME COLUMN data TO bytes",
+    ):
+        path.write_bytes(bags["walk.db3"])
+        database = sqlite3.connect(path)
+        database.execute(change)
+        database.commit()
+        database.close()
+        try:
+            log = sfm.open_log(path)
+            list(log.pairs())
+        except sfm.LogError as error:
+            assert str(path) in str(error), change
