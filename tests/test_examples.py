@@ -11,6 +11,8 @@ import pytest
 import stream_sfm as sfm
 from tests.helpers.places import ROOM, ROOT
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 6
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
 

@@ -22,7 +22,7 @@ from stream_sfm.config import Config, config_to_toml
 from tests.batch.running import GOOD, NEEDS_PROC, batch, in_the_midst, meanwhile, outcomes, process_of
 from tests.helpers.same_results import assert_same_results
 
-pytestmark = NEEDS_PROC
+pytestmark = [NEEDS_PROC, pytest.mark.slow]
 
 
 def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Path) -> None:

@@ -18,6 +18,8 @@ from stream_sfm.simulation.trials import run_trials
 from tests.batch.running import GOOD, NEEDS_PROC, batch, outcomes
 from tests.helpers.same_results import assert_same_results
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def dask_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:

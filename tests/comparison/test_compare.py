@@ -27,6 +27,8 @@ from stream_sfm.types import Trajectory
 from tests.helpers.sinks import Calling
 from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
 
+pytestmark = pytest.mark.slow
+
 SIZE = (256, 192)
 FIGURES = {
     "ate_rmse_aligned_m",

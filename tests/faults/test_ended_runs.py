@@ -59,6 +59,7 @@ def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None
     os._exit(main(["replay", str(log), "--out", str(out), "-q", "--method", "frame-to-frame"]))
 
 
+@pytest.mark.slow
 def test_twenty_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path):
     rng = random.Random(5)
     out = tmp_path / "out"

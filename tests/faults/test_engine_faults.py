@@ -17,6 +17,8 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
+pytestmark = pytest.mark.slow
+
 STEREO = rig()
 WALL = Wall(5)
 POSES = camera_path(110)

@@ -12,6 +12,8 @@ import pytest
 from tests.faults.fuzz import MAX_RSS_MIB, fuzz
 from tests.faults.mutations import BASES, FRAMES
 
+pytestmark = pytest.mark.slow
+
 LOGS = 2000 // len(BASES)
 
 

@@ -46,6 +46,8 @@ from tests.helpers.stereo_logs import (
     write_log,
 )
 
+pytestmark = pytest.mark.slow
+
 MIB = 2**20
 MAX_MIB = 768  # a process with OpenCV takes 80, a message of 100 MiB stands in memory up to four times
 FRAMES = 12

@@ -13,6 +13,8 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from tests.helpers.places import ROOM, ROOT
 
+pytestmark = pytest.mark.slow
+
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

@@ -15,6 +15,8 @@ from stream_sfm.simulation.statistics import exponent, mean, ratio
 from stream_sfm.simulation.trials import run_trials
 from tests.simulation.iterated_ekf import IteratedEkf
 
+pytestmark = pytest.mark.slow
+
 SCENE = Scene(track_length=8)
 
 
