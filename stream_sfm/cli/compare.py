@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return ExitCode.INTERRUPTED
     if any(r.failure for r in comparison.runs):
         return ExitCode.DEFECT
-    return ExitCode.DONE if comparison.complete else ExitCode.INPUT
+    return ExitCode.INPUT if comparison.inspection["problems"] or not comparison.complete else ExitCode.DONE
 
 
 def _compare(
@@ -77,11 +77,14 @@ def _compare(
 ) -> "ComparisonResult":
     from ..comparison.compare import compare, outputs
     from ..inspection import inspect_log
+    from .printing import print_notes
     from .progress import frame_progress
 
     names = (name.strip() for name in (args.methods or DEFAULT_METHODS).split(","))
     methods = tuple(dict.fromkeys(name for name in names if name))
     arguments.protect_inputs(args, outputs(folder, methods))
+    inspection = inspect_log(args.log, args.left, args.right, args.calibration)
+    print_notes("problem", inspection["problems"])
     with frame_progress("compare", selection.count(log.expected_frames), args.quiet) as progress:
         return compare(
             log,
@@ -90,7 +93,7 @@ def _compare(
             selection,
             methods=methods,
             there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
-            inspection=inspect_log(args.log, args.left, args.right, args.calibration),
+            inspection=inspection,
             sinks=[progress],
         )
 
@@ -99,6 +102,7 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
     from ..report.numbers import conclusion
     from ..wording import printable
     from .comparison_table import print_comparison
+    from .error_lines import print_error
     from .printing import print_json, print_notes
 
     content = result.report
@@ -109,3 +113,5 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
         print_comparison(content)
         print(conclusion(content, bool(content["frames_with_ground_truth"] > 1))[1])
         print(printable(str(folder / "report.html")))
+    for problem in result.comparison.inspection["problems"]:
+        print_error(problem)

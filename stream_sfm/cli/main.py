@@ -5,16 +5,18 @@ The exit codes are in `errors.py`. Heavy imports happen in the commands, so that
 
 import argparse
 import io
+import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..wording import printable
 from . import batch, calibration, compare, config, import_, inspect, replay, simulate, surface
 from .arguments import add_debug
-from .hints import hint
+from .error_lines import hint, print_error
 from .parser import Parser
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, calibration, simulate, config)
@@ -61,7 +63,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.command is None:
         parser.print_help(sys.stderr)
         return ExitCode.USAGE
-    return _run(args)
+    with _logging_to_stderr():
+        return _run(args)
+
+
+class _LogFormatter(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return f"problem: {printable(record.getMessage())}"
+
+
+@contextmanager
+def _logging_to_stderr() -> Iterator[None]:
+    """Show what the library logs, which are problems that cannot wait for the end of a run."""
+    logger, handler = logging.getLogger("stream_sfm"), logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_LogFormatter())
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -87,7 +107,7 @@ def _failed(args: argparse.Namespace, error: BaseException, code: int, message: 
         import traceback
 
         traceback.print_exception(error)
-    print(f"stream-sfm: {printable(message)}", file=sys.stderr)
+    print_error(message)
     if advice:
         print(advice, file=sys.stderr)
     return code

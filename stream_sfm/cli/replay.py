@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if interrupted:
         return ExitCode.INTERRUPTED
     summary = result.summary
-    if not summary["complete"] or (args.strict and summary["warnings"]):
+    if result.problems or not summary["complete"] or (args.strict and summary["warnings"]):
         return ExitCode.INPUT
     return ExitCode.DONE
 
@@ -105,6 +105,7 @@ def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Si
 
 
 def _print(result: "ReplayResult", args: argparse.Namespace) -> None:
+    from .error_lines import print_error
     from .printing import print_json, print_notes
     from .replay_table import print_summary
 
@@ -114,3 +115,5 @@ def _print(result: "ReplayResult", args: argparse.Namespace) -> None:
         print_json({**result.summary, "out": str(result.out_dir)})
     elif not args.quiet:
         print_summary(result.summary, result.out_dir, stages=args.verbose)
+    for problem in result.problems:
+        print_error(problem)

@@ -16,7 +16,7 @@ from ..recording.ground_truth import depth_topic, truth_topic
 from ..recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
-from ..recording.rig import check_rig
+from ..recording.rig import baseline_warnings, check_rig
 from ..recording.rig_finder import find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
@@ -111,6 +111,7 @@ class _Inspection:
             rig = found.rig
             facts = {"source": found.origin, "rectified_images": is_rectified(choice.left)}
             self.result["rig"] = facts | describe_rig(rig)
+            self.warnings += baseline_warnings(rig)
         except LogError as error:
             self.problems.append(str(error))
         runs = self._read_pairs(choice)

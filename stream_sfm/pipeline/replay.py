@@ -20,6 +20,7 @@ from ..outputs import RESULTS, refuse_overwriting
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..results.folder import ResultFolder, close_all
 from ..types import Selection, Sink, Trajectory
+from .calibration import CalibrationSink
 from .prefetch import PreparedFrames, prepared_ahead
 from .statistics import RunStatistics, Stopwatch, peak_rss_mib
 from .structure import StructureSink, TrueDepth
@@ -34,6 +35,12 @@ class ReplayResult:
     summary: dict[str, Any]
     out_dir: Path | None
     trajectory: Trajectory
+
+    @property
+    def problems(self) -> list[str]:
+        """Why the results cannot be trusted at all; empty for an ordinary run."""
+        problems: list[str] = self.summary["problems"]
+        return problems
 
     def __repr__(self) -> str:
         return f"<ReplayResult {self.summary['log']}: {self.trajectory!r}, written to {self.out_dir}>"
@@ -101,7 +108,8 @@ class _Run:
         self.statistics = RunStatistics(self.stopwatch)
         self.depth = TrueDepth(log)
         self.structure = None if config.mono else StructureSink(log.rig.left, self.depth)
-        own = (self.folder, self.statistics, self.structure)
+        self.calibration = None if config.mono else CalibrationSink(log)
+        own = (self.folder, self.statistics, self.structure, self.calibration)
         self.sinks: list[Sink] = [*(sink for sink in own if sink is not None), *sinks]
         self.kept: KeptFrames | None = None
         self.warnings: list[str] = []
@@ -157,6 +165,13 @@ class _Run:
             raise failure
         return ReplayResult(summary, None if self.folder is None else self.folder.path, trajectory)
 
+    def _problems(self, interrupted: bool) -> list[str]:
+        """Why the results cannot be trusted at all: the wrong calibration, else no motion that was estimated."""
+        if self.calibration is not None and self.calibration.problems:
+            return self.calibration.problems
+        problem = "" if interrupted else self.statistics.problem(one_wanted=self.selection.max_frames == 1)
+        return [f"{self.log.path}: {problem}"] if problem else []
+
     def _summary(self, trajectory: Trajectory, interrupted: bool) -> dict[str, Any]:
         further: dict[str, Any] = {
             "cpu_s": time.process_time() - self.began_cpu_s,
@@ -176,6 +191,7 @@ class _Run:
                 self.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")
             further["there_and_back"] = None if self.kept.too_many or interrupted else return_error(trajectory)
         warnings = [*self.log.stats.warnings, *self.statistics.warnings(), *self.warnings]
+        further["problems"] = self._problems(interrupted)
         return summarise(
             self.log,
             self.config,

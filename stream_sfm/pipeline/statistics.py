@@ -103,6 +103,15 @@ class RunStatistics:
             )
         return notes
 
+    def problem(self, one_wanted: bool) -> str:
+        """Return why no motion was estimated, empty if it was; a single frame is enough only where `one_wanted`."""
+        tracked = self.statuses[Status.OK] + self.statuses[Status.DEGRADED]
+        if self._first_lost is not None and not tracked:
+            return f"tracking was lost in every frame: {self._first_lost.reason}"
+        if len(self) == 1 and not one_wanted:
+            return "only one stereo frame could be estimated, so that there is no motion"
+        return ""
+
     def summary(self) -> dict[str, Any]:
         """Return the part of summary.json that follows from the estimates: statuses, durations, lengths."""
         n = len(self.stamps_ns)

@@ -1,7 +1,8 @@
 """The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
-from collections.abc import Generator
-from dataclasses import dataclass, field
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 from ..errors import LogError
@@ -111,26 +112,50 @@ class _Reading:
         self.problem = ""  # of the first message that could not be decoded
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        decoder = MessageDecoder(self._source.path)
-        unchecked = set(self._topics)
-        for message in self._source.messages(self._damage, frozenset(self._topics)):
-            topic = message.channel.topic
-            try:
-                image = decoder.image(message)
-            except UndecodableMessage as error:
-                self.stats.undecodable += 1
-                self.problem = self.problem or str(error)
-                continue
-            if topic in unchecked:
-                check_encoding(image, self._source.path)
-                unchecked.remove(topic)
-            for side in (side for side in (0, 1) if self._topics[side] == topic):
+        for image in self._stamped(self._images()):
+            for side in (side for side in (0, 1) if self._topics[side] == image.topic):
                 for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
                     self._count(self._pairer.counts)
                     yield StereoPair(left, right)
         for left, right in self._pairer.finish():
             self._count(self._pairer.counts)
             yield StereoPair(left, right)
+
+    def _images(self) -> Iterator[tuple[ImageMessage, int]]:
+        """The images of both topics, each with the time at which it was recorded."""
+        decoder = MessageDecoder(self._source.path)
+        unchecked = set(self._topics)
+        for message in self._source.messages(self._damage, frozenset(self._topics)):
+            try:
+                image = decoder.image(message)
+            except UndecodableMessage as error:
+                self.stats.undecodable += 1
+                self.problem = self.problem or str(error)
+                continue
+            if image.topic in unchecked:
+                check_encoding(image, self._source.path)
+                unchecked.remove(image.topic)
+            yield image, message.log_time_ns
+
+    def _stamped(self, images: Iterator[tuple[ImageMessage, int]]) -> Iterator[ImageMessage]:
+        """The images with their own stamps, or with their log times where a driver leaves all stamps at zero.
+
+        Two zeros on one side decide it: a single one may be the start of a simulated clock.
+        """
+        first: list[tuple[ImageMessage, int]] = []
+        for image, log_time_ns in images:
+            first.append((image, log_time_ns))
+            if sum(other.topic == image.topic for other, _ in first) == 2:
+                break
+        topics = [image.topic for image, _ in first if image.stamp_ns == 0]
+        by_log_time = len(topics) > len(set(topics))
+        if by_log_time:
+            self.stats.warnings.append(
+                f"{self._source.path}: the images on {topics[-1]} have no stamps (all are zero): the times at which "
+                "they were recorded are used instead"
+            )
+        for image, log_time_ns in chain(first, images):
+            yield replace(image, stamp_ns=log_time_ns) if by_log_time else image
 
     def finish(self) -> None:
         """Bring `stats` up to date, wherever the reading ended."""

@@ -20,6 +20,7 @@ from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
+_USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 REMEDY = "give the calibration of these cameras"
 
 
@@ -65,6 +66,18 @@ def right_is_left(rig: StereoRig) -> float | None:
     """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
+
+
+def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
+    """Ask about a baseline that is hardly in metres, as all lengths are; empty for an ordinary one."""
+    low_m, high_m = _USUAL_BASELINE_M
+    if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
+        return []
+    unit = "millimetres" if rig.baseline_m > high_m else "another unit"
+    return [
+        f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}? Lengths must be in metres, and "
+        "all estimated lengths follow from it"
+    ]
 
 
 def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:

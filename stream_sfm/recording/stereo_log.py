@@ -16,7 +16,7 @@ from .frames import RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .rig import check_rig
+from .rig import baseline_warnings, check_rig
 from .rig_finder import find_camera, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
@@ -150,6 +150,7 @@ class StereoLog:
                             break
             finally:
                 pairs.close()  # first: it completes `stats`
+                self.stats.warnings += baseline_warnings(self.rig)
                 self.stats.undecodable += decoder.skipped
                 if decoder.skipped:
                     self.stats.warnings.append(

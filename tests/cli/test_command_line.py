@@ -17,8 +17,8 @@ import pytest
 from stream_sfm import estimators
 from stream_sfm.cli import compare
 from stream_sfm.cli.arguments import METHODS
-from stream_sfm.cli.hints import COMMANDS as HINTED_COMMANDS
-from stream_sfm.cli.hints import OPTIONS
+from stream_sfm.cli.error_lines import COMMANDS as HINTED_COMMANDS
+from stream_sfm.cli.error_lines import OPTIONS
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from stream_sfm.comparison.compare import COMPARED
 from stream_sfm.config import Config, read_config

@@ -170,6 +170,7 @@ class LogWriter:
         self.writer = Writer(self._stream, **container)
         self.writer.start(profile="", library="tests")
         self._channels: dict[tuple[str, str], int] = {}
+        self.clock_ns: int | None = None  # of the recorder; None: it agrees with the stamps
 
     def add(
         self, topic: str, schema: str, encodings: tuple[str, str], definition: bytes, time: int, data: bytes
@@ -177,7 +178,8 @@ class LogWriter:
         if (topic, schema) not in self._channels:
             schema_id = self.writer.register_schema(schema, encodings[1], definition)
             self._channels[topic, schema] = self.writer.register_channel(topic, encodings[0], schema_id)
-        self.writer.add_message(self._channels[topic, schema], time, data, time)
+        log_time = time if self.clock_ns is None else self.clock_ns
+        self.writer.add_message(self._channels[topic, schema], log_time, data, log_time)
 
     def protobuf(self, topic: str, message: Protobuf, time: int) -> None:
         definition = build_file_descriptor_set(type(message)).SerializeToString()

@@ -38,4 +38,4 @@ def test_the_sinks_of_a_replay_come_in_the_order_of_the_walk(tmp_path: Path) -> 
     log = stream_sfm.open_log(ROOM)
     run = replay._Run(log, stream_sfm.Config(), stream_sfm.Selection(), tmp_path, [])
     written = [name.removesuffix(".write") for _, name in STEPS if name.endswith(".write")]
-    assert [type(sink).__name__ for sink in run.sinks] == written[:3]
+    assert [type(sink).__name__ for sink in run.sinks] == written[:4]

@@ -1,8 +1,10 @@
-"""What the command line adds to an error of the library: the options and commands that help."""
+"""How errors are shown: one line with the facts, and one with the options and commands that help."""
 
 import argparse
+import sys
 
 from ..errors import StreamSfmError
+from ..wording import printable
 
 # By the names that errors use (`StreamSfmError.hint`): arguments of the library's functions as options, functions as
 # commands.
@@ -19,6 +21,11 @@ COMMANDS = {
     "import_images": "`stream-sfm import --help` lists what can be imported",
     "inspect": "`stream-sfm inspect LOG` checks the calibration against the images",
 }
+
+
+def print_error(message: str) -> None:
+    """One line on standard error; `batch` finds the errors of a replay by this prefix."""
+    print(f"stream-sfm: {printable(message)}", file=sys.stderr)
 
 
 def hint(error: StreamSfmError, args: argparse.Namespace) -> str:

@@ -1,0 +1,123 @@
+"""No run succeeds in silence: what makes its results worthless is said, with the cause, and is exit code 3."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.cli.main import main
+from stream_sfm.inspection import inspect_log
+from stream_sfm.types import StereoFrame
+from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, write_image, write_info
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+
+TOPICS = ("/camera/left/image", "/camera/right/image")
+STEREO = rig()
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[StereoFrame]:
+    return Wall(5).frames(STEREO, camera_path(8))
+
+
+def write(
+    path: Path, frames: list[StereoFrame], baseline_m: float = STEREO.baseline_m, stamped: bool = True
+) -> Path:
+    """A log of these frames, with the calibration of the wall's rig but for the baseline."""
+    k = STEREO.left.K
+    log = LogWriter(path)
+    for i, frame in enumerate(frames):
+        time = log.clock_ns = START_NS + i * PERIOD_NS
+        for side, grey in enumerate(frame.images):
+            if i == 0:
+                p = np.c_[k, [-k[0, 0] * baseline_m * side, 0, 0]]
+                calib = Calib(STEREO.left.width, STEREO.left.height, K=k, D=(), P=p)
+                write_info(log, "ros2", TOPICS[side].replace("image", "camera_info"), time, calib)
+            write_image(log, "ros2", TOPICS[side], time if stamped else 0, grey, "mono8")
+    log.close()
+    return path
+
+
+def swapped(frames: list[StereoFrame]) -> list[StereoFrame]:
+    return [StereoFrame(f.stamp_ns, f.right, f.left) for f in frames]
+
+
+def black(frames: list[StereoFrame]) -> list[StereoFrame]:
+    return [StereoFrame(f.stamp_ns, 0 * f.left, 0 * f.right) for f in frames]
+
+
+def test_an_ordinary_run_has_no_problem(frames, tmp_path) -> None:
+    result = sfm.replay(write(tmp_path / "a.mcap", frames))
+    assert result.problems == result.summary["problems"] == result.summary["warnings"] == []
+
+
+def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames, tmp_path, capsys) -> None:
+    log = write(tmp_path / "a.mcap", swapped(frames))
+    assert main(["replay", str(log), "--out", str(tmp_path / "out")]) == 3
+    errors = capsys.readouterr().err.splitlines()
+    assert errors[0].startswith("problem: ") and errors[-1].startswith("stream-sfm: ")
+    assert all("a.mcap: the images are swapped" in line for line in (errors[0], errors[-1]))
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["frames"]["estimated"] == 8 and "swapped" in summary["problems"][0]
+    for command in (["inspect", str(log)], ["compare", str(log), "--methods", "ekf", "--out", str(tmp_path / "c")]):
+        assert main(command) == 3
+        output = capsys.readouterr()
+        assert "the images are swapped" in " ".join((output.out + output.err).split())
+
+
+def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, capsys) -> None:
+    log = write(tmp_path / "a.mcap", black(frames))
+    assert main(["replay", str(log), "--out", str(tmp_path / "out")]) == 3
+    assert "a.mcap: tracking was lost in every frame: " in capsys.readouterr().err
+    assert "image is black" in json.loads((tmp_path / "out" / "summary.json").read_text())["problems"][0]
+    assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 8, "what there is, is written"
+
+
+def test_a_single_frame_is_enough_only_if_it_was_asked_for(frames, tmp_path, capsys) -> None:
+    log = write(tmp_path / "a.mcap", frames[:1])
+    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "-q"]) == 3
+    assert "only one stereo frame" in capsys.readouterr().err
+    log = write(tmp_path / "b.mcap", frames)
+    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "-q", "--max-frames", "1"]) == 0
+
+
+def test_a_batch_reports_the_problem_as_the_reason(frames, tmp_path) -> None:
+    log = write(tmp_path / "a.mcap", swapped(frames))
+    assert main(["batch", str(log), "--out", str(tmp_path / "out"), "-q"]) == 3
+    (found,) = json.loads((tmp_path / "out" / "batch.json").read_text())["logs"]
+    assert found["status"] == "failed" and "the images are swapped" in found["reason"]
+
+
+@pytest.mark.parametrize("baseline_m, asks", [(110.0, "are these millimetres?"), (1e-4, "are these another unit?")])
+def test_a_baseline_that_is_hardly_in_metres_is_questioned(baseline_m, asks, frames, tmp_path) -> None:
+    log = write(tmp_path / "a.mcap", frames, baseline_m)
+    for warnings in (inspect_log(log)["warnings"], sfm.replay(log).summary["warnings"]):
+        assert [w for w in warnings if f"{baseline_m:.4g} m" in w and asks in w]
+
+
+def test_images_without_stamps_get_the_times_at_which_they_were_recorded(frames, tmp_path) -> None:
+    stamped = sfm.replay(write(tmp_path / "a.mcap", frames))
+    result = sfm.replay(write(tmp_path / "b.mcap", frames, stamped=False))
+    assert np.array_equal(result.trajectory.stamps_ns, stamped.trajectory.stamps_ns)
+    assert np.array_equal(result.trajectory.world_from_cam, stamped.trajectory.world_from_cam)
+    (warning,) = result.summary["warnings"]
+    assert "have no stamps" in warning and TOPICS[0] in warning
+
+
+def test_a_clock_that_starts_at_zero_is_believed(frames, tmp_path) -> None:
+    log = LogWriter(tmp_path / "a.mcap")
+    log.clock_ns = START_NS
+    calib = Calib(STEREO.left.width, STEREO.left.height, K=STEREO.left.K, D=(), P=np.c_[STEREO.left.K, np.zeros(3)])
+    right = replace(calib, P=np.c_[STEREO.left.K, [-STEREO.left.K[0, 0] * STEREO.baseline_m, 0, 0]])
+    for side, info in enumerate((calib, right)):
+        write_info(log, "ros2", TOPICS[side].replace("image", "camera_info"), 0, info)
+    for i, frame in enumerate(frames):
+        for side, grey in enumerate(frame.images):
+            write_image(log, "ros2", TOPICS[side], i * PERIOD_NS, grey, "mono8")
+    log.close()
+    result = sfm.replay(tmp_path / "a.mcap")
+    assert result.trajectory.stamps_ns.tolist() == [i * PERIOD_NS for i in range(len(frames))]
+    assert result.summary["warnings"] == []
