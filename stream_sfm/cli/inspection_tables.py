@@ -9,17 +9,20 @@ from rich.table import Table
 
 from .printing import cleaned, facts_table, number, print_notes, stdout_console
 
+_MAX_TOPICS = 200  # shown; --json lists all
 _MAX_GAPS = 5  # listed; more would hide the rest of the table
 
 
 def print_inspection(found: dict[str, Any]) -> None:
     """Print the description that `inspect_log` returns."""
-    found = cleaned(found)
+    found = cleaned(found)  # what topics are called is up to whoever made the log
     console = stdout_console()
     console.print(_topics(found, console))
     facts = facts_table()
     for label, text in _facts(found):
         facts.add_row(label, escape(text))
+    if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
+        console.print(f"and {more} more topics")
     console.print(facts)
     print_notes("warning", found["warnings"], console)
     print_notes("problem", found["problems"], console)
@@ -34,7 +37,7 @@ def _topics(found: dict[str, Any], console: Console) -> Table:
     for heading in ("kind", "messages", "rate"):
         table.add_column(heading, justify="left" if heading == "kind" else "right", no_wrap=True)
     width = max(16, (console.width - 44) // 2)  # 44: the other three columns and all borders
-    for t in found["topics"]:
+    for t in found["topics"][:_MAX_TOPICS]:
         rate = f"{t['rate_hz']:.1f} Hz" if t["rate_hz"] else ""
         names = (escape(broken_at(text, "/._", width)) for text in (t["topic"], t["schema"] or "–"))
         table.add_row(*names, t["kind"] or "", "" if t["count"] is None else str(t["count"]), rate)

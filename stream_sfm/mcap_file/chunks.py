@@ -11,6 +11,38 @@ from .records import MAX_RECORD_BYTES, BrokenRecord
 
 _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last log time, uncompressed size in bytes, CRC-32
 _STEP_BYTES = 1 << 17  # of a cut-off stream decompressed at a time: what comes before the cut is kept
+# What a chunk may unpack to by its bytes, more than real ones do: a record of a camera's log has thousands of bytes,
+# and black images are what compresses best. What all chunks of a reading may hold beyond that is some seconds of work.
+_RECORDS_PER_BYTE, _FREE_RECORDS = 1, 2**20
+_BYTES_PER_BYTE, _FREE_BYTES = 1000, 2**34
+
+
+class Allowance:
+    """How many records and bytes the chunks of one reading may unpack to. Raises BrokenRecord for those beyond it."""
+
+    def __init__(self) -> None:
+        self._own_records = 0  # which the current chunk may still hold by its bytes
+        self._excess_records = self._excess_bytes = 0  # of all chunks
+
+    def begin(self, body: bytes) -> None:
+        """Begin a chunk, by its body as it is stored."""
+        self._own_records = _RECORDS_PER_BYTE * len(body)
+        if len(body) < _CHUNK_HEAD.size:
+            return
+        excess = _CHUNK_HEAD.unpack_from(body)[2] - _BYTES_PER_BYTE * len(body)
+        if excess > 0 and self._excess_bytes + excess > _FREE_BYTES:
+            raise BrokenRecord(
+                f"{len(body)} bytes declare over {_BYTES_PER_BYTE} times as many, and not for the first time"
+            )
+        self._excess_bytes += max(excess, 0)
+
+    def take_record(self) -> None:
+        """Count one record."""
+        self._own_records -= 1
+        if self._own_records < 0:
+            self._excess_records += 1
+            if self._excess_records > _FREE_RECORDS:
+                raise BrokenRecord("it holds more records than bytes, as none does that a camera has filled")
 
 
 def decompress_chunk(body: bytes, whole: bool) -> bytes | memoryview:

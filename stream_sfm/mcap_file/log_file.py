@@ -17,7 +17,7 @@ from mcap.records import Attachment, Channel, Header, Schema
 
 from ..errors import LogError
 from ..inputs import open_regular
-from .chunks import decompress_chunk
+from .chunks import Allowance, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
 from .index import Index, read_index
@@ -106,6 +106,7 @@ class LogFile:
     def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
         # The index's definitions serve where the chunk that first described a channel is damaged.
         parser = _Parser(self.index.definitions.copy() if self.index else Definitions(), topics, damage)
+        allowance = Allowance()
         with self._open() as stream:
             for record in self._records(stream, damage):
                 if record.opcode not in _READ or self._can_skip(record, topics):
@@ -115,7 +116,9 @@ class LogFile:
                 try:
                     body = stream.read(record.available)
                     if record.opcode == Opcode.CHUNK:
+                        allowance.begin(body)
                         for opcode, inner in split_records(memoryview(decompress_chunk(body, whole))):
+                            allowance.take_record()
                             if (message := parser.parse(opcode, inner, where)) is not None:
                                 yield message
                     elif whole and (message := parser.parse(record.opcode, body, where)) is not None:

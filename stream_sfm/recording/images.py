@@ -92,6 +92,8 @@ def _decode_compressed(message: ImageMessage) -> Grey:
     width, height = image_size(message) or (0, 0)
     if not 0 < width * height <= MAX_PIXELS:  # before a few bytes become gigabytes
         raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes that declare {width}×{height} pixels")
+    if problem := image_header.problem(message.data):
+        raise UndecodableImage(f"{message.topic}: an image that is not decoded: {problem}")
     # An orientation tag is ignored: the calibration is of the pixels as they were recorded.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)

@@ -16,7 +16,22 @@ _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; p
 # rosbags generates Python code from a definition, so a hostile one could ask for any amount of it, or endless loops.
 _MAX_DEFINITION_BYTES = 2**15  # nav_msgs/Odometry, the longest that is read, has 8 kB with all comments
 _MAX_ELEMENTS = 64  # of an array of messages or strings; those of a camera, a pose or a transform have none
-_WIDE_SHIFT = re.compile(r"<<(?!\s*\d{1,2}\b)")  # a shift by three digits or by an expression
+_MAX_LENGTH = 2**27  # of an array of numbers; those of messages have 36 at most
+# In IDL, of what is left without texts, comments and annotations. The time that rosbags takes for brackets in
+# brackets is exponential in their number, and numbers may grow without limit in a few lines of constants.
+_IDL_TEXT = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+_IDL_ANNOTATION = re.compile(r"@[\w:]+\s*\([^()]*\)")
+_MAX_NESTED_SEQUENCES = 4
+_IDL_HOSTILE = (
+    (re.compile(r"[(*]"), "a constant that is computed with brackets or products"),
+    (
+        re.compile(r"<<(?!\s*\d{1,2}\b)"),
+        "a constant that would fill the memory",
+    ),  # by three digits, or an expression
+    (re.compile(r"\d{21}|0[xX][\da-fA-F]{17}"), "a number of more digits than 64 bits have"),
+    (re.compile(r"\[\s*\["), "brackets in brackets"),
+    (re.compile(rf"(?:<[^<>;]*){{{_MAX_NESTED_SEQUENCES + 1}}}"), "sequences nested too deeply"),
+)
 _SUPPORTED = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2),
     (MessageEncoding.CDR, SchemaEncoding.ROS2IDL),
@@ -58,13 +73,20 @@ def _parse_types(text: str, schema_name: str, idl: bool) -> dict[str, Any]:
         return dict(
             get_types_from_msg(_SEPARATOR.sub("=" * 80, text), schema_name)
         )  # recorders differ in its length
-    if _WIDE_SHIFT.search(text):
-        raise ValueError("a constant that would fill the memory")
+    _refuse_hostile_idl(text)
     types: dict[str, Any] = {}
     for part in _SEPARATOR.split(text):
         if source := _NOT_IDL.sub("", part).strip():
             types |= get_types_from_idl(source)
     return types
+
+
+def _refuse_hostile_idl(text: str) -> None:
+    """Raise ValueError for IDL that would take a parser very long. No message of ROS has anything like it."""
+    bare = _IDL_ANNOTATION.sub(" ", _IDL_TEXT.sub(" ", text))
+    for hostile, what in _IDL_HOSTILE:
+        if hostile.search(bare):
+            raise ValueError(what)
 
 
 def _has_repeated_parts(types: dict[str, Any]) -> bool:
@@ -93,5 +115,6 @@ def _refuse_endless(types: dict[str, Any]) -> None:
             if kind != Nodetype.ARRAY:
                 continue
             (element, what), length = of
-            if length == 0 or (length > _MAX_ELEMENTS and not _is_number(element, what)):
+            most = _MAX_LENGTH if _is_number(element, what) else _MAX_ELEMENTS
+            if not 1 <= length <= most:
                 raise ValueError(f"field {field} of type {name} has {length} elements")

@@ -7,7 +7,7 @@ missing), grey before colour, uncompressed before compressed. Anything else is t
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +30,8 @@ _SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
 _FORM = re.compile(r"(?<![a-z])(compressed|rect|rectified|raw|colou?r|mono|gr[ae]y|rgb|image)(?![a-z])")
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
+
+_MAX_LISTED = 20  # names in one sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,7 @@ def _choose_among(
     if len({_device(l) for l, _ in pairs}) == 1:  # one camera pair in several forms
         best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
         return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
-    candidates = "; ".join(f"{l} and {r}" for l, r in pairs)
+    candidates = some_of([f"{l} and {r}" for l, r in pairs], "; ")
     raise LogError(f"{path} holds several stereo pairs, name one: {candidates}", hint=("left", "right"))
 
 
@@ -151,7 +153,13 @@ def _check_named(path: Path, image_topics: Iterable[str], left: str | None, righ
 
 
 def _listed(topics: Iterable[str]) -> str:
-    return ", ".join(sorted(topics)) or "none"
+    return some_of(sorted(topics), ", ") or "none"
+
+
+def some_of(names: Sequence[str], separator: str) -> str:
+    """Names in a sentence: all of them, or the first and how many more there are."""
+    more = len(names) - _MAX_LISTED
+    return separator.join(names[:_MAX_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
 def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:

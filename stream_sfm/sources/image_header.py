@@ -3,6 +3,8 @@
 import struct
 
 _MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
+_PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
+_MAX_SCANS = 64  # of a JPEG: progressive ones have about ten, and each costs a pass over the whole image
 
 
 def image_format(data: bytes) -> str | None:
@@ -23,6 +25,34 @@ def image_size(data: bytes) -> tuple[int, int] | None:
     except (struct.error, IndexError):
         pass
     return None
+
+
+def problem(data: bytes) -> str:
+    """Why a compressed image must not be handed to a decoder, empty where it may.
+
+    Decoders reserve the memory that a PNG's chunk declares before they look whether it is there, and go over a JPEG
+    as often as it has scans.
+    """
+    if data.startswith(b"\xff\xd8"):
+        scans = data.count(b"\xff\xda")
+        return f"it has {scans} scans" if scans > _MAX_SCANS else ""
+    if not data.startswith(b"\x89PNG"):
+        return ""
+    at = 8
+    while at < len(data):
+        if len(data) - at < _PNG_CHUNK.size:
+            return "its last chunk is cut off"
+        length, kind = _PNG_CHUNK.unpack_from(data, at)
+        if (at == 8) != (kind == b"IHDR"):
+            return "its header is not in its place"
+        if length > len(data) - at - _PNG_CHUNK.size:
+            return f"a chunk of {length} bytes where {len(data) - at - _PNG_CHUNK.size} are left"
+        if kind == b"acTL":
+            return "it is an animation"
+        if kind == b"IEND":
+            return ""
+        at += _PNG_CHUNK.size + length + 4
+    return ""
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:

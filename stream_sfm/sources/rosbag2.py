@@ -4,6 +4,7 @@ metadata.yaml is written when a recording ends, so a bag of a recorder that cras
 by their suffix, and their order by their content.
 """
 
+import os
 import re
 import shutil
 import tempfile
@@ -24,6 +25,8 @@ from .zstd_messages import ZstdMessages
 
 METADATA = "metadata.yaml"
 _READERS: dict[str, Callable[[Path], Source]] = {".mcap": McapSource, ".db3": SqliteBagSource}
+# A bag may decompress to so much: images hardly shrink, numbers to a tenth.
+_FREE_BYTES, _MAX_RATIO = 2**30, 100
 _LISTED = 5  # files named in a message
 _MAX_METADATA_BYTES = 2**24  # a bag of ten thousand files has some megabytes of it
 
@@ -60,7 +63,7 @@ def open_rosbag2(folder: Path) -> Source:
         except LogError as error:  # often the last file of a recorder that crashed
             missing.append(str(error))
     if not parts:
-        raise LogError("; ".join(missing))
+        raise LogError("; ".join(missing[:_LISTED]))
     bag = JoinedSource(folder, parts, missing, notes)
     decompressed.keep_for(bag)
     by_message = str(metadata.get("compression_mode") or "").lower() == "message"
@@ -81,7 +84,14 @@ class _Decompressed:
         target = self._folder / path.stem
         try:
             with open_regular(path) as compressed, target.open("wb") as stream:
-                zstandard.ZstdDecompressor().copy_stream(compressed, stream)
+                most = max(_FREE_BYTES, _MAX_RATIO * os.fstat(compressed.fileno()).st_size)
+                with zstandard.ZstdDecompressor().stream_reader(compressed) as reader:
+                    while part := reader.read(2**20):
+                        stream.write(part)
+                        if stream.tell() > most:
+                            raise LogError(
+                                f"{path} decompresses to more than {most / 2**30:.0f} GiB: it is damaged"
+                            )
         except OSError as error:
             raise LogError(f"cannot decompress {path} to {self._folder}: {error.strerror}") from None
         except zstandard.ZstdError as error:
