@@ -1,11 +1,19 @@
-"""Ctrl-C and SIGTERM as data: a run checks between two frames whether to end, and then ends in order."""
+"""Ctrl-C and SIGTERM as data: a run checks between two frames whether to end, and then ends in order.
+
+A frame that does not come would hold up that check, so the wait for one is bounded too.
+"""
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+GRACE_S = 1.0  # for the frame in hand; most take a tenth
 
 
 @dataclass(slots=True)
@@ -13,6 +21,62 @@ class Interruption:
     """Whether the run has been asked to end."""
 
     requested: bool = False
+    _waiting: bool = False
+
+    def until_requested(self, items: Iterable[T]) -> Iterator[T]:
+        """Yield the items until the run is asked to end; one that is waited for then has `GRACE_S` to come.
+
+        Raises KeyboardInterrupt where not even the first one came. The alarm of the process is used for it.
+        """
+        iterator, count = iter(items), 0
+        while not self.requested:
+            try:
+                item = self._next(iterator)
+            except StopIteration:
+                return
+            except KeyboardInterrupt:
+                if not (self.requested and count):
+                    raise
+                return
+            count += 1
+            yield item
+
+    def _next(self, iterator: Iterator[T]) -> T:
+        self._waiting = True
+        try:
+            return next(iterator)
+        finally:
+            self._waiting = False
+            if self.requested and threading.current_thread() is threading.main_thread():
+                signal.setitimer(signal.ITIMER_REAL, 0)
+
+    def request(self) -> None:
+        """Ask the run to end: called where a signal is handled."""
+        self.requested = True
+        if self._waiting:
+            signal.signal(signal.SIGALRM, _interrupt)
+            signal.setitimer(signal.ITIMER_REAL, GRACE_S)
+
+
+def _interrupt(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM raise KeyboardInterrupt while the context lasts, as Ctrl-C does, so that a run cleans up.
+
+    Where the signal has a handler already, and in other threads than the main one, nothing changes.
+    """
+    own = threading.current_thread() is threading.main_thread()
+    own = own and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if own:
+        signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        if own:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
@@ -32,8 +96,8 @@ def deferred_interrupts() -> Iterator[Interruption]:
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
 
     def defer(_number: int, _stack: Any) -> None:
-        interruption.requested = True
         restore()
+        interruption.request()
 
     for number in before:
         signal.signal(number, defer)

@@ -2,11 +2,18 @@
 
 import os
 import signal
+import struct
+import subprocess
+import sys
 import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 
-from stream_sfm.interrupts import deferred_interrupts
+from stream_sfm.interrupts import GRACE_S, deferred_interrupts, sigterm_as_interrupt
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -38,3 +45,67 @@ def test_in_another_thread_signals_are_left_alone() -> None:
     thread.start()
     thread.join()
     assert handlers == [(signal.getsignal(signal.SIGINT), False)]
+
+
+def test_a_frame_that_does_not_come_is_not_waited_for() -> None:
+    def frames() -> Iterator[int]:
+        yield 1
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+        yield 2
+
+    began_s = time.monotonic()
+    with deferred_interrupts() as interruption:
+        assert list(interruption.until_requested(frames())) == [1]
+        assert interruption.requested
+    assert time.monotonic() - began_s < GRACE_S + 5  # a busy machine
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+
+
+def test_where_not_even_the_first_frame_comes_the_run_is_interrupted() -> None:
+    def frames() -> Iterator[int]:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+        yield 1
+
+    with deferred_interrupts() as interruption, pytest.raises(KeyboardInterrupt):
+        list(interruption.until_requested(frames()))
+
+
+def test_the_frame_in_hand_is_finished_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+    taken = []
+    with deferred_interrupts() as interruption:
+        for item in interruption.until_requested([1, 2]):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.2)
+            taken.append(item)
+    assert taken == [1]
+
+
+def test_sigterm_cleans_up_like_ctrl_c() -> None:
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    with pytest.raises(KeyboardInterrupt), sigterm_as_interrupt():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("command", ["replay", "inspect", "surface", "compare"])
+def test_a_run_ends_while_its_log_is_opened(command: str, tmp_path: Path) -> None:
+    """A log without an index whose every message is for another topic, a minute long to read."""
+    log = tmp_path / "long.mcap"
+    piece = struct.pack("<BQ", Opcode.MESSAGE, 22) + struct.pack("<HIQQ", 9, 0, 0, 0)
+    body = struct.pack("<HH", 9, 0) + struct.pack("<I", 2) + b"/x" + struct.pack("<I", 0) + struct.pack("<I", 0)
+    head = struct.pack("<BQ", Opcode.CHANNEL, len(body)) + body
+    start = struct.pack("<BQII", Opcode.HEADER, 8, 0, 0)
+    log.write_bytes(b"\x89MCAP0\r\n" + start + head + piece * 8_000_000)
+    arguments = [command, str(log), *([] if command == "inspect" else ["--out", str(tmp_path / "out.ply")])]
+    with subprocess.Popen([sys.executable, "-m", "stream_sfm", *arguments], stderr=subprocess.PIPE) as run:
+        time.sleep(6)
+        assert run.poll() is None
+        began_s = time.monotonic()
+        run.send_signal(signal.SIGTERM)
+        _, errors = run.communicate(timeout=60)
+        assert time.monotonic() - began_s < 10  # a busy machine: a second on an idle one
+    assert run.returncode == 130 and errors.splitlines()[-1] == b"stream-sfm: interrupted"

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
+from ..interrupts import sigterm_as_interrupt
 from ..wording import printable
 from . import batch, calibration, compare, config, import_, inspect, replay, simulate, surface
 from .arguments import add_debug
@@ -86,9 +87,10 @@ def _logging_to_stderr() -> Iterator[None]:
 
 def _run(args: argparse.Namespace) -> int:
     try:
-        code: int = args.run(args)
-        sys.stdout.flush()
-        return code
+        with sigterm_as_interrupt():
+            code: int = args.run(args)
+            sys.stdout.flush()
+            return code
     except StreamSfmError as error:
         return _failed(args, error, error.exit_code, str(error), hint(error, args))
     except KeyboardInterrupt as error:

@@ -121,13 +121,12 @@ class _Run:
     def forwards(self, kept: KeptFrames | None, interruption: Interruption) -> None:
         """Take the frames one by one until the log ends or the run is interrupted; then close the sinks."""
         try:
-            for frame in self.stopwatch.frames(self.log.frames(self.selection)):
+            for frame in interruption.until_requested(self.stopwatch.frames(self.log.frames(self.selection))):
                 self.take(frame)
                 if kept is not None:
                     kept.keep(frame)
-                if interruption.requested:
-                    self.problems.append(f"interrupted after {self.frames} frames")
-                    break
+            if interruption.requested:
+                self.problems.append(f"interrupted after {self.frames} frames")
         except InputError as error:
             if not self.frames:
                 raise

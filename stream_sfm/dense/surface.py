@@ -142,11 +142,10 @@ def surface_of_log(
     problems: list[str] = []
     with deferred_interrupts() as interruption:
         try:
-            for frame in log.frames(selection):
+            for frame in interruption.until_requested(log.frames(selection)):
                 fused.take(frame)
-                if interruption.requested:
-                    problems.append(f"interrupted after {len(fused.path)} frames")
-                    break
+            if interruption.requested:
+                problems.append(f"interrupted after {len(fused.path)} frames")
         except InputError as error:
             if not fused.path:
                 raise

@@ -29,7 +29,10 @@ class Allowance:
         self._own_records = _RECORDS_PER_BYTE * len(body)
         if len(body) < _CHUNK_HEAD.size:
             return
-        excess = _CHUNK_HEAD.unpack_from(body)[2] - _BYTES_PER_BYTE * len(body)
+        size = _CHUNK_HEAD.unpack_from(body)[2]
+        if size > MAX_RECORD_BYTES:  # it will not be unpacked at all
+            return
+        excess = size - _BYTES_PER_BYTE * len(body)
         if excess > 0 and self._excess_bytes + excess > _FREE_BYTES:
             raise BrokenRecord(
                 f"{len(body)} bytes declare over {_BYTES_PER_BYTE} times as many, and not for the first time"

@@ -118,10 +118,8 @@ class _Run:
     def feed(self, frames: PreparedFrames, interruption: Interruption) -> BaseException | None:
         """Take the frames one by one; return the exception that `replay` raises in the end, if there is one."""
         try:
-            for frame, prepared in self.stopwatch.frames(frames):
+            for frame, prepared in interruption.until_requested(self.stopwatch.frames(frames)):
                 self.take(frame, prepared)
-                if interruption.requested:
-                    break
         except InputError as error:
             if not len(self.statistics):
                 return error
