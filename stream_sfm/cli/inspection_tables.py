@@ -59,7 +59,8 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
     whole = "complete" if found["complete"] else "damaged or cut off"
     index = "indexed" if found["indexed"] else "without an index"
     length = f", {found['duration_s']:.2f} s" if found["duration_s"] is not None else ""
-    yield "file", f"{found['size_bytes'] / 1e6:.2f} MB, {whole}, {index}{length}"
+    files = f" in {found['files']} files" if found.get("files", 1) > 1 else ""
+    yield "recording", f"{found['format']}{files}, {found['size_bytes'] / 1e6:.2f} MB, {whole}, {index}{length}"
     if pair := found["pair"]:
         yield "stereo pair", f"{pair['left']} and {pair['right']}: {pair['reason']}"
     if images := found["images"]:

@@ -15,9 +15,8 @@ from ..geometry.se3 import Array
 _FEATURES = 1500  # ORB corners per image: some hundred of them match in an ordinary scene
 _MAX_HAMMING = 40  # of 256 bits between two ORB descriptors that match; random ones differ by 128 ± 8
 _WINDOW_PX = (15, 15)  # patch of the sub-pixel refinement
-_MAX_REFINEMENT_PX = (
-    3.0  # ORB corners are whole pixels of their pyramid level, the last of which has pixels of 3.6 px
-)
+# ORB corners are whole pixels of their pyramid level, the last of which has pixels of 3.6 px
+_MAX_REFINEMENT_PX = 3.0
 _MIN_MATCHES = 40  # in all frames together: fewer say nothing certain about rows
 _MIN_FRAME_MATCHES = 8  # in one frame
 _INLIER_SPREADS, _MIN_INLIER_PX = 3.0, 1.0  # matches within 3 σ of the median row offset, but never less than 1 px

@@ -28,9 +28,8 @@ from .calibration_check import CalibrationCheck, Images, better_shift, check_cal
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
-_GAP_PERIODS = (
-    1.6  # frames further apart than this many median periods have a gap between them: one frame is missing
-)
+# Frames further apart than this many median periods have a gap between them: one frame is missing
+_GAP_PERIODS = 1.6
 _LISTED_GAPS = 20
 
 

@@ -20,7 +20,7 @@ class Index:
     """The content of the summary: schemas and channels, message counts by channel id, the span of log times.
 
     `counts` is empty where the summary does not tell. `chunk_channels`: offset of each chunk, ascending -> ids of the
-    channels with messages in it (None: not told). It is empty where skipping a chunk or jumping to one would be
+    channels with messages in it (None: unknown). It is empty where skipping a chunk or jumping to one would be
     unsafe: the summary has no checksum, does not match the file, or lists more chunks than any recording has.
     """
 

@@ -13,9 +13,8 @@ from mcap.data_stream import ReadDataStream
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the body in bytes
-MAX_RECORD_BYTES = (
-    128 * 2**20
-)  # a record or a decompressed chunk beyond it is damage, or hostile; writers use 1–4 MiB
+# A record or a decompressed chunk beyond it is damage, or hostile; writers use 1–4 MiB
+MAX_RECORD_BYTES = 128 * 2**20
 
 
 class BrokenRecord(Exception):

@@ -12,9 +12,8 @@ from .images import check_encoding
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts
 
-_USUAL_UNPAIRED = (
-    2  # recorders start and stop between two images of a pair: one or two without a partner are normal
-)
+# Recorders start and stop between two images of a pair: one or two without a partner are normal
+_USUAL_UNPAIRED = 2
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -16,7 +16,7 @@ _ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
 
 
 def read_poses(path: Path) -> Trajectory:
-    """The poses of a file in any of the three formats, told by the number of columns. Raises LogError.
+    """The poses of a file in any of the three formats, recognised by the number of columns. Raises LogError.
 
     KITTI's twelve numbers have no stamps: they are in `times.txt` beside the file, or in front of the twelve.
     """

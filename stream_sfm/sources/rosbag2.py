@@ -1,7 +1,7 @@
 """ROS 2 bags as they lie on disk: a folder of one or many files, in MCAP or SQLite, with or without metadata.yaml.
 
-metadata.yaml is written when a recording ends, so a bag of a recorder that crashed has none: its files are then told
-by their suffix, and their order by their content.
+metadata.yaml is written when a recording ends, so a bag of a recorder that crashed has none: its files are then found
+by their suffix, and ordered by their content.
 """
 
 import os

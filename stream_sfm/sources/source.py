@@ -41,7 +41,7 @@ class Attachment(NamedTuple):
 
 @dataclass(slots=True)
 class Contents:
-    """What an index tells: each channel with its number of messages (None: not told), and the span of log times."""
+    """What an index contains: each channel with its number of messages (None: unknown), and the span of log times."""
 
     channels: list[tuple[Channel, int | None]] = field(default_factory=list)
     start_ns: int = 0
