@@ -5,6 +5,7 @@ warning, such as that of a name that does not resolve, is an error.
 """
 
 import argparse
+import contextlib
 import warnings
 from pathlib import Path
 
@@ -17,7 +18,10 @@ def write_reference(folder: Path) -> Path:
     """Write the reference of all public names into `folder`; the page to open."""
     for name in stream_sfm.__all__:
         getattr(stream_sfm, name)
-    with warnings.catch_warnings():
+    folder = folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    # away from the checkout, whose folder stream_sfm could be meant as well as the installed package
+    with warnings.catch_warnings(), contextlib.chdir(folder):
         warnings.simplefilter("error")
         pdoc.render.configure(
             docformat="markdown", show_source=False, footer_text=f"stream_sfm {stream_sfm.__version__}"
