@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from typing import NoReturn
 
 from .camera.rig import MonoRig, StereoRig
 from .config import Config
@@ -67,6 +68,10 @@ class Engine:
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+
+    def __getstate__(self) -> NoReturn:
+        """Refuse copies: arrays that share memory would be separate in one, and its estimates would be others."""
+        raise TypeError("an engine cannot be copied or pickled: make a new one from its rig and config")
 
     @contextmanager
     def _exclusively(self) -> Iterator[None]:

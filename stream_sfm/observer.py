@@ -86,6 +86,11 @@ class Observer:
             raise FrameError(
                 f"{where}: prepared is {_described(prepared)}; give what `prepare` returned for this frame"
             )
+        if prepared is not None and prepared.left.shape != self.rectifier.valid.shape:
+            raise FrameError(
+                f"{where}: prepared has shape {prepared.left.shape}, the calibration says "
+                f"{self.rectifier.valid.shape}; give what `prepare` returned for this frame"
+            )
         began = time.perf_counter()
         images = self.prepare(frame, self._next_index) if prepared is None else prepared
         rectified = time.perf_counter()

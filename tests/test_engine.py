@@ -1,6 +1,8 @@
 """The engine as a user meets it: one call a frame, wrong input refused, lost tracking reported and recovered."""
 
+import copy
 import dataclasses
+import pickle
 import threading
 from pathlib import Path
 
@@ -255,3 +257,24 @@ def _bytes(estimate: sfm.FrameEstimate) -> bytes:
         if field.name != "timings_ms":
             parts.append(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
     return b"|".join(parts)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_an_engine_is_not_copied(engine, copied) -> None:
+    """A copy had arrays of its own where the engine's share memory: it went on with other results."""
+    with pytest.raises(TypeError, match="make a new one from its rig and config"):
+        copied(engine)
+
+
+def test_prepared_images_of_another_size_are_refused(frames, engine) -> None:
+    small = sfm.Engine(dataclasses.replace(rig(0.03), left=half(rig().left), right=half(rig().right)))
+    images = [np.ascontiguousarray(image[::2, ::2]) for image in frames[0].images]
+    prepared = small.prepare(sfm.StereoFrame(frames[0].stamp_ns, *images))
+    with pytest.raises(sfm.FrameError, match="prepared has shape"):
+        engine.step(frames[0], prepared)
+    assert engine.step(frames[0]).frame_index == 0
+
+
+def half(camera: sfm.Camera) -> sfm.Camera:
+    k = np.diag([0.5, 0.5, 1.0]) @ camera.K
+    return dataclasses.replace(camera, width=camera.width // 2, height=camera.height // 2, K=k)

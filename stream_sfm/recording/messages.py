@@ -233,7 +233,7 @@ def _frame_id(message: Any) -> str:
 
 def _text(value: Any) -> str:
     """A name as Unicode that can be encoded: JSON may hold half a surrogate pair. Raises ValueError if too long."""
-    if len(text := str(value)) > _MAX_TEXT:
+    if len(text := "" if value is None else str(value)) > _MAX_TEXT:  # JSON's null
         raise ValueError(f"a name of {len(text)} characters")
     return text.encode("utf-8", "backslashreplace").decode()
 

@@ -1,8 +1,11 @@
 """Dialects at their edges: broken definitions, foreign encodings, video of every make."""
 
+import json
+
 import pytest
 
 from stream_sfm import LogError
+from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
 from stream_sfm.sources.source import Channel, Message
 from tests.helpers import idl
@@ -75,3 +78,16 @@ def test_bytes_that_do_not_fit_cost_one_message(name, schema_encoding, definitio
     for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"\xff" * 64):
         with pytest.raises(UndecodableMessage, match="does not fit its schema"):
             MessageDecoder("log.mcap").image(message(name, schema_encoding, definition, encoding, data))
+
+
+def test_a_distortion_model_that_is_null_does_not_drop_the_coefficients():
+    """It became the text "None", which was taken for a lens without distortion."""
+    content = {
+        "timestamp": {"sec": 1, "nsec": 0}, "frame_id": None, "width": 640, "height": 480, "distortion_model": None,
+        "D": [-0.3, 0.1, 0.0, 0.0], "K": [500, 0, 320, 0, 500, 240, 0, 0, 1], "R": [], "P": [],
+    }  # fmt: skip
+    sent = message("foxglove.CameraCalibration", "jsonschema", "{}", "json", json.dumps(content).encode())
+    decoded = MessageDecoder("a.mcap").calibration(sent)
+    assert decoded.distortion_model == decoded.frame_id == ""
+    camera = make_camera((640, 480), decoded.K, decoded.distortion_model, decoded.D)
+    assert camera.distortion_model == "plumb_bob" and camera.D == (-0.3, 0.1, 0.0, 0.0)

@@ -80,7 +80,7 @@ class Document:
     def camera(self, size: Size, k: Array, model: Any, coefficients: Sequence[float]) -> Camera:
         """A camera; `model` has any of the names in use, `coefficients` may be padded or cut short with zeros."""
         try:
-            return make_camera(size, k, str(model), coefficients)
+            return make_camera(size, k, "" if model is None else str(model), coefficients)
         except ConfigError as error:
             raise self.error(str(error)) from None
 

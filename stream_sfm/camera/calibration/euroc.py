@@ -38,7 +38,7 @@ def camera(document: Document) -> Camera:
     fx, fy, cx, cy = document.numbers(data.get("intrinsics"), "intrinsics", (4,))
     width, height = document.numbers(data.get("resolution"), "resolution", (2,))
     k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    name = str(data.get("distortion_model") or "none")
+    name = str(data.get("distortion_model") or "")
     coefficients = document.numbers(data.get("distortion_coefficients") or [], "distortion_coefficients", None)
     return document.camera((int(width), int(height)), k, name, coefficients.tolist())
 
