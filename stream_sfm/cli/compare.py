@@ -99,7 +99,6 @@ def _compare(
 
 
 def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -> None:
-    from ..report.numbers import conclusion
     from ..wording import printable
     from .comparison_table import print_comparison
     from .error_lines import print_error
@@ -111,7 +110,7 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
     elif not args.quiet:
         print_notes("warning", result.comparison.warnings)
         print_comparison(content)
-        print(conclusion(content, bool(content["frames_with_ground_truth"] > 1))[1])
+        print(content["conclusion"])
         print(printable(str(folder / "report.html")))
     for problem in result.comparison.inspection["problems"]:
         print_error(problem)

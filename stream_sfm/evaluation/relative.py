@@ -1,20 +1,28 @@
 """Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios between methods.
 
 Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and are correlated
-in time; intervals therefore come from a bootstrap over contiguous blocks of starts.
+in time; intervals therefore come from a jackknife over contiguous blocks of starts, each at least twice as long as the
+longest span. Under equal methods they exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-_BLOCKS = 10  # of the bootstrap: long blocks keep the correlation of the errors, many give a stable interval
-_REPLICATES = 400  # of the bootstrap: the ends of a 95 % interval are then known to about 3 % of its width
-_MIN_FRAMES = 24  # with fewer, spans reach 5 frames at most and a block has less than two starts
+_BLOCKS = 10  # of the jackknife: long blocks keep the correlation of the errors, many give a stable interval
+_SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
+_SPANS = 12  # at most, evenly spaced in the logarithm
+_MIN_FRAMES = 24  # with fewer, the charts have less than five spans
+_MIN_SPANS_OF_GROWTH = 3  # a slope from two points has no say in whether they are on a line
+MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one frame is mostly noise of the truth
+MIN_FRAMES_GROWTH = _MIN_SPANS_OF_GROWTH * _SPANS_PER_BLOCK * _BLOCKS
+_CONFIDENCE = 0.95
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
@@ -29,7 +37,10 @@ class Exponent:
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """The RMS error of one method divided by that of another on the same spans, with its 95 % interval."""
+    """The RMS error of one method divided by that of another on the same spans, with its interval.
+
+    The intervals of position and rotation hold together in 95 % of logs (Bonferroni): each of them in 97.5 %.
+    """
 
     value: float
     low: float
@@ -45,10 +56,17 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
 
 
 def spans_for(frames: int) -> list[int]:
-    """Spans from 1 to a quarter of the frames, evenly spaced in the logarithm; none below 24 frames."""
-    if frames < _MIN_FRAMES:
-        return []
-    return sorted({round(s) for s in np.geomspace(1, frames // 4, 12)})
+    """Spans for charts, from 1 to a quarter of the frames; none below 24 frames."""
+    return _spans(frames // 4) if frames >= _MIN_FRAMES else []
+
+
+def tested_spans(frames: int) -> list[int]:
+    """Spans for figures with intervals, from 1 to a twentieth of the frames: each log has them many times."""
+    return _spans(frames // (_SPANS_PER_BLOCK * _BLOCKS))
+
+
+def _spans(longest: int) -> list[int]:
+    return sorted({round(s) for s in np.geomspace(1, longest, _SPANS)}) if longest else []
 
 
 def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
@@ -58,9 +76,9 @@ def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array
 
 
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent] | None:
-    """Growth of the position and of the rotation error with the span; None below 24 frames or without any error."""
-    spans = spans_for(len(truth))
-    if len(spans) < 3:
+    """Growth of the position and of the rotation error with the span; None below 60 frames or without any error."""
+    spans = tested_spans(len(truth))
+    if len(spans) < _MIN_SPANS_OF_GROWTH:
         return None
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     if any(not p.any() or not r.any() for p, r in pairs):
@@ -71,16 +89,16 @@ def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent]
 def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
     x = np.log(spans)
     design = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=1))[1]
-    replicates = design @ np.log(np.stack([_block_means(s) for s in squares]))
-    return Exponent(float(replicates[0]), *_interval(replicates[1:]))
+    slopes = design @ np.log(np.stack([_means(s) for s in squares]))
+    return Exponent(*_interval(slopes, _CONFIDENCE))
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
-    """Ratios of the RMS relative errors of `method` and `reference`, position and rotation; None below 24 frames.
+    """Ratios of the RMS relative errors of `method` and `reference`, position and rotation; None below 40 frames.
 
-    Each is the geometric mean over the spans; both methods share the frames and the blocks of the bootstrap.
+    Each is the geometric mean over the spans; both methods share the frames and the blocks of the jackknife.
     """
-    spans = [s for s in spans_for(len(truth)) if s > 1]
+    spans = [s for s in tested_spans(len(truth)) if s > 1]
     if not spans:
         return None
     result = []
@@ -88,25 +106,31 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
     for k in range(2):
         if any(not m[k].any() or not r[k].any() for m, r in pairs):
             return None
-        logs = [0.5 * np.log(_block_means(m[k] ** 2) / _block_means(r[k] ** 2)) for m, r in pairs]
-        replicates = np.exp(np.mean(logs, axis=0))
-        result.append(Ratio(float(replicates[0]), *_interval(replicates[1:])))
+        logs = [0.5 * np.log(_means(m[k] ** 2) / _means(r[k] ** 2)) for m, r in pairs]
+        of_both = 1 - (1 - _CONFIDENCE) / 2
+        result.append(Ratio(*_interval(np.mean(logs, axis=0), of_both, np.exp)))
     return result[0], result[1]
 
 
-def _block_means(values: Array) -> Array:
-    """The mean, then the means of resampled contiguous blocks, (1 + replicates,); every call draws the same blocks."""
+def _means(values: Array) -> Array:
+    """The mean, then the means without one block each, (1 + blocks,)."""
     blocks = np.array_split(values, _BLOCKS)
-    sums = np.array([b.sum() for b in blocks])
-    counts = np.array([len(b) for b in blocks])
-    draws = np.random.default_rng(0).integers(0, _BLOCKS, (_REPLICATES, _BLOCKS))
-    resampled = np.maximum(sums[draws].sum(axis=1), 1e-300) / counts[draws].sum(axis=1)
-    return np.concatenate([[sums.sum() / counts.sum()], resampled])
+    sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
+    rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
+    return np.concatenate([[sums.sum() / counts.sum()], rest])
 
 
-def _interval(replicates: Array) -> tuple[float, float]:
-    low, high = np.quantile(replicates, [0.025, 0.975])
-    return float(low), float(high)
+def _interval(
+    estimates: Array, confidence: float, transform: Callable[[float], float] = float
+) -> tuple[float, float, float]:
+    """The value and the ends of its interval, from the estimate of all blocks and those without one block each.
+
+    Student's t on the jackknife's standard error: ten blocks know the spread of their estimate only roughly.
+    """
+    value, without = estimates[0], estimates[1:]
+    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * ((without - without.mean()) ** 2).sum())
+    half = stdtrit(_BLOCKS - 1, 0.5 + confidence / 2) * std
+    return float(transform(value)), float(transform(value - half)), float(transform(value + half))
 
 
 def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> NDArray[np.bool_]:

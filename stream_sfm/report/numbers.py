@@ -20,6 +20,7 @@ from ..evaluation.relative import (
 )
 from ..evaluation.summary import evaluate
 from ..types import Trajectory
+from .conclusion import conclusion
 from .records import Comparison, MethodRun
 from .traces import closure
 
@@ -57,7 +58,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
     if c.truth is not None and c.runs:
         truth_frames = max(len(matched(r.trajectory(), c.truth)[0]) if r.poses else 0 for r in c.runs)
     ratios = _over_cross_frame(c)
-    return {
+    content = {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
         "log": c.log,
@@ -84,6 +85,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
+    return content | {"conclusion": conclusion(content)[1]}
 
 
 def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
@@ -220,45 +222,3 @@ def _tracks(c: Comparison) -> dict[str, Any]:
         "median_frames": float(np.median(lengths)),
         "longest_frames": int(lengths.max()),
     }
-
-
-def conclusion(content: dict[str, Any], has_truth: bool) -> tuple[str, str]:
-    """What the log shows about the EKF and the cross-frame method: a style class, and a sentence."""
-    if not has_truth:
-        return "open", (
-            "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each "
-            "method ends from its start when the frames are processed forwards and then in reverse order, and how "
-            "far the methods diverge from each other."
-        )
-    ratio = content["ekf_over_cross_frame"]
-    if ratio is None:
-        stopped = [f"{k.replace('_', '-')} {v['failure']}" for k, v in content["methods"].items() if v["failure"]]
-        why = "; ".join(stopped) or (
-            "fewer than 24 consecutive frames have ground truth, or one of the two methods was not selected"
-        )
-        return "open", f"The EKF and the cross-frame method cannot be compared on this log: {why}."
-    intervals = {name: figures["ci95"] for name, figures in ratio.items()}
-    sides = [1 if low > 1 else -1 if high < 1 else 0 for low, high in intervals.values()]
-    style, text = "open", "On this log position and rotation disagree on which method drifts more."
-    if sides == [0, 0]:
-        text = "On this log the drift of the EKF and of the cross-frame method does not differ significantly."
-    elif min(sides) >= 0:
-        style, text = "larger", "On this log the EKF drifts more than the cross-frame method."
-    elif max(sides) <= 0:
-        style, text = "smaller", "On this log the EKF drifts less than the cross-frame method."
-    ratios = [f"{k} ×{ratio[k]['value']:.2f} [{low:.2f}, {high:.2f}]" for k, (low, high) in intervals.items()]
-    detail = (
-        "RMS relative error of the EKF over that of the cross-frame method, for spans up to a quarter of the log: "
-        f"{', '.join(ratios)} (95 % intervals)."
-    )
-    return style, " ".join([text, detail, *_better(content["error_over_cross_frame"])])
-
-
-def _better(ratios: dict[str, dict[str, Any]]) -> list[str]:
-    """A sentence that names the methods with smaller errors than cross-frame, where there are any."""
-    better = [
-        key.replace("_", "-")
-        for key, found in ratios.items()
-        if all(figures["ci95"][1] < 1 for figures in found.values())
-    ]
-    return [f"More accurate than the cross-frame method here: {', '.join(better)}."] if better else []

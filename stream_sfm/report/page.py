@@ -6,8 +6,9 @@ from typing import Any
 from ..files import json_bytes, write_whole
 from . import accuracy_charts, consistency_charts, pictures
 from .accuracy_charts import Traces
+from .conclusion import conclusion
 from .methods import label, style
-from .numbers import conclusion, numbers
+from .numbers import numbers
 from .records import Comparison
 from .template import inline, template
 from .traces import trace
@@ -41,7 +42,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         style=style,
         truth=truth,
         returned=returned,
-        conclusion=conclusion(content, truth),
+        conclusion=conclusion(content),
         notes=_notes(c, content),
         sections=_sections(truth, returned),
         path_m=_path_length_m(traces, methods),

@@ -45,7 +45,8 @@ def test_the_exponent_names_the_process(error: np.ndarray, expected: float) -> N
 
 
 def test_too_short_or_exact_has_no_exponent() -> None:
-    assert growth_exponents(TRUTH[:23], TRUTH[:23]) is None
+    assert growth_exponents(TRUTH[:59], positions(RNG.normal(size=(59, 3)))) is None
+    assert paired_ratio(*(positions(RNG.normal(size=(39, 3))) for _ in range(3))) is None
     assert growth_exponents(TRUTH, TRUTH) is None
 
 

@@ -86,10 +86,10 @@ def test_trajectories(replayed: Path) -> None:
 
 
 def test_report(tmp_path: Path) -> None:
-    """24 frames are the fewest with a growth; there and back, so that this is in it too."""
+    """40 frames are the fewest with ratios between methods; there and back, so that this is in it too."""
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
-    methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=24)
+    methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=40)
     compare(LOG, tmp_path, selection=chosen, methods=methods, there_and_back=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))

@@ -1,0 +1,133 @@
+"""What a log shows about its methods, in plain words: the paragraph on top of the report.
+
+It names methods as the tables do, speaks of position and rotation separately, and adds what makes an order between
+methods worthless: covariances that do not hold, and errors that all methods share.
+"""
+
+from math import sqrt
+from typing import Any
+
+from ..evaluation.relative import MIN_FRAMES_RATIO, tested_spans
+from .methods import label
+
+_REFERENCE = "cross-frame"
+_IN_FULL = ("ekf", "frame-to-frame")  # methods with figures in any case; of the others only where they are ahead
+_EXPECTED_NEES = 6
+_EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated; no single log varies as much
+# Methods err together where they differ by less than this share of their error: a convention of the report.
+_SHARED = 0.5
+
+Ratios = dict[str, dict[str, Any]]  # position and rotation -> value and ci95
+
+
+def conclusion(content: dict[str, Any]) -> tuple[str, str]:
+    """What the log shows: a style class, and the paragraph. `content` is that of report.json."""
+    if not content["frames_with_ground_truth"]:
+        return "open", (
+            "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each "
+            "method ends from its start when the frames are processed forwards and then in reverse order, and how "
+            "far the methods diverge from each other."
+        )
+    ratios = {_name(key): found for key, found in content["error_over_cross_frame"].items()}
+    together = _all_wrong(content)
+    if not ratios:
+        return "open", " ".join([f"The methods cannot be compared on this log: {_obstacle(content)}.", *together])
+    longest = tested_spans(content["frames_with_ground_truth"])[-1]
+    spans = "2 frames" if longest == 2 else f"2 to {longest} frames"
+    method = (
+        f"Figures are RMS errors of motions over {spans}, over those of {label(_REFERENCE)}; position and rotation of "
+        "a method are both in their intervals in 95 % of logs."
+    )
+    style = _style(ratios["ekf"]) if "ekf" in ratios and not together else "open"
+    return style, " ".join([*together, *_in_order(content, ratios), *_reference_nees(content, together), method])
+
+
+def _name(key: str) -> str:
+    return key.replace("_", "-")
+
+
+def _obstacle(content: dict[str, Any]) -> str:
+    """Why there are no ratios."""
+    methods = content["methods"]
+    if stopped := [f"{label(_name(k))} {m['failure']}" for k, m in methods.items() if m["failure"]]:
+        return "; ".join(stopped)
+    if "cross_frame" not in methods or len(methods) < 2:
+        return f"{label(_REFERENCE)} and another method are needed"
+    return f"fewer than {MIN_FRAMES_RATIO} consecutive frames have ground truth, or a method has no error at all"
+
+
+def _sides(found: Ratios) -> dict[str, int]:
+    """1, −1 or 0 for position and rotation: larger errors than the reference, smaller ones, or cannot be told apart."""
+    ends = {quantity: figures["ci95"] for quantity, figures in found.items()}
+    return {quantity: int(low > 1) - int(high < 1) for quantity, (low, high) in ends.items()}
+
+
+def _style(found: Ratios) -> str:
+    sides = set(_sides(found).values())
+    return "larger" if sides in ({1}, {0, 1}) else "smaller" if sides in ({-1}, {0, -1}) else "open"
+
+
+def _in_order(content: dict[str, Any], ratios: dict[str, Ratios]) -> list[str]:
+    """The methods that are always named, those that are ahead, and the rest by what they have in common."""
+    full = [name for name in _IN_FULL if name in ratios]
+    ahead = [name for name in ratios if name not in full and -1 in _sides(ratios[name]).values()]
+    said = [_clause(name, ratios[name]) + _but(content, name, ratios[name]) for name in [*full, *ahead]]
+    rest = [name for name in ratios if name not in full and name not in ahead]
+    level = [label(name) for name in rest if not any(_sides(ratios[name]).values())]
+    behind = [label(name) for name in rest if any(_sides(ratios[name]).values())]
+    if level:
+        said.append(f"Not told apart from {label(_REFERENCE)} in either: {', '.join(level)}.")
+    if behind:
+        said.append(f"Larger errors than {label(_REFERENCE)} in position, rotation or both: {', '.join(behind)}.")
+    return said
+
+
+def _clause(name: str, found: Ratios) -> str:
+    """One method against the reference, for each quantity."""
+    sides = _sides(found)
+    figures = {q: f"×{f['value']:.2f} [{f['ci95'][0]:.2f}, {f['ci95'][1]:.2f}]" for q, f in found.items()}
+    every = ", ".join(f"{q} {figures[q]}" for q in found)
+    if not any(sides.values()):
+        return f"{label(name)} and {label(_REFERENCE)} cannot be told apart: {every}."
+    if len(set(sides.values())) == 1:
+        size = "larger" if 1 in sides.values() else "smaller"
+        return f"{label(name)} has {size} errors than {label(_REFERENCE)}: {every}."
+    clauses = [f"in {q} {figures[q]}" for q in found if sides[q]]
+    clauses += [f"{q} cannot be told apart ({figures[q]})" for q in found if not sides[q]]
+    return f"{label(name)} against {label(_REFERENCE)}: {'; '.join(clauses)}."
+
+
+def _but(content: dict[str, Any], name: str, found: Ratios) -> str:
+    """What a method that is ahead has to be told about its covariance."""
+    nees = content["methods"][name.replace("-", "_")]["nees_pose_mean"]
+    if -1 not in _sides(found).values() or nees is None or nees < _EXCESSIVE_NEES:
+        return ""
+    return f" But its covariance does not hold: {_excess(nees)}."
+
+
+def _excess(nees: float) -> str:
+    times = sqrt(nees / _EXPECTED_NEES)
+    return f"NEES {nees:.3g} where {_EXPECTED_NEES} is expected, errors {times:.2g} times as large as estimated"
+
+
+def _reference_nees(content: dict[str, Any], together: list[str]) -> list[str]:
+    """The same of the reference, unless all methods are wrong together."""
+    nees = (content["methods"].get("cross_frame") or {}).get("nees_pose_mean")
+    if together or nees is None or nees < _EXCESSIVE_NEES:
+        return []
+    return [f"The covariance of {label(_REFERENCE)} does not hold here: {_excess(nees)}."]
+
+
+def _all_wrong(content: dict[str, Any]) -> list[str]:
+    """A sentence where no covariance holds and the methods are much closer to each other than to the ground truth."""
+    methods = content["methods"].values()
+    nees = [m["nees_pose_mean"] for m in methods if m["nees_pose_mean"] is not None]
+    errors = [m["ate_rmse_m"] for m in methods if m["ate_rmse_m"] is not None]
+    apart = content["divergence_from_cross_frame_m"].values()
+    if len(nees) < 2 or not apart or min(nees) < _EXCESSIVE_NEES or max(apart) > _SHARED * min(errors):
+        return []
+    return [
+        f"All methods are wrong together: the NEES of each is {min(nees):.3g} or more where {_EXPECTED_NEES} is "
+        f"expected, and they differ by at most {max(apart):.2g} m where each is {min(errors):.2g} m or more from the "
+        "ground truth (RMS). What they share, the calibration or the ground truth, is off by far more than they differ."
+    ]
