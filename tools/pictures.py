@@ -1,5 +1,6 @@
 """Make the pictures of the README and of docs/ anew, from today's code: `python tools/pictures.py [NAME …]`.
 
+    output    not a picture: what the first command of the README prints; its times are those of this machine
     viewer    logs/room.mcap in the Rerun viewer, without a window
     drift     the top of the report of `stream-sfm compare logs/room.mcap`
     surface   `stream-sfm surface logs/room.mcap --all --preview`
@@ -9,6 +10,7 @@
 """
 
 import argparse
+import re
 import shutil
 import subprocess
 import sys
@@ -31,6 +33,17 @@ REPORT_LEFT_OUT = "<style>nav, #path, #errors figure:nth-of-type(n+3) { display:
 def stream_sfm(*arguments: object) -> None:
     """Run a command of the package."""
     subprocess.run([sys.executable, "-m", "stream_sfm", *map(str, arguments)], check=True, cwd=ROOT)
+
+
+def output(folder: Path) -> None:
+    """The block below the first command of the README."""
+    (folder / "logs").symlink_to(LOG.parent)
+    command = [sys.executable, "-m", "stream_sfm", "replay", "logs/room.mcap"]
+    printed = subprocess.run(command, check=True, cwd=folder, capture_output=True, text=True).stdout
+    block = "\n".join(line.rstrip() for line in printed.strip().splitlines())
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.compile(r"(?<=```\n)logs/room\.mcap: .*?(?=\n```)", re.DOTALL)
+    (ROOT / "README.md").write_text(shown.sub(lambda _: block, page, count=1), encoding="utf-8")
 
 
 def viewer(folder: Path) -> None:
@@ -84,7 +97,7 @@ def figure6(folder: Path) -> None:
     shutil.copy(folder / "figure6.png", PICTURES / "figure6.png")
 
 
-MAKERS = {maker.__name__: maker for maker in (viewer, drift, surface, figure6)}
+MAKERS = {maker.__name__: maker for maker in (output, viewer, drift, surface, figure6)}
 
 
 def main() -> None:

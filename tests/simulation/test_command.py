@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+import stream_sfm as sfm
 from stream_sfm.cli import simulate
 from stream_sfm.cli.main import main
 from stream_sfm.simulation import figure6, rates, studies
@@ -57,3 +58,11 @@ def test_rates_prints_three_columns(short, tmp_path, capsys):
     assert "paper" in text
     assert "measured" in text
     assert "exact theory" in text
+
+
+def test_a_program_gets_the_same_report_and_unknown_experiments_are_refused(short, tmp_path, capsys):
+    run(capsys, "efficiency", "--trials", "2", "--workers", "1", "--out", str(tmp_path))
+    report = sfm.simulate("efficiency", trials=2, workers=1)
+    assert report == json.loads((tmp_path / "results.json").read_text())
+    with pytest.raises(sfm.ConfigError, match="known are efficiency"):
+        sfm.simulate("magic")
