@@ -17,6 +17,7 @@ from ..interrupts import sigterm_as_interrupt
 from ..wording import printable
 from . import batch, calibration, compare, config, import_, inspect, replay, simulate, surface
 from .arguments import add_debug
+from .completion import complete
 from .error_lines import hint, print_error
 from .parser import Parser
 
@@ -57,6 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
+    complete(parser)
     try:
         args = parser.parse(argv)
     except SystemExit as stop:  # --help, --version and usage errors, already printed
@@ -64,8 +66,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.command is None:
         parser.print_help(sys.stderr)
         return ExitCode.USAGE
-    with _logging_to_stderr():
-        return _run(args)
+    try:
+        with _logging_to_stderr():
+            return _run(args)
+    except BrokenPipeError:  # the reader of our output has gone, for example `| head`
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return ExitCode.DONE
 
 
 class _LogFormatter(logging.Formatter):
@@ -95,9 +102,8 @@ def _run(args: argparse.Namespace) -> int:
         return _failed(args, error, error.exit_code, str(error), hint(error, args))
     except KeyboardInterrupt as error:
         return _failed(args, error, ExitCode.INTERRUPTED, "interrupted")
-    except BrokenPipeError:  # the reader of our output has gone, for example `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.DONE
+    except BrokenPipeError:
+        raise
     except Exception as error:
         text = f"{type(error).__name__}: {error}".splitlines()[0]
         advice = "this is a defect of stream-sfm; please report it with the output of --debug"

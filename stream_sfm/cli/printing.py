@@ -5,13 +5,21 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console as RichConsole
 from rich.table import Table
 
 from ..files import json_bytes
 from ..wording import printable
 
 _PIPED_WIDTH = 110  # columns of a table that goes to a file or a pipe
+
+
+class Console(RichConsole):
+    """A console that leaves it to `main` what follows when the reader of our output has gone."""
+
+    def on_broken_pipe(self) -> None:
+        """Pass the error on; Rich would exit here with code 1."""
+        raise BrokenPipeError
 
 
 def stdout_console(piped_width: int = _PIPED_WIDTH) -> Console:

@@ -3,12 +3,11 @@
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
-
 from ..wording import printable
+from .printing import Console
 
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
@@ -87,13 +86,18 @@ def _lines(label: str, unit: str, total: int | None) -> Advance:
         nonlocal done, printed_s
         done += finished
         if line:
-            print(printable(line), file=sys.stderr, flush=True)
+            _print(printable(line))
         now_s = time.monotonic()
         if now_s - printed_s >= LINE_INTERVAL_S:
             printed_s = now_s
             elapsed_s = now_s - started_s
             left = f", about {elapsed_s * (total - done) / done:.0f} s left" if total and done else ""
             count = f"{done} of {total}" if total else str(done)
-            print(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}", file=sys.stderr, flush=True)
+            _print(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}")
 
     return advance
+
+
+def _print(line: str) -> None:
+    with suppress(BrokenPipeError):  # nobody reads it: no reason to end the run
+        print(line, file=sys.stderr, flush=True)

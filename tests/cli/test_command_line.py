@@ -167,6 +167,27 @@ def test_the_program_alone_prints_its_help(capsys):
     assert "usage: stream-sfm COMMAND" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("stream-sfm re", {"replay "}),
+        ("stream-sfm replay --there", {"--there-and-back "}),
+        ("stream-sfm replay --method ekf", {"ekf", "ekf-cv"}),
+        ("stream-sfm import k", {"kitti "}),
+        ("stream-sfm config --set robust.min_i", {"robust.min_inliers="}),
+    ],
+)
+def test_the_shell_completes(line: str, words: set[str], tmp_path: Path):
+    answer = tmp_path / "answer"
+    asked = {
+        "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line, "COMP_POINT": str(len(line)),
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer), "_ARGCOMPLETE_SUPPRESS_SPACE": "0",
+    }  # fmt: skip
+    command = [sys.executable, "-m", "stream_sfm"]
+    subprocess.run(command, env=os.environ | asked, timeout=60, check=True)
+    assert set(answer.read_text().split("\n")) == words
+
+
 def test_no_name_is_broken_between_two_lines_of_help(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     for command in COMMAND_NAMES:
@@ -296,10 +317,15 @@ def test_interrupted_is_130_with_everything_written(number, tmp_path: Path):
     assert len(np.loadtxt(out / "trajectory.tum", ndmin=2)) == summary["frames"]["estimated"] > 0
 
 
-def test_the_reader_of_our_output_may_go(wall_log: Path):
-    command = f"'{sys.executable}' -m stream_sfm config | head -n 1"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert done.stdout.startswith("#") and "Traceback" not in done.stderr
+@pytest.mark.parametrize("streams", [">&3", "2>&1 >&3", ">&3 2>&3"])
+def test_the_reader_of_our_output_may_go(streams: str, wall_log: Path, tmp_path: Path):
+    """A pipe whose reader has gone before anything is printed: nothing is said about it, and the run is not ended."""
+    for command in ("config", f"inspect {wall_log}", f"replay {wall_log} -v --method ekf --out {tmp_path}/out"):
+        ours = f"'{sys.executable}' -m stream_sfm {command}"
+        script = f"( sleep 0.2; {ours} {streams}; echo code $? ) 3> >(true)"
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
+        assert done.stdout.endswith("code 0\n") and "Traceback" not in done.stderr + done.stdout, command
+    assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) > 5
 
 
 def test_the_program_is_called_stream_sfm(capsys):
