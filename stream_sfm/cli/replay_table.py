@@ -22,7 +22,9 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:
     frames, timing = summary["frames"], summary["timing_ms"]
     incomplete = "" if summary["complete"] else ", incomplete"
-    yield "frames", f"{frames['estimated']} estimated of {frames['paired']} paired{incomplete}"
+    there = frames["estimated"] - frames["backwards"]
+    once_more = f", then {frames['backwards']} backwards" if frames["backwards"] else ""
+    yield "frames", f"{there} estimated of {frames['paired']} paired{once_more}{incomplete}"
     yield "", f"{frames['degraded']} degraded, {frames['lost']} lost, {frames['dropped']} dropped"
     unit = "units" if summary["unscaled"] else "m"
     if summary["unscaled"]:

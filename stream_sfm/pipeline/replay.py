@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..engine import Engine
@@ -143,7 +145,12 @@ class _Run:
             self.statistics.refuse(error)
             return
         for sink in self.sinks:
-            sink.write(estimate, frame)
+            if sink is not self.structure or not self._backwards([estimate.stamp_ns]):
+                sink.write(estimate, frame)
+
+    def _backwards(self, stamps_ns: Sequence[int]) -> int:
+        """How many frames of these stamps are of the way back."""
+        return 0 if self.kept is None else int(self.kept.are_backwards(np.array(stamps_ns, np.int64)).sum())
 
     def finish(self, problem: BaseException | None, interrupted: bool) -> ReplayResult:
         """Close the sinks and write the summary; a failure of these is raised unless `problem` comes first."""
@@ -199,5 +206,6 @@ class _Run:
             warnings=list(dict.fromkeys(warnings)),
             truth=truth,
             structure=None if self.structure is None else self.structure.comparison,
+            backwards=self._backwards(self.statistics.stamps_ns),
             further=further,
         )

@@ -84,11 +84,10 @@ class RunStatistics:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def trajectory(self) -> Trajectory:
-        """Return all poses with their covariances."""
-        return Trajectory(
-            np.array(self.stamps_ns, dtype=np.int64), _stacked(self._poses, 4), _stacked(self._covs, 6)
-        )
+    def trajectory(self, frames: int | None = None) -> Trajectory:
+        """Return the poses of the first `frames` frames (None: all) with their covariances."""
+        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)[:frames]
+        return Trajectory(stamps_ns, _stacked(self._poses, 4)[:frames], _stacked(self._covs, 6)[:frames])
 
     def warnings(self) -> list[str]:
         """Return sentences about frames that were refused or lost."""

@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator
 from contextlib import closing
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..evaluation import path_length_m
 from ..geometry import se3
@@ -22,6 +23,7 @@ class KeptFrames:
     def __init__(self) -> None:
         self._pairs: list[StereoPair] = []
         self._bytes = 0
+        self._turn_ns: int | None = None  # the stamp of the last frame, once the way back has begun
 
     @property
     def too_many(self) -> bool:
@@ -39,11 +41,17 @@ class KeptFrames:
 
     def backwards(self) -> Iterator[RecordedFrame]:
         """Yield the last but one frame, then the one before it, up to the first; stamps are mirrored at the last."""
+        if not self._pairs:
+            return
         scaler = GreyScaler()
-        turn_ns = self._pairs[-1].stamp_ns if self._pairs else 0
+        self._turn_ns = turn_ns = self._pairs[-1].stamp_ns
         for pair in reversed(self._pairs[:-1]):
             images = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
             yield recorded_frame(pair, images, stamp_ns=2 * turn_ns - pair.stamp_ns)
+
+    def are_backwards(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether frames of these stamps (n,) are of the way back: the log may know other things of these moments."""
+        return np.zeros(len(stamps_ns), bool) if self._turn_ns is None else np.asarray(stamps_ns > self._turn_ns)
 
 
 def then_backwards(

@@ -19,6 +19,7 @@ from stream_sfm.cli import compare
 from stream_sfm.cli.arguments import METHODS
 from stream_sfm.cli.error_lines import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.error_lines import OPTIONS
+from stream_sfm.cli.inspection_tables import broken_at
 from stream_sfm.cli.main import COMMANDS, build_parser, main
 from stream_sfm.comparison.compare import COMPARED
 from stream_sfm.config import Config, read_config
@@ -197,6 +198,20 @@ def test_no_name_is_broken_between_two_lines_of_help(monkeypatch, capsys):
     assert main(["replay", "--help"]) == 0
     words = capsys.readouterr().out.replace(",", " ").split()
     assert set(METHODS) <= set(words), "--method names them all"
+
+
+@pytest.mark.parametrize(
+    "name, lines",
+    [
+        ("/cam0/image_raw", ["/cam0/image_raw"]),
+        ("/camera/left/image_rect_color", ["/camera/left", "/image_rect_color"]),
+        ("sensor_msgs/msg/CompressedImage", ["sensor_msgs/msg", "/CompressedImage"]),
+        ("foxglove.CameraCalibration", ["foxglove.", "CameraCalibration"]),
+        ("x" * 40, ["x" * 18, "x" * 18, "x" * 4]),
+    ],
+)
+def test_long_names_break_between_words(name: str, lines: list[str]):
+    assert broken_at(name, "/._", 18) == "\n".join(lines)
 
 
 def test_the_parser_knows_the_methods():

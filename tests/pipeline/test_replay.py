@@ -51,7 +51,7 @@ def test_a_replay_writes_the_five_files_and_nothing_else(replayed):
     assert set(summary["ground_truth"]) >= TRUTH_KEYS
     assert all(set(t) == {"p50", "p95", "max"} for t in summary["timing_ms"].values())
     assert set(summary["timing_ms"]) == {"decode", "frontend", "estimator", "total"}
-    assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, dropped=0)
+    assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, backwards=0, dropped=0)
     assert summary["complete"] and summary["warnings"] == []
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
 
@@ -296,6 +296,16 @@ def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
     assert found["end_position_m"] == pytest.approx(np.linalg.norm(result.trajectory.world_from_cam[-1, :3, 3]))
     std_end = np.sqrt(np.trace(result.trajectory.cov_pose[-1][:3, :3]))
     assert found["end_position_m"] < 4 * std_end
+
+
+def test_the_way_back_is_not_compared_with_the_truth_of_other_moments() -> None:
+    """The log has poses and depth of the moments at which the mirrored stamps lie."""
+    chosen = sfm.Selection(max_frames=12)
+    there, back = (replay(ROOM, None, FAST, chosen, there_and_back=b).summary for b in (False, True))
+    assert back["ground_truth"] == there["ground_truth"] and there["ground_truth"]["frames_compared"] == 12
+    assert there["ground_truth"]["local_structure_rms_m"] > 0
+    assert back["frames"] == there["frames"] | {"read": back["frames"]["read"], "estimated": 23, "backwards": 11}
+    assert there["frames"]["paired"] == 12
 
 
 def test_frames_too_many_to_be_fed_backwards_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
