@@ -12,6 +12,7 @@ OPTIONS = {
     "calibration": "--calibration FILE",
     "left": "--left TOPIC",
     "right": "--right TOPIC",
+    "overwrite": "--force",
     "ground_truth_frame": "--ground-truth-frame FRAME",
     "mono": "--mono",
     "rrd": "--rrd FILE",

@@ -85,6 +85,8 @@ def _add_images(kinds: Any) -> None:
 
 def _add_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", metavar="OUT.mcap", help="the log to write")
+    result = parser.add_argument_group("result")
+    result.add_argument("--force", dest="overwrite", action="store_true", help="replace OUT.mcap if it exists")
 
 
 def _add_general(parser: argparse.ArgumentParser) -> None:
@@ -94,20 +96,20 @@ def _add_general(parser: argparse.ArgumentParser) -> None:
 def _kitti(args: argparse.Namespace) -> int:
     from ..importers import import_kitti
 
-    return _report(import_kitti(args.folder, args.out, args.poses), args)
+    return _report(import_kitti(args.folder, args.out, args.poses, overwrite=args.overwrite), args)
 
 
 def _euroc(args: argparse.Namespace) -> int:
     from ..importers import import_euroc
 
-    return _report(import_euroc(args.folder, args.out), args)
+    return _report(import_euroc(args.folder, args.out, overwrite=args.overwrite), args)
 
 
 def _images(args: argparse.Namespace) -> int:
     from ..importers import import_images
 
-    found = import_images(args.left, args.right, args.calibration, args.out, args.stamps, args.rate)
-    return _report(found, args)
+    files = (args.left, args.right, args.calibration, args.out, args.stamps, args.rate)
+    return _report(import_images(*files, overwrite=args.overwrite), args)
 
 
 def _report(imported: "Imported", args: argparse.Namespace) -> int:

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, OutputError
 from ..mcap_file.damage import Damage
+from ..outputs import refuse_overwriting
 from ..recording.log_writer import MessageWriter
 from ..sources.image_files import ImageFilesSource
 
@@ -20,11 +21,15 @@ class Imported:
     warnings: list[str] = field(default_factory=list)
 
 
-def copy_to_log(source: ImageFilesSource, out: str | Path, expects_poses: bool = False) -> Imported:
-    """Write all messages of a source. Raises InputError for an image that cannot be read, OutputError.
+def copy_to_log(
+    source: ImageFilesSource, out: str | Path, *, overwrite: bool = False, expects_poses: bool = False
+) -> Imported:
+    """Write all messages of a source to `out`, whose folder is made if need be.
 
-    `expects_poses`: the lack of ground truth is worth a warning.
+    `overwrite`: a file that is there may be replaced, but no file of the source. `expects_poses`: the lack of ground
+    truth is worth a warning. Raises InputError for an image that cannot be read, OutputError.
     """
+    _check_free(source, Path(out), overwrite)
     damage = Damage()
     with MessageWriter(out) as log:
         for message in source.messages(damage):
@@ -38,3 +43,16 @@ def copy_to_log(source: ImageFilesSource, out: str | Path, expects_poses: bool =
         warnings.append(f"no ground truth was found for {source.path}")
     left, right = source.images
     return Imported(Path(out), len(left), len(right), len(source.poses), warnings)
+
+
+def _check_free(source: ImageFilesSource, out: Path, overwrite: bool) -> None:
+    """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
+    if out.exists() and not overwrite:
+        raise OutputError(
+            f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
+        )
+    refuse_overwriting([out], [source.path, *(image.path for side in source.images for image in side)])
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {out.parent}: {error.strerror}") from None

@@ -23,24 +23,22 @@ class JoinedSource:
     ) -> None:
         self.path = Path(path)
         self._missing, self._notes = list(missing), list(notes)
-        contents = [part.contents() for part in parts]
-        self._known = all(c is not None for c in contents)
-        starts = [0 if c is None else c.start_ns for c in contents]
-        if self._known:  # else the order given is all there is to go by
-            order = sorted(range(len(parts)), key=lambda n: starts[n])
-            parts, starts = [parts[n] for n in order], [starts[n] for n in order]
-        self._parts, self._starts_ns = list(parts), starts
+        found = [part.contents() for part in parts]
+        known = [contents for contents in found if contents is not None]
+        order = list(range(len(parts)))
+        if len(known) == len(parts):  # else the order given is all there is to go by
+            order.sort(key=lambda n: known[n].start_ns)
+        self._parts = [parts[n] for n in order]
+        self._contents = [known[n] for n in order] if len(known) == len(parts) else None
         self.size_bytes = sum(part.size_bytes for part in parts)
 
     def contents(self) -> Contents | None:
         """The sum over the parts, where every part knows its contents."""
-        if not self._known:
+        if self._contents is None:
             return None
         joined = Contents()
         spans = []
-        for part in self._parts:
-            if (contents := part.contents()) is None:
-                return None
+        for contents in self._contents:
             joined.channels += contents.channels
             if any(count != 0 for _, count in contents.channels):
                 spans.append((contents.start_ns, contents.end_ns))
@@ -73,7 +71,7 @@ class JoinedSource:
             damage.complete &= all(d.complete for d in own)
 
     def _begins_before(self, number: int, time_ns: int) -> bool:
-        return self._known and self._starts_ns[number] <= time_ns
+        return self._contents is not None and self._contents[number].start_ns <= time_ns
 
     @staticmethod
     def _advance(heads: list[_Head], number: int, rest: Generator[Message, None, None]) -> None:
@@ -93,8 +91,10 @@ class JoinedSource:
 
     def drop_unverified_index(self) -> bool:
         """See `Source`; every part drops its own."""
-        dropped = [part.drop_unverified_index() for part in self._parts]
-        return any(dropped)
+        dropped = any([part.drop_unverified_index() for part in self._parts])  # each of them, not up to the first
+        if dropped:
+            self._contents = None
+        return dropped
 
 
 def _generator(messages: Iterator[Message]) -> Generator[Message, None, None]:

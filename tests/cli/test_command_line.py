@@ -35,10 +35,15 @@ def half(log: Path, to: Path) -> Path:
     return to
 
 
-def options() -> list[argparse.Action]:
-    """All options of all commands."""
-    (commands,) = (a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction))
-    return [action for parser in commands.choices.values() for action in parser._actions]
+def options(parser: argparse.ArgumentParser | None = None) -> list[argparse.Action]:
+    """All options of a parser (None: of `stream-sfm`) and of the commands in it."""
+    actions: list[argparse.Action] = []
+    for action in (parser or build_parser())._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            actions += [inner for command in action.choices.values() for inner in options(command)]
+        else:
+            actions.append(action)
+    return actions
 
 
 @pytest.mark.parametrize("command", ["", *COMMAND_NAMES])

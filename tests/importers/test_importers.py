@@ -117,7 +117,7 @@ def test_images_are_given_as_a_folder_as_files_or_by_a_glob_that_the_shell_expan
     out = str(tmp_path / "o.mcap")
     calibration = ["--calibration", str(tmp_path / "c.toml")]
     for left, right in (files, ([str(tmp_path / "l")], [str(tmp_path / "r")])):
-        assert main(["import", "images", "--left", *left, "--right", *right, *calibration, out]) == 0
+        assert main(["import", "images", "--left", *left, "--right", *right, *calibration, "--force", out]) == 0
         pairs = list(sfm.open_log(out).pairs())
         assert [p.left.data for p in pairs] == [(tmp_path / "l" / n).read_bytes() for n in names]
         assert [p.right.data for p in pairs] == [(tmp_path / "r" / n).read_bytes() for n in names]
@@ -153,3 +153,20 @@ def test_images_of_another_size_or_kind_are_named(tmp_path):
     with pytest.raises(sfm.ConfigError, match="both a left and a right image"):
         import_images(files[0], files[0], *give[2:])
     assert not list(tmp_path.glob("o.mcap*"))
+
+
+def test_nothing_is_replaced_unless_it_is_allowed_and_never_an_input(tmp_path, capsys):
+    write_kitti(tmp_path / "00")
+    out = tmp_path / "new" / "folder" / "00.mcap"
+    command = ["import", "kitti", str(tmp_path / "00"), str(out)]
+    assert main(command) == 0 and out.exists()
+    out.write_bytes(b"mine")
+    assert main(command) == 3 and out.read_bytes() == b"mine"
+    said = capsys.readouterr().err
+    assert "exists already" in said and said.endswith("hint: use --force\n")
+    assert main([*command, "--force"]) == 0 and out.stat().st_size > 1000
+    image = tmp_path / "00" / "image_0" / "000000.png"
+    before = image.read_bytes()
+    with pytest.raises(sfm.OutputError, match="it is an input of this run"):
+        import_kitti(tmp_path / "00", image, overwrite=True)
+    assert image.read_bytes() == before
