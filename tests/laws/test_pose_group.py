@@ -5,7 +5,11 @@ import pytest
 
 from stream_sfm.geometry import se3
 
-RNG = np.random.default_rng(7)
+
+@pytest.fixture(autouse=True)
+def _same_numbers_in_any_order() -> None:
+    global RNG
+    RNG = np.random.default_rng(7)
 
 
 def tangents(scale: float) -> np.ndarray:
