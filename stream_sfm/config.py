@@ -111,6 +111,25 @@ class MotionConfig(_Section, frozen=True, kw_only=True):
     ] = 3.0
 
 
+class RigConfig(_Section, frozen=True, kw_only=True):
+    """Errors of the calibration, and what is known of them beforehand."""
+
+    # For rendered or simulated images, and to see what an estimate would be without the attempt to calibrate.
+    exact: Annotated[bool, Meta(description="the calibration has no error")] = False
+    # Five real rigs are off by 0.05 to 0.6 px per term.
+    std_disparity_px: Annotated[
+        float, Meta(description="σ of each term of the disparity's error at the image's edge, pixels", gt=0, le=10)
+    ] = 0.3
+    # Of five real rigs two are off by 3 and 7 px in the corner, where no point is.
+    std_radial_px: Annotated[
+        float, Meta(description="σ of the lenses' common radial error in the image's corner, pixels", gt=0, le=50)
+    ] = 2.0
+    # Real drives with independent truth are 0.3 to 0.6 % too long or too short.
+    std_baseline: Annotated[
+        float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, lt=1)
+    ] = 0.003
+
+
 class DenseConfig(_Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
@@ -177,6 +196,7 @@ class Config(_Section, frozen=True, kw_only=True):
     window: WindowConfig = WindowConfig()
     robust: RobustConfig = RobustConfig()
     motion: MotionConfig = MotionConfig()
+    rig: RigConfig = RigConfig()
     dense: DenseConfig = DenseConfig()
 
     def __post_init__(self) -> None:

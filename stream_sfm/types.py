@@ -138,6 +138,8 @@ class Observations:
       from a changing direction; None where points are exact.
     - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
       track as if they were independent; None where they are.
+    - `rig_effects` (n, 4, m): what possible errors of the calibration do to the views, pixels per σ of each; None where
+      the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -151,6 +153,7 @@ class Observations:
     n_new: int = 0
     std_drift_px: Array | None = None
     inflation: Array | None = None
+    rig_effects: Array | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:
@@ -160,6 +163,22 @@ class Observations:
 
 def _no_ids() -> NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigEstimate:
+    """What is known about the errors of the calibration: `mean` (m,) with covariance `cov` (m, m).
+
+    `applied`: they are significant and taken out of all views; otherwise they only count in the covariances. Of a
+    Solution in σ of what was assumed beforehand, of a FrameEstimate in pixels (`stream_sfm.frontend.rig_effects`).
+    """
+
+    mean: Array
+    cov: Array
+    applied: bool
+
+    def __repr__(self) -> str:
+        return f"<RigEstimate {len(self.mean)} terms{', applied' if self.applied else ''}>"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -188,6 +207,7 @@ class Solution:
     iterations: int = 0
     nis: float = 0.0
     nis_dof: int = 0
+    rig: RigEstimate | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose)
@@ -224,6 +244,7 @@ class FrameEstimate:
       views, and its degrees of freedom.
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
+    - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
     """
 
     frame_index: int
@@ -247,6 +268,7 @@ class FrameEstimate:
     nis_dof: int
     timings_ms: dict[str, float]
     unscaled: bool = False
+    rig: RigEstimate | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")

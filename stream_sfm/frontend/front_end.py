@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..types import Observations
+from ..types import Observations, RigEstimate
 from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
 from .new_points import NewPoints, renews
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
+from .rig_effects import RigEffects
 from .tracker import Tracker
 
 
@@ -30,6 +31,7 @@ class StereoFrontEnd:
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
         self.persistence = Persistence()
+        self.rig_effects = RigEffects(projection, config.rig)
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -69,9 +71,14 @@ class StereoFrontEnd:
             note=note,
             n_new=len(z_new),
             std_drift_px=std_drift_px,
+            rig_effects=self.rig_effects.of(z_px),
             inflation=self.persistence.inflation(tracker.tracks.ids, z_px, cov_px),
         )
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
         """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""
         return self.new_points.bias.std_px(ids)
+
+    def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
+        """Errors of the calibration in units of their σ, in pixels."""
+        return None if estimate is None else self.rig_effects.in_px(estimate)

@@ -11,6 +11,7 @@ from stream_sfm.estimators.cross_frame.inverse_depth import (
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.prior import Prior
+from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
@@ -50,11 +51,13 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
         modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),
         world_from_ref=world,
         world_modes=1e-2 * rng.normal(size=(6, MODES)),
+        rig=RigKnowledge.unknown(0),
     )
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
-    views = WhitenedViews(frame, point, z, np.broadcast_to(3 * np.eye(4), (len(z), 4, 4)), np.ones(z.shape))
-    lin = linearise(P, cams, anchors, q, views)
+    roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
+    views = WhitenedViews(frame, point, z, roots, np.ones(z.shape), np.zeros((len(z), 4, 0)))
+    lin = linearise(P, cams, anchors, q, np.zeros(0), views)
     system = System(prior, np.arange(POINTS), lin)
     newest = FRAMES - 1
     marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)

@@ -1,9 +1,12 @@
 """The factored prior and the window's system against the same Gaussians written out densely."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
+    NormalBlocks,
     WhitenedViews,
     homogeneous_from_q,
     in_reference,
@@ -14,11 +17,12 @@ from stream_sfm.estimators.cross_frame.inverse_depth import (
 )
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.prior import Prior
+from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
-N, K = 9, 8
+N, K, M = 9, 10, 2  # points, modes, of which those of the rig
 
 
 def spd(rng, count: int, size: int, scale: float) -> np.ndarray:
@@ -40,72 +44,113 @@ def prior() -> Prior:
         modes=1e-3 * rng.normal(size=(N, 3, K)),
         world_from_ref=se3.exp(rng.normal(size=6)),
         world_modes=1e-3 * rng.normal(size=(6, K)),
+        rig=RigKnowledge(rng.normal(size=M), np.array([[0.7, 0.2], [0, 0.4]]), np.zeros(M), estimated=True),
     )
 
 
 def dense(prior: Prior) -> np.ndarray:
-    """Joint covariance of all q and ω."""
-    modes = np.concatenate([prior.modes.reshape(3 * len(prior.ids), -1), prior.world_modes])
+    """Joint covariance of all q, of ω and of the rig's errors."""
+    of_rig = np.concatenate([np.zeros((M, prior.modes.shape[2] - M)), prior.rig.root], axis=1)
+    modes = np.concatenate([prior.modes.reshape(3 * len(prior.ids), -1), prior.world_modes, of_rig])
     cov = modes @ modes.T
     for i, block in enumerate(prior.cov):
         cov[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += block
     return cov
 
 
-def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> None:
-    rng = np.random.default_rng(6)
-    y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
-    q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
-    v, g = spd(rng, N, 3, 1e5), 300 * rng.normal(size=(N, 3))
-    v[2], g[2] = 0, 0  # not seen
-    after = prior.absorb_frame(y, x, q, v, g)
+def blocks_of(rng) -> NormalBlocks:
+    """The normal equations of a view of each point but one, with Jacobians at random."""
+    by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
+    by_point[2] = by_rig[2] = 0  # not seen
+    none = np.zeros((1, 6))
+    return NormalBlocks(
+        u=np.zeros((1, 6, 6)),
+        v=np.swapaxes(by_point, 1, 2) @ by_point,
+        w=np.zeros((N, 3, 6)),
+        g_pose=none,
+        g_point=np.einsum("nij,ni->nj", by_point, r),
+        rig=np.einsum("nij,nik->jk", by_rig, by_rig),
+        rig_pose=np.zeros((6, M)),
+        rig_point=np.swapaxes(by_point, 1, 2) @ by_rig,
+        g_rig=np.einsum("nij,ni->j", by_rig, r),
+    )
 
+
+def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: NormalBlocks) -> tuple:
+    """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
     anchors = se3.orthonormalise(x @ prior.ref_from_anchor)
     by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(anchors) @ pose_jacobian(in_reference(anchors, q))
-    # [q, ω, ξ] -> [q', ω'], ξ as good as unknown beside millimetres
-    carry = np.zeros((3 * N + 6, 3 * N + 12))
-    carry[: 3 * N, : 3 * N] = np.eye(3 * N)
-    carry[: 3 * N, 3 * N + 6 :] = by_pose.reshape(3 * N, 6)
-    carry[3 * N :, 3 * N : 3 * N + 6] = se3.adjoint(x)
-    carry[3 * N :, 3 * N + 6 :] = -np.eye(6)
-    joint = np.zeros((3 * N + 12, 3 * N + 12))
+    n = 3 * N
+    # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
+    carry = np.zeros((n + 6 + M, n + 12 + M))
+    carry[:n, :n], carry[n + 6 :, n + 6 : n + 6 + M] = np.eye(n), np.eye(M)
+    carry[:n, -6:] = by_pose.reshape(n, 6)
+    carry[n : n + 6, n : n + 6], carry[n : n + 6, -6:] = se3.adjoint(x), -np.eye(6)
+    joint = np.zeros((n + 12 + M, n + 12 + M))
     joint[:-6, :-6], joint[-6:, -6:] = dense(prior), 1e2 * np.eye(6)
     before = carry @ joint @ carry.T
     info = np.zeros_like(before)
-    for i, block in enumerate(v):
+    for i, block in enumerate(b.v):
         info[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+        info[3 * i : 3 * i + 3, n + 6 :] = b.rig_point[i]
+        info[n + 6 :, 3 * i : 3 * i + 3] = b.rig_point[i].T
+    info[n + 6 :, n + 6 :] = b.rig
     # the prior's mean at modes 0, seen from the state at modes y
-    away = carry[:, :-6] @ np.concatenate([(prior.mean - q).ravel(), -prior.world_modes @ y])
-    right = np.concatenate([g.ravel(), np.zeros(6)])
-    gain = before @ np.linalg.inv(np.eye(len(before)) + info @ before)
-    mean = away + gain @ (right - info @ away)
-    scale = np.sqrt(np.diag(gain))
-    assert np.abs((dense(after) - gain) / np.outer(scale, scale)).max() < 1e-4
-    assert np.abs((after.mean - q).ravel() - mean[:-6]).max() < 1e-3 * scale[:-6].min()
+    at_y = np.concatenate([(prior.mean - q).ravel(), -prior.world_modes @ y, -prior.rig.root @ y[-M:]])
+    away = carry[:, :-6] @ at_y
+    right = np.concatenate([b.g_point.ravel(), np.zeros(6), b.g_rig])
+    cov = before @ np.linalg.inv(np.eye(len(before)) + info @ before)
+    return away + cov @ (right - info @ away), cov
+
+
+@pytest.mark.parametrize("estimated", [True, False])
+def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior, estimated) -> None:
+    """Errors of the rig are estimated with the rest, or held: then the rest is what it is given that they are zero."""
+    rng = np.random.default_rng(6)
+    y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
+    if not estimated:
+        prior = replace(prior, rig=replace(prior.rig, estimated=False))
+        y[-M:] = 0
+    q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
+    blocks = blocks_of(rng)
+    mean, cov = absorbed_densely(prior, y, x, q, blocks)
+    after = prior.absorb_frame(y, x, q, blocks)
+    scale = np.sqrt(np.diag(cov))
+    assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4
+    rig_error = after.rig.mean + after.rig.root @ after.rig.offset - prior.rig.at(y[-M:])
+    assert rig_error == pytest.approx(mean[-M:], abs=1e-3 * scale[-M:].min())
+    if not estimated:
+        assert (after.rig.mean == prior.rig.mean).all()
+        mean = mean - cov[:, -M:] @ np.linalg.solve(cov[-M:, -M:], mean[-M:])
+    assert np.abs((after.mean - q).ravel() - mean[: 3 * N]).max() < 1e-3 * scale[: 3 * N].min()
     centre = prior.world(y) @ se3.inverse(x)
     moved = se3.log(se3.inverse(centre) @ after.world_from_ref)
-    assert np.abs(moved - mean[-6:]).max() < 1e-3 * scale[-6:].min()
+    assert np.abs(moved - mean[3 * N : -M]).max() < 1e-3 * scale[3 * N : -M].min()
 
 
 def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     rng = np.random.default_rng(7)
     # two modes that hardly matter beside the points' own noise, and four that repeat others
-    modes = np.concatenate([prior.modes, 1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4]], axis=2)
-    world_modes = np.concatenate([prior.world_modes, np.zeros((6, 2)), prior.world_modes[:, :4]], axis=1)
-    full = Prior(prior.ids, prior.ref_from_anchor, prior.mean, prior.cov, modes, prior.world_from_ref, world_modes)
+    modes = np.concatenate([1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4], prior.modes], axis=2)
+    world_modes = np.concatenate([np.zeros((6, 2)), prior.world_modes[:, :4], prior.world_modes], axis=1)
+    full = replace(prior, modes=modes, world_modes=world_modes)
     small = full.truncate_modes()
     assert small.modes.shape[2] < modes.shape[2]
     a, b = dense(full), dense(small)
     scale = np.sqrt(np.diag(a))
     difference = np.abs(a - b) / np.outer(scale, scale)
-    assert difference[-6:].max() < 1e-12  # the world, and every point's correlation with it
-    marginal = difference[:-6, :-6].reshape(N, 3, N, 3)[np.arange(N), :, np.arange(N), :]
+    rest = -6 - M
+    assert difference[rest:].max() < 1e-12  # the world and the rig, and every point's correlation with them
+    marginal = difference[:rest, :rest].reshape(N, 3, N, 3)[np.arange(N), :, np.arange(N), :]
     assert marginal.max() < 1e-12
     assert difference.max() < 1e-3
 
 
-def test_system_is_the_dense_solution(prior) -> None:
+@pytest.mark.parametrize("estimated", [True, False])
+def test_system_is_the_dense_solution(prior, estimated) -> None:
+    """Errors of the rig are estimated with the rest, or held at zero; how far they are from there is then an error."""
     rng = np.random.default_rng(8)
+    prior = replace(prior, rig=replace(prior.rig, estimated=estimated))
     frames, total = 2, N + 3  # three points that the prior does not know
     cams = se3.exp(0.05 * rng.normal(size=(frames, 6)))
     anchors = np.concatenate([prior.ref_from_anchor, np.broadcast_to(np.eye(4), (3, 4, 4))])
@@ -113,32 +158,44 @@ def test_system_is_the_dense_solution(prior) -> None:
     frame, point = np.divmod(np.arange(frames * total), total)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     views = WhitenedViews(
-        frame, point, z + rng.normal(size=z.shape), np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)), np.ones(z.shape)
+        frame,
+        point,
+        z + rng.normal(size=z.shape),
+        np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
+        np.ones(z.shape),
+        rng.normal(size=(len(z), 4, M)),
     )
-    lin = linearise(P, cams, anchors, q, views)
+    lin = linearise(P, cams, anchors, q, np.zeros(M), views)
     known = np.arange(N)
     system = System(prior, known, lin)
-    dx, dq, dy, decrease = system.step(lin.g_pose, lin.g_point, q, np.zeros(K))
+    dx, dq, dy, decrease = system.step(lin, q, np.zeros(K))
 
     a, b = 6 * frames, 3 * total
-    h = np.zeros((a + b + 6, a + b + 6))  # poses, points, world
+    h = np.zeros((a + b + 6 + M, a + b + 6 + M))  # poses, points, world, rig
     for s in range(frames):
         h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
     h[a : a + b, :a] = lin.w.reshape(b, a)
     h[:a, a : a + b] = h[a : a + b, :a].T
     blocks = h[a : a + b, a : a + b].reshape(total, 3, total, 3)
     blocks[np.arange(total), :, np.arange(total), :] += lin.v
-    with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6)])
+    h[-M:, -M:], h[:a, -M:], h[-M:, :a] = lin.rig, lin.rig_pose, lin.rig_pose.T
+    h[a : a + b, -M:] = lin.rig_point.reshape(b, M)
+    h[-M:, a : a + b] = h[a : a + b, -M:].T
+    with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])
     h[np.ix_(with_prior, with_prior)] += np.linalg.inv(dense(prior))
-    g = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), np.zeros(6)])
+    g = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), np.zeros(6), lin.g_rig])
     cov = np.linalg.inv(h)
     delta = cov @ g
+    if not estimated:
+        by_rig = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
+        apart, delta = by_rig @ delta[-M:], delta - by_rig @ delta[-M:]
+        cov = cov + np.outer(apart, apart)
     scale = np.sqrt(np.diag(cov))
-    found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy])
+    found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, prior.rig.root @ dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta, rel=1e-9)
     cov_q, cov_qx, cov_qw, cov_x, cov_w, cov_xw = system.covariances(frames - 1)
-    x, w = slice(a - 6, a), slice(a + b, None)
+    x, w = slice(a - 6, a), slice(a + b, a + b + 6)
     points = cov[a : a + b, a : a + b].reshape(total, 3, total, 3)[np.arange(total), :, np.arange(total), :]
     for mine, theirs, rows, columns in (
         (cov_q.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),

@@ -60,7 +60,7 @@ def test_projection_and_triangulation_are_inverse() -> None:
 
 
 def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
-    frames, n = 3, 12
+    frames, n, m = 3, 12, 2
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
     anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
     q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(anchors), POINTS[:n, None])[:, 0], np.ones(n)])
@@ -68,24 +68,31 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
         size=(frames, n, 4)
     )
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
-    views = WhitenedViews(
-        frame, point, z[frame, point], RNG.normal(size=(len(frame), 4, 4)), np.ones((len(frame), 4))
-    )
+    v = len(frame)
+    roots, effects = RNG.normal(size=(v, 4, 4)), RNG.normal(size=(v, 4, m))
+    views = WhitenedViews(frame, point, z[frame, point], roots, np.ones((v, 4)), effects)
+    rig_error = RNG.normal(size=m)
+    end = 6 * frames + 3 * n
 
     def residual(x: np.ndarray) -> np.ndarray:
         poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
-        return whitened_residuals(P, poses, anchors, q + x[6 * frames :].reshape(n, 3), views)[1].ravel()
+        points = q + x[6 * frames : end].reshape(n, 3)
+        return whitened_residuals(P, poses, anchors, points, rig_error + x[end:], views)[1].ravel()
 
-    size = 6 * frames + 3 * n
+    size = end + m
     j = np.stack([(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(size)], axis=1)
     h, g = j.T @ j, -j.T @ residual(np.zeros(size))
-    lin = linearise(P, cams, anchors, q, views)
+    lin = linearise(P, cams, anchors, q, rig_error, views)
     scale = np.abs(h).max()
     for s in range(frames):
         a = slice(6 * s, 6 * s + 6)
         assert np.abs(h[a, a] - lin.u[s]).max() < 1e-6 * scale
-    cross = h[6 * frames :, : 6 * frames].reshape(n, 3, 6 * frames)
+    cross = h[6 * frames : end, : 6 * frames].reshape(n, 3, 6 * frames)
     assert np.abs(cross - lin.w).max() < 1e-6 * scale
-    points = h[6 * frames :, 6 * frames :].reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :]
+    points = h[6 * frames : end, 6 * frames : end].reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :]
     assert np.abs(points - lin.v).max() < 1e-6 * scale
-    assert np.abs(g - np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel()])).max() < 1e-6 * np.abs(g).max()
+    assert np.abs(h[end:, end:] - lin.rig).max() < 1e-6 * scale
+    assert np.abs(h[: 6 * frames, end:] - lin.rig_pose).max() < 1e-6 * scale
+    assert np.abs(h[6 * frames : end, end:].reshape(n, 3, m) - lin.rig_point).max() < 1e-6 * scale
+    right = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), lin.g_rig])
+    assert np.abs(g - right).max() < 1e-6 * np.abs(g).max()

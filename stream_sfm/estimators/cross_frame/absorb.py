@@ -7,7 +7,7 @@ from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ..ids import among
-from .inverse_depth import Q_COLUMNS, in_reference, linearise, q_jacobian
+from .inverse_depth import Q_COLUMNS, NormalBlocks, in_reference, linearise, q_jacobian
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -20,19 +20,17 @@ def absorb_oldest_frame(current: Map) -> None:
     seen = frame.ids[frame.used]
     seen_later = np.unique(np.concatenate([f.ids[f.used] for f in current.frames] or [seen]))
     current.ref_from_anchor = se3.orthonormalise(frame.cam_from_ref @ current.ref_from_anchor)  # the new reference
-    views = frame.views(current.ids, 0)
-    blocks = linearise(current.projection, np.eye(4)[None], current.ref_from_anchor, current.q, views)
-
     prior = current.prior.select(among(current.prior.ids, np.union1d(seen_later, seen)))
     at = np.searchsorted(current.ids, prior.ids)
     prior = prior.with_drift(_drift_since_previous(current, frame, prior.ids, at))
-    prior = prior.absorb_frame(
-        current.amplitudes, frame.cam_from_ref, current.q[at], blocks.v[at], blocks.g_point[at]
-    )
+    blocks = _of_points(current, frame, at)
+    prior = prior.absorb_frame(current.amplitudes, frame.cam_from_ref, current.q[at], blocks)
     new = np.searchsorted(current.ids, np.setdiff1d(seen, prior.ids))
-    cov = symmetric_inverse(blocks.v[new])
-    mean = current.q[new] + matvec(cov, blocks.g_point[new])
-    prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov)
+    blocks = _of_points(current, frame, new)
+    cov = symmetric_inverse(blocks.v)
+    by_rig = -cov @ blocks.rig_point
+    mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
+    prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
     current.prior = prior.select(among(prior.ids, seen_later)).truncate_modes()
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
 
@@ -41,6 +39,14 @@ def absorb_oldest_frame(current: Map) -> None:
         for f, cam in zip(current.frames, cams, strict=True):
             f.cam_from_ref = cam
     current.select(among(current.ids, np.union1d(seen_later, current.prior.ids)))
+
+
+def _of_points(current: Map, frame: WindowFrame, rows: NDArray[np.intp]) -> NormalBlocks:
+    """Return the normal equations of the frame's views of the points `rows` (n,) of the map; it is the reference."""
+    views = frame.views(current.ids, 0).of_points(rows)
+    here = np.eye(4)[None]
+    anchors, q = current.ref_from_anchor[rows], current.q[rows]
+    return linearise(current.projection, here, anchors, q, current.rig_error, views)
 
 
 def _drift_since_previous(current: Map, frame: WindowFrame, ids: NDArray[np.int64], at: NDArray[np.intp]) -> Array:

@@ -9,7 +9,7 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,8 @@ class WhitenedViews:
 
     `frame` (V,) and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root` (V, 4, 4)
     whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing; `weight` (V, 4):
-    the square root of its share in what the view itself has, coordinate by coordinate.
+    the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects` (V, 4, m): px
+    per unit of the rig's errors, which are part of what a view shows.
     """
 
     frame: NDArray[np.intp]
@@ -84,24 +85,34 @@ class WhitenedViews:
     z_px: Array
     root: Array
     weight: Array
+    rig_effects: Array
 
     @classmethod
-    def none(cls) -> "WhitenedViews":
+    def none(cls, rig_errors: int = 0) -> "WhitenedViews":
         """Return no views."""
         none = np.empty(0, np.intp)
-        return cls(none, none, np.empty((0, 4)), np.empty((0, 4, 4)), np.empty((0, 4)))
+        empty = np.empty((0, 4))
+        return cls(none, none, empty, np.empty((0, 4, 4)), empty, np.empty((0, 4, rig_errors)))
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
+    def of_points(self, points: NDArray[np.intp]) -> "WhitenedViews":
+        """Return the views of the points with these indices (n,), ascending, which are counted anew from 0."""
+        at = np.minimum(np.searchsorted(points, self.point), max(len(points) - 1, 0))
+        rows = np.flatnonzero(points[at] == self.point) if len(points) else np.empty(0, np.intp)
+        chosen = (getattr(self, f.name)[rows] for f in fields(self))
+        return replace(WhitenedViews(*chosen), point=at[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class NormalBlocks:
     """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
 
-    `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3).
+    `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3). Of the rig's
+    errors `rig` (m, m), with the poses `rig_pose` (6F, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
     """
 
     u: Array
@@ -109,44 +120,67 @@ class NormalBlocks:
     w: Array
     g_pose: Array
     g_point: Array
+    rig: Array
+    rig_pose: Array
+    rig_point: Array
+    g_rig: Array
 
 
 def whitened_residuals(
-    projection: StereoProjection, cams_from_ref: Array, ref_from_anchor: Array, q: Array, views: WhitenedViews
+    projection: StereoProjection,
+    cams_from_ref: Array,
+    ref_from_anchor: Array,
+    q: Array,
+    rig_error: Array,
+    views: WhitenedViews,
 ) -> tuple[Array, Array]:
     """Return homogeneous points in their cameras and whitened residuals, both (V, 4).
 
-    `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3).
+    `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3), `rig_error` (m,).
     """
     in_ref = in_reference(ref_from_anchor, q)[views.point]
     in_cam = clamp_depth(matvec(cams_from_ref[views.frame], in_ref))
-    return in_cam, matvec(views.root, views.z_px - projection.project_homogeneous(in_cam))
+    expected = projection.project_homogeneous(in_cam) + views.rig_effects @ rig_error
+    return in_cam, matvec(views.root, views.z_px - expected)
 
 
 def linearise(
-    projection: StereoProjection, cams_from_ref: Array, ref_from_anchor: Array, q: Array, views: WhitenedViews
+    projection: StereoProjection,
+    cams_from_ref: Array,
+    ref_from_anchor: Array,
+    q: Array,
+    rig_error: Array,
+    views: WhitenedViews,
 ) -> NormalBlocks:
-    """Return the Gauss-Newton normal equations of all views, eqs. (25) and (26)."""
-    frames, points = len(cams_from_ref), len(q)
-    in_cam, r = whitened_residuals(projection, cams_from_ref, ref_from_anchor, q, views)
+    """Return the Gauss-Newton normal equations of all views, eqs. (25), (26) and (71)."""
+    frames, points, m = len(cams_from_ref), len(q), len(rig_error)
+    in_cam, r = whitened_residuals(projection, cams_from_ref, ref_from_anchor, q, rig_error, views)
     by_cam = views.root @ projection.jacobian_homogeneous(in_cam)
-    j = np.empty((len(r), 4, 10))  # whitened: derivatives by the pose (6), by the point (3), and the residual
+    j = np.empty(
+        (len(r), 4, 10 + m)
+    )  # whitened: derivatives by the pose (6), by the point (3), residual, by the rig
     j[..., :6] = by_cam @ pose_jacobian(in_cam)
     j[..., 6:9] = (by_cam @ cams_from_ref[views.frame]) @ ref_from_anchor[:, :, Q_COLUMNS].take(views.point, axis=0)
     j[..., 9] = r
+    j[..., 10:] = views.root @ views.rig_effects
     products = np.swapaxes(j[..., :9], 1, 2) @ j
     of_frame = np.zeros((frames, len(r)))
     of_frame[views.frame, np.arange(len(r))] = 1.0
-    by_frame = (of_frame @ products.reshape(len(r), 90)).reshape(frames, 9, 10)
-    by_point = np.zeros((frames, points, 3, 4))
+    by_frame = (of_frame @ products.reshape(len(r), 9 * (10 + m))).reshape(frames, 9, 10 + m)
+    by_point = np.zeros((frames, points, 3, 4 + m))
     by_point[views.frame, views.point] = products[:, 6:, 6:]
     by_point = by_point.sum(0)
     w = np.zeros((points, 3, frames, 6))
     w[views.point, :, views.frame] = products[:, 6:, :6]
+    by_rig = j[..., 10:].reshape(4 * len(r), m)
     return NormalBlocks(
         u=by_frame[:, :6, :6],
         v=by_point[..., :3],
         w=w.reshape(points, 3, 6 * frames),
         g_pose=by_frame[:, :6, 9],
         g_point=by_point[..., 3],
+        rig=by_rig.T @ by_rig,
+        rig_pose=by_frame[:, :6, 10:].reshape(6 * frames, m),
+        rig_point=by_point[..., 4:],
+        g_rig=by_rig.T @ r.ravel(),
     )

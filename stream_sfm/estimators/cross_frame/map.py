@@ -4,20 +4,23 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import matvec, symmetric
+from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...types import Solution
+from ...types import RigEstimate, Solution
 from ..ids import among
 from .inverse_depth import WhitenedViews, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
+from .rig_knowledge import RigKnowledge
 from .window_frame import WindowFrame
 
 
@@ -29,28 +32,41 @@ class Map:
     latest frame.
     """
 
-    def __init__(self, projection: StereoProjection, frame: WindowFrame, first: Solution) -> None:
-        """Begin a map in the camera of `frame`, which becomes the reference; `first` says which views start points."""
+    def __init__(
+        self, projection: StereoProjection, frame: WindowFrame, first: Solution, rig: RigKnowledge
+    ) -> None:
+        """Begin a map in the camera of `frame`, which becomes the reference.
+
+        `first` says which views start points; `rig`: what is known about the rig's errors.
+        """
         self.projection = projection
         self.frames: list[WindowFrame] = []
         self.rejections = RejectionCounts()
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
-        self.q = q_of_views(projection, frame.z_px[frame.used])
+        self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
         self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
         views = frame.views(self.ids, 0)
-        blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, views)
-        cov = np.asarray(np.linalg.inv(blocks.v))
+        blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, rig.mean, views)
+        cov = symmetric_inverse(blocks.v)
         self.q = self.q + matvec(cov, blocks.g_point)
-        self.prior = Prior.from_first_frame(self.ids, self.q, symmetric(cov), first.world_from_cam, first.cov_pose)
+        by_rig = -cov @ blocks.rig_point
+        self.prior = Prior.from_first_frame(
+            self.ids, self.q, cov, by_rig, first.world_from_cam, first.cov_pose, rig
+        )
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
-        self.gauss_newton_step(WhitenedViews.none())
+        self.gauss_newton_step(WhitenedViews.none(len(rig)))
         self.marginals = self._marginals()
 
     @property
     def world_from_ref(self) -> Array:
         """The pose (4, 4) of the reference camera at the present amplitudes of the prior's modes."""
         return self.prior.world(self.amplitudes)
+
+    @property
+    def rig_error(self) -> Array:
+        """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
+        return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -81,7 +97,7 @@ class Map:
         frame.used = (known | new) & ~excluded & ~among(frame.ids, rejected)
         ref_from_cam = se3.inverse(frame.cam_from_ref)
         self.ids = np.concatenate([self.ids, frame.ids[new]])
-        self.q = np.concatenate([self.q, q_of_views(self.projection, frame.z_px[new])])
+        self.q = np.concatenate([self.q, q_of_views(self.projection, frame.corrected_px(self.rig_error)[new])])
         self.ref_from_anchor = np.concatenate(
             [self.ref_from_anchor, np.broadcast_to(ref_from_cam, (int(new.sum()), 4, 4))]
         )
@@ -123,13 +139,25 @@ class Map:
     def gauss_newton_step(self, views: WhitenedViews) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
         cams = self.cams_from_ref()
-        blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, views)
+        blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, self.rig_error, views)
         self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), blocks)
-        dx, dq, dy, decrease = self.system.step(blocks.g_pose, blocks.g_point, self.q, self.amplitudes)
+        dx, dq, dy, decrease = self.system.step(blocks, self.q, self.amplitudes)
         for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ cams), strict=True):
             f.cam_from_ref = cam
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
         return decrease
+
+    def rig_estimate(self) -> RigEstimate | None:
+        """Return what the latest system says about the rig's errors; None where none are possible."""
+        rig, root = self.prior.rig, self.system.chol.root[self.system.rig, self.system.rig]
+        if not len(rig):
+            return None
+        root = rig.root @ root
+        return RigEstimate(self.rig_error + root @ self.system.rig_offset, root @ root.T, rig.estimated)
+
+    def judge_rig(self) -> None:
+        """Let the rig's errors be estimated from now on if they have become significant."""
+        self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset))
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

@@ -4,7 +4,8 @@ Points that were seen from the same uncertain cameras err together. The prior ke
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
-with common modes F and their amplitudes y. Once the few amplitudes are given, points are independent of each other: a
+with common modes F and their amplitudes y; the last m of the modes are those of the rig's errors (`rig_knowledge.py`),
+whose amplitudes need not have the mean 0. Once the few amplitudes are given, points are independent of each other: a
 window of any number of points is solved with one small dense system, the drift of a patch over its surface just adds
 to D_i, and a point that is no longer seen is marginalised by dropping its row. Each frame that is absorbed brings the
 six modes of its unknown pose; modes that no longer matter beside the points' own noise are folded into D, where every
@@ -24,7 +25,8 @@ from numpy.typing import NDArray
 from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, scaled_cholesky, symmetric, symmetric_inverse
 from ...geometry.se3 import Array
-from .inverse_depth import homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
+from .inverse_depth import NormalBlocks, homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
+from .rig_knowledge import RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
@@ -39,7 +41,8 @@ class Prior:
     """Gaussian knowledge of N points and of the world.
 
     `ids` (N,) ascending; `ref_from_anchor` (N, 4, 4); `mean` (N, 3) of q; `cov` (N, 3, 3) = D; `modes` (N, 3, k) = F;
-    `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w.
+    `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: what is known about
+    the m errors of the rig, to which the last m modes belong.
     """
 
     ids: NDArray[np.int64]
@@ -49,15 +52,28 @@ class Prior:
     modes: Array
     world_from_ref: Array
     world_modes: Array
+    rig: RigKnowledge
 
     @classmethod
     def from_first_frame(
-        cls, ids: NDArray[np.int64], mean: Array, cov: Array, world_from_ref: Array, cov_pose: Array
+        cls,
+        ids: NDArray[np.int64],
+        mean: Array,
+        cov: Array,
+        by_rig: Array,
+        world_from_ref: Array,
+        cov_pose: Array,
+        rig: RigKnowledge,
     ) -> "Prior":
-        """Begin a map: independent points seen by the reference camera, whose own pose has `cov_pose` (6, 6)."""
+        """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
+
+        `by_rig` (N, 3, m): ∂q per unit of the rig's errors; apart from them the points are independent.
+        """
         anchors = np.broadcast_to(np.eye(4), (len(ids), 4, 4))
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
-        return cls(ids, anchors, mean, cov, np.zeros((len(ids), 3, 6)), world_from_ref, root)
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig @ rig.root], axis=2)
+        world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
+        return cls(ids, anchors, mean, cov, modes, world_from_ref, world_modes, rig)
 
     def points(self, amplitudes: Array) -> Array:
         """Return q (N, 3) at the given amplitudes (k,) of the modes."""
@@ -82,38 +98,49 @@ class Prior:
         """Return the prior after independent movements of its points, of covariance (N, 3, 3)."""
         return replace(self, cov=self.cov + cov)
 
-    def absorb_frame(self, amplitudes: Array, cam_from_ref: Array, q: Array, v: Array, g: Array) -> "Prior":
+    def absorb_frame(self, amplitudes: Array, cam_from_ref: Array, q: Array, blocks: NormalBlocks) -> "Prior":
         """Return the posterior after one camera's own views, in that camera as the new reference, eqs. (31)–(35).
 
-        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the present estimate, where all is linearised; `v`
-        (N, 3, 3), `g` (N, 3): information and right-hand side of the views (zero for a point without).
+        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the present estimate, where all is linearised;
+        `blocks`: the normal equations of the views of these points.
 
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
         information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
-        information S = P + Σ Fᵀ(D⁻¹ − D⁻¹Λ⁻¹D⁻¹)F.
+        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
         """
-        n, k = len(self.ids), len(amplitudes)
+        n, m = len(self.ids), len(self.rig)
+        k = len(amplitudes) - m
         anchors = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
         by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(anchors) @ pose_jacobian(in_reference(anchors, q))
-        modes = np.concatenate([self.modes, by_pose], axis=2)
-        world_modes = np.concatenate([se3.adjoint(cam_from_ref) @ self.world_modes, -np.eye(6)], axis=1)
+        modes = np.concatenate([self.modes[..., :k], by_pose, self.modes[..., k:]], axis=2)
+        of_world = se3.adjoint(cam_from_ref) @ self.world_modes
+        world_modes = np.concatenate([of_world[:, :k], -np.eye(6), of_world[:, k:]], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         away = self.points(amplitudes) - q  # the prior's mean at the present modes, from the linearisation point
+        known = np.r_[:k, k + 6 : k + 6 + m]  # the modes that have prior information
+        rig = slice(k + 6, None)
 
         d_inv = symmetric_inverse(self.cov)
-        cov = symmetric_inverse(d_inv + v)
-        shrink = cov @ d_inv
-        stay = d_inv - d_inv @ shrink  # D⁻¹ − D⁻¹Λ⁻¹D⁻¹
-        update = matvec(cov, matvec(d_inv, away) + g)  # of the points, the modes held
-        flat = modes.reshape(3 * n, k + 6)
-        s = flat.T @ (stay @ modes).reshape(3 * n, k + 6)
-        s[np.arange(k), np.arange(k)] += 1.0
-        right = flat.T @ matvec(d_inv, update - away).reshape(3 * n)
-        right[:k] -= amplitudes
+        cov = symmetric_inverse(d_inv + blocks.v)
+        pull = d_inv @ modes
+        reach = pull.copy()
+        reach[..., rig] -= blocks.rig_point @ self.rig.root
+        flat_pull, flat_reach = pull.reshape(3 * n, -1), reach.reshape(3 * n, -1)
+        update = matvec(cov, matvec(d_inv, away) + blocks.g_point)  # of the points, the modes held
+        s = modes.reshape(3 * n, -1).T @ flat_pull - flat_reach.T @ (cov @ reach).reshape(3 * n, -1)
+        s[known, known] += 1.0
+        s[rig, rig] += self.rig.root.T @ blocks.rig @ self.rig.root
+        right = flat_reach.T @ update.ravel() - flat_pull.T @ away.ravel()
+        right[known] -= amplitudes
+        right[rig] += self.rig.root.T @ blocks.g_rig + self.rig.offset
         chol = Cholesky(symmetric(s))
-        step = chol.solve(right)
-        modes = shrink @ modes
+        whitened = chol.root.T @ right
+        updated_rig = self.rig.after(amplitudes[k:], chol.root[rig, rig], whitened[rig].copy())
+        if not self.rig.estimated:
+            whitened[rig] = 0.0
+        step = chol.root @ whitened
+        modes = cov @ reach
         return Prior(
             ids=self.ids,
             ref_from_anchor=anchors,
@@ -122,39 +149,48 @@ class Prior:
             modes=modes @ chol.root,
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes @ step)),
             world_modes=world_modes @ chol.root,
+            rig=updated_rig,
         )
 
-    def with_points(self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array) -> "Prior":
-        """Return the prior with further points that share no mode with the others; ids in any order."""
+    def with_points(
+        self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
+    ) -> "Prior":
+        """Return the prior with further points; ids in any order.
+
+        They share no mode with the others but those of the rig: `by_rig` (n, 3, m) is ∂q per unit of its errors.
+        """
         all_ids = np.concatenate([self.ids, ids])
         order = np.argsort(all_ids)
-        none = np.zeros((len(ids), 3, self.modes.shape[2]))
+        modes = np.zeros((len(ids), 3, self.modes.shape[2]))
+        modes[..., modes.shape[2] - len(self.rig) :] = by_rig @ self.rig.root
         return replace(
             self,
             ids=all_ids[order],
             ref_from_anchor=np.concatenate([self.ref_from_anchor, ref_from_anchor])[order],
             mean=np.concatenate([self.mean, mean])[order],
             cov=np.concatenate([self.cov, cov])[order],
-            modes=np.concatenate([self.modes, none])[order],
+            modes=np.concatenate([self.modes, modes])[order],
         )
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
 
-        Six modes carry the world exactly. The others are principal components of the points' common error in units of
-        their own noise; what is left out goes to that noise.
+        Six modes carry the world exactly, and those of the rig stay. The others are principal components of the points'
+        common error in units of their own noise; what is left out goes to that noise.
         """
-        q, r = np.linalg.qr(self.world_modes.T, mode="complete")
-        modes = self.modes @ q
+        own = self.modes.shape[2] - len(self.rig)
+        q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
+        modes = self.modes[..., :own] @ q
         shared = modes[..., 6:]
         whitened = (np.linalg.inv(np.linalg.cholesky(self.cov)) @ shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
         shared = shared @ axes
         small = variance < _MIN_MODE_VARIANCE
         folded = shared[..., small]
+        kept = int((~small).sum())
         return replace(
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
-            modes=np.concatenate([modes[..., :6], shared[..., ~small]], axis=2),
-            world_modes=np.concatenate([r.T[:, :6], np.zeros((6, int((~small).sum())))], axis=1),
+            modes=np.concatenate([modes[..., :6], shared[..., ~small], self.modes[..., own:]], axis=2),
+            world_modes=np.concatenate([r.T[:, :6], np.zeros((6, kept)), self.world_modes[:, own:]], axis=1),
         )

@@ -5,12 +5,15 @@ structure through the uncertainty of the world itself. Source: Weng, Cui and Ahu
 docs/mathematics.md, sections 5 to 7.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
 from ...geometry import se3
 from ...geometry.resection import Resection
+from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution
 from ..ids import among
@@ -21,6 +24,7 @@ from .absorb import absorb_oldest_frame
 from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
+from .rig_knowledge import RigKnowledge
 from .window_frame import WindowFrame
 
 
@@ -38,6 +42,7 @@ class CrossFrame:
         self.config = config
         self.motion = MotionModel(config.motion)
         self.map: Map | None = None
+        self.rig: RigKnowledge | None = None  # of the latest map
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -53,9 +58,11 @@ class CrossFrame:
 
     def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
-        solution = first_solution(self.projection, self.config.robust, self.motion, observations)
+        rig = RigKnowledge.unknown(frame.rig_effects.shape[2]) if self.rig is None else self.rig
+        corrected = _corrected(observations, frame, rig.mean)
+        solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, solution)
+            self.map = Map(self.projection, frame, solution, rig)
         return solution
 
     def _advance(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
@@ -73,7 +80,7 @@ class CrossFrame:
         """End the map, and predict the pose."""
         pose, cov_pose = self.motion.predict(observations.stamp_ns)
         marginals = current.marginals
-        self.map = None
+        self.map, self.rig = None, current.prior.rig
         return lost_solution(observations, reason, pose, cov_pose, marginals.ended(marginals.ids >= 0))
 
     def _initial_motion(
@@ -94,7 +101,7 @@ class CrossFrame:
         found = initial_motion(
             self.projection,
             robust,
-            observations,
+            _corrected(observations, frame, current.rig_error),
             rows,
             homogeneous_from_q(previous.q_in_cam[known]),
             cov,
@@ -107,6 +114,7 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         before, now = current.marginals, current.update_marginals()
+        current.judge_rig()
         self.motion.record(observations.stamp_ns, now.world_from_cam, now.cov_pose)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust)
         ended = before.ended(~among(before.ids, current.ids))
@@ -131,4 +139,12 @@ class CrossFrame:
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
+            rig=current.rig_estimate(),
         )
+
+
+def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:
+    """Return the observations without errors (m,) of the rig."""
+    if not rig_error.any():
+        return observations
+    return replace(observations, z_px=observations.z_px - frame.rig_effects @ rig_error)

@@ -17,6 +17,7 @@ class WindowFrame:
 
     The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
+    `rig_effects` (n, 4, m): px per unit of the rig's errors.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 
@@ -25,6 +26,7 @@ class WindowFrame:
     z_px: Array
     root: Array
     weight: Array
+    rig_effects: Array
     stereo: NDArray[np.bool_]
     used: NDArray[np.bool_]
     var_drift: Array
@@ -40,17 +42,31 @@ class WindowFrame:
             z_px=np.nan_to_num(observations.z_px),
             root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
+            rig_effects=effects_of(observations),
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
             used=np.ones(len(observations.track_ids), bool),
             var_drift=_drift_variances(observations, projection),
             cam_from_ref=np.eye(4),
         )
 
+    def corrected_px(self, rig_error: Array) -> Array:
+        """Return the views (n, 4) without errors (m,) of the rig."""
+        return np.asarray(self.z_px - self.rig_effects @ rig_error)
+
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
         point = np.searchsorted(ids, self.ids[self.used])
         frame = np.full(len(point), row)
-        return WhitenedViews(frame, point, self.z_px[self.used], self.root[self.used], self.weight[self.used])
+        used = self.used
+        return WhitenedViews(
+            frame, point, self.z_px[used], self.root[used], self.weight[used], self.rig_effects[used]
+        )
+
+
+def effects_of(observations: Observations) -> Array:
+    """Return what errors of the rig do to the views (n, 4, m), px; m is 0 where none are possible."""
+    effects = observations.rig_effects
+    return np.zeros((len(observations.track_ids), 4, 0)) if effects is None else effects
 
 
 def _weights(observations: Observations) -> Array:

@@ -13,7 +13,7 @@ from ...config import Config
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...types import MapStart, Observations
+from ...types import MapStart, Observations, RigEstimate
 from ..alignment import TemplateAligners
 from ..image_checks import image_note
 from ..prepared import Image, PreparedImages
@@ -69,6 +69,10 @@ class MonoFrontEnd:
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
         """As `StereoFrontEnd.std_bias_px`: zero, for there is no other patch."""
         return np.zeros(len(ids))
+
+    def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
+        """As `StereoFrontEnd.rig_in_px`: none, for there is no other camera."""
+        return None
 
     def _begin_map(self, images: PreparedImages) -> Followed | None:
         """Views of the frame in which a map begins; None before."""
