@@ -7,11 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RobustConfig
+from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations, Solution, Status
 from .motion_model import MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
+
+# Of the weight of all views of known points that one motion accounts for: below, what agrees may not be the background.
+_DEGRADED_SHARE = 0.5
+# Of squared residuals over their expected size: beyond three standard deviations for one, covariances mean little.
+_DEGRADED_SPREAD = 9.0
 
 
 class WorldPoints(NamedTuple):
@@ -38,11 +44,28 @@ class WorldPoints(NamedTuple):
         return WorldPoints(self.ids[rows], self.points[rows], self.cov_points[rows])
 
 
-def frame_status(inliers: int, note: str, config: RobustConfig) -> tuple[Status, str]:
-    """Return status and reason of a frame that was estimated; `note` as in Observations."""
-    few = f"only {inliers} accepted views (fewer than {config.degraded_inliers})"
-    reason = "; ".join(text for text in (few if inliers < config.degraded_inliers else "", note) if text)
-    return (Status.DEGRADED if reason else Status.OK), reason
+def frame_status(
+    inliers: int, note: str, config: RobustConfig, motion: Resection | None = None
+) -> tuple[Status, str]:
+    """Return status and reason of a frame that was estimated; `note` as in Observations, `motion` its robust start."""
+    reasons = [] if motion is None else _doubts(motion)
+    if inliers < config.degraded_inliers:
+        reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
+    if note:
+        reasons.append(note)
+    return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)
+
+
+def _doubts(motion: Resection) -> list[str]:
+    """Return why the motion of a frame may not be the camera's, or its covariance not mean what it says."""
+    reasons = []
+    if motion.rival is not None:
+        reasons.append("two rigid motions agree with the views")
+    elif motion.share < _DEGRADED_SHARE:
+        reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
+    if motion.spread > _DEGRADED_SPREAD:
+        reasons.append(f"the views scatter by {np.sqrt(motion.spread):.1f} times their standard deviations")
+    return reasons
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:

@@ -1,8 +1,11 @@
 """The front-end of a pair: rectified images in, observations out.
 
 Each frame: follow the points (`tracker.py`), add new ones where they are missing (`new_points.py`), check the images
-(`image_checks.py`).
+(`image_checks.py`). A frame in which nothing can be followed and nothing new be found is passed over, and so is one in
+which the background is hidden: the next ones are followed from the last good frame, for a second.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +23,15 @@ from .prepared import Image, PreparedImages
 from .rig_effects import RigEffects
 from .tracker import Tracker
 
+_HIDDEN = "the background is hidden: what can be followed has moved by itself"
+
 
 class StereoFrontEnd:
     """Follows points through rectified pairs. `valid` (h, w): pixels of the left image that hold picture."""
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         self.config = config.frontend
+        self._min_points = config.robust.min_inliers
         self.aligners = TemplateAligners(self.config, valid)
         depth = StereoDepth(projection, self.config, self.aligners)
         self.tracker = Tracker(projection, config, self.aligners, depth)
@@ -49,31 +55,56 @@ class StereoFrontEnd:
         """Observations of the next frame; indices count the frames from 0, stamps ascend."""
         tracker = self.tracker
         followed = tracker.follow(images, stamp_ns)
-        n_followed = len(tracker.tracks)
+        if followed is None:
+            return self._start_over(frame_index, stamp_ns, images)
+        drift_px = self.aligners.drift(tracker.tracks, followed.cam_from_previous)
         z_new, cov_new = self.new_points.add(images, frame_index)
-        z_px, cov_px, std_drift_px, motion = z_new, cov_new, np.zeros(len(z_new)), None
-        if followed is not None:
-            motion = followed.cam_from_previous
-            drift_px = self.aligners.drift(tracker.tracks.keep(np.arange(n_followed)), motion)
-            z_px = np.concatenate([followed.z_px, z_new])
-            cov_px = np.concatenate([followed.cov_px, cov_new])
-            std_drift_px = np.concatenate([drift_px, std_drift_px])
-        n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
-        note = image_note(images, tracker.previous, len(tracker.tracks), n_in_both)
+        z_px = np.concatenate([followed.z_px, z_new])
+        cov_px = np.concatenate([followed.cov_px, cov_new])
+        observed = self._observed(frame_index, stamp_ns, z_px, cov_px, self._note(images, z_px))
         tracker.remember(images, stamp_ns)
+        return replace(
+            observed,
+            cam_from_previous=followed.cam_from_previous,
+            n_new=len(z_new),
+            std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
+        )
+
+    def _start_over(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
+        """Observations of a frame that could not be followed: new points only, or none, and then it is passed over."""
+        tracker = self.tracker
+        waits, nothing = tracker.may_wait(stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
+        if waits and tracker.background_hidden:
+            return self._observed(frame_index, stamp_ns, *nothing, _HIDDEN)
+        before = tracker.tracks, tracker.velocity
+        tracker.lose()
+        z_px, cov_px = self.new_points.add(images, frame_index)
+        note = self._note(images, z_px)
+        if waits and len(z_px) < self._min_points:
+            tracker.tracks, tracker.velocity = before
+            return self._observed(frame_index, stamp_ns, *nothing, note)
+        tracker.remember(images, stamp_ns)
+        return replace(self._observed(frame_index, stamp_ns, z_px, cov_px, note), n_new=len(z_px))
+
+    def _observed(self, frame_index: int, stamp_ns: int, z_px: Array, cov_px: Array, note: str) -> Observations:
+        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none."""
+        ids = self.tracker.tracks.ids[: len(z_px)]
         return Observations(
             frame_index=frame_index,
             stamp_ns=stamp_ns,
-            track_ids=tracker.tracks.ids,
+            track_ids=ids,
             z_px=z_px,
             cov_px=cov_px,
-            cam_from_previous=motion,
             note=note,
-            n_new=len(z_new),
-            std_drift_px=std_drift_px,
+            std_drift_px=np.zeros(len(z_px)),
             rig_effects=self.rig_effects.of(z_px),
-            inflation=self.persistence.inflation(tracker.tracks.ids, z_px, cov_px),
+            inflation=self.persistence.inflation(ids, z_px, cov_px),
         )
+
+    def _note(self, images: PreparedImages, z_px: Array) -> str:
+        """What is wrong with the images, from the views (n, 4) of all tracks."""
+        n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
+        return image_note(images, self.tracker.previous, len(z_px), n_in_both)
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
         """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""

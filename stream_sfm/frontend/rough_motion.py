@@ -136,7 +136,16 @@ class RoughMotionFinder:
         z_px[:, :2] = at_px[found]
         cov_px = (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4)
         points, cov_points = tracks.points[found], tracks.cov_points(flow.var_ray)[found]
-        motion = resect(self.projection, points, cov_points, z_px, cov_px, attempt.start, self._gate_probability)
+        motion = resect(
+            self.projection,
+            points,
+            cov_points,
+            z_px,
+            cov_px,
+            attempt.start,
+            self._gate_probability,
+            tracks.weights[found],
+        )
         if not motion.ok:
             return None
         agree = np.zeros(len(tracks), bool)

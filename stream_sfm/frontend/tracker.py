@@ -26,6 +26,18 @@ from .warps import anchor_from_now
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
+# Where a smaller share of the views agrees, those that do not live on as suspects. Calm frames have a few outliers,
+# which are better forgotten.
+_CONTESTED = 0.6
+# The background is hidden where fewer tracks agree that have ever agreed before than this and than half of them, while
+# as many suspects are more than a share of what is found, or as many new tracks agree on a motion that has jumped, or
+# that came while it was hidden already: what agrees then moves by itself. Twice the views that a motion needs at least.
+_MANY = 12
+_MAX_SUSPECTS = 0.5
+_JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
+# How long a motion is searched for from the last frame that had one. Views that come back come back within a second;
+# later too much has changed for flow.
+_MAX_GAP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,22 +77,25 @@ class Tracker:
         self.velocity = np.zeros(6)  # ξ of cam_from_previous per second
         self.previous: PreparedImages | None = None
         self.stamp_ns = 0
+        self.background_hidden = False  # so that the last frame has no motion
         self._gate_probability = config.robust.gate_probability
+        self._std_acceleration = np.array(
+            [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2]
+        )
 
     # -- following --------------------------------------------------------------------------------------------
 
     def follow(self, images: PreparedImages, stamp_ns: int) -> Followed | None:
-        """Follow all tracks from the previous frame into this one; None, and no track, where no motion is found."""
+        """Follow all tracks from the last remembered frame into this one; None, with nothing changed, where no motion
+        is found."""
         dt_s = (stamp_ns - self.stamp_ns) / 1e9
         rough = self._find_rough_motion(images, dt_s)
         if rough is None:
-            self._lose()
             return None
         candidates = self._predict_patches(rough)
         views = self.depth.align(images, candidates)
-        motion = self._resect_jointly(candidates, views, rough.cam_from_previous)
+        motion = self._resect_jointly(candidates, views, rough.cam_from_previous, dt_s)
         if motion is None:
-            self._lose()
             return None
         seen = views.found
         self.aligners.learn(motion, candidates.now.scale[seen], views.z_px[seen])
@@ -90,8 +105,14 @@ class Tracker:
         """End the frame: the next one is followed from these images."""
         self.previous, self.stamp_ns = images, stamp_ns
 
-    def _lose(self) -> None:
+    def lose(self) -> None:
+        """Forget all tracks and the velocity."""
         self.tracks, self.velocity = Tracks.none(), np.zeros(6)
+        self.background_hidden = False
+
+    def may_wait(self, stamp_ns: int) -> bool:
+        """Whether the tracks of the last remembered frame may still be found later than in the frame of that stamp."""
+        return len(self.tracks) > 0 and stamp_ns - self.stamp_ns < _MAX_GAP_S * 1e9
 
     def _find_rough_motion(self, images: PreparedImages, dt_s: float) -> RoughMotion | None:
         """The motion since the previous frame by flow, started where the last velocity leads."""
@@ -111,7 +132,9 @@ class Tracker:
         warps = anchor_from_now(now, rough.cam_from_previous @ self.cam_from_start, self.projection)
         return self.aligners.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
 
-    def _resect_jointly(self, candidates: Candidates, views: AlignedViews, start: Array) -> Resection | None:
+    def _resect_jointly(
+        self, candidates: Candidates, views: AlignedViews, start: Array, dt_s: float
+    ) -> Resection | None:
         """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
         before = candidates.before.keep(views.found)
         z_px, cov_px, cov_points = (
@@ -119,20 +142,58 @@ class Tracker:
             views.cov_px[views.found],
             before.cov_points(self._var_ray),
         )
-        motion = resect(self.projection, before.points, cov_points, z_px, cov_px, start, self._gate_probability)
-        if not motion.ok or motion.accepted.sum() < _MIN_AGREEMENT * len(candidates.before):
-            return None
-        return motion
+        motion = resect(
+            self.projection,
+            before.points,
+            cov_points,
+            z_px,
+            cov_px,
+            start,
+            self._gate_probability,
+            before.weights,
+        )
+        enough = _MIN_AGREEMENT * candidates.before.weights.sum()
+        agree = motion.ok and before.weights[motion.accepted].sum() >= enough
+        self.background_hidden = self._is_background_hidden(before, motion, motion.accepted & agree, dt_s)
+        return motion if agree and not self.background_hidden else None
+
+    def _is_background_hidden(
+        self, found: Tracks, motion: Resection, agree: NDArray[np.bool_], dt_s: float
+    ) -> bool:
+        """Whether the tracks found (n,) are mostly of things that move by themselves, and so is the motion on which
+        some `agree` (n,)."""
+        trusted = found.agreed > 0
+        needed = min(_MANY, 0.5 * (self.tracks.agreed > 0).sum())
+        if (agree & trusted).sum() >= needed:
+            return False
+        suspects = int((found.rejected > 0).sum())
+        if suspects >= _MANY and suspects > _MAX_SUSPECTS * len(found):
+            return True
+        strange = self.background_hidden or self._jumps(motion.cam_from_ref, dt_s)
+        return bool(strange and (agree & ~trusted).sum() >= _MANY)
+
+    def _jumps(self, cam_from_previous: Array, dt_s: float) -> bool:
+        """Whether a motion is not what the last velocity and any acceleration that is assumed would make of it."""
+        apart = np.abs(se3.log(se3.exp(-self.velocity * dt_s) @ cam_from_previous)).reshape(2, 3).max(axis=1)
+        return bool((apart > _JUMP * self._std_acceleration * dt_s**2).any())
 
     def _advance(self, candidates: Candidates, views: AlignedViews, motion: Resection, dt_s: float) -> Followed:
-        """Move on to this frame with the accepted tracks, each put where it was seen."""
+        """Move on to this frame, each track put where it was seen: with the accepted ones, and with suspects.
+
+        Where many disagree with the motion, they may be right another time, and in any case no new tracks are wanted
+        beside them: they live on as suspects.
+        """
         self.cam_from_start = se3.orthonormalise(motion.cam_from_ref @ self.cam_from_start)
         self.velocity = se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6)
-        accepted = np.flatnonzero(views.found)[motion.accepted]
+        kept = motion.accepted.copy()
+        if kept.mean() < _CONTESTED:
+            kept[np.flatnonzero(~kept)[: self.config.max_tracks // 2]] = True
+        rows = np.flatnonzero(views.found)[kept]
         # where most views fit badly, the frame is worse than the run's, not full of outliers: blurred, for instance
-        z_px, cov_px = views.z_px[accepted], motion.spread * views.cov_px[accepted]
-        now = candidates.before.keep(accepted).moved(motion.cam_from_ref)
-        self.tracks = self.depth.update(now, z_px, cov_px, self.cam_from_start)
+        z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
+        now = candidates.before.keep(rows).moved(motion.cam_from_ref)
+        now = self.depth.update(now, z_px, cov_px, self.cam_from_start)
+        self.tracks = now.judged(motion.accepted[kept])
         return Followed(motion.cam_from_ref, z_px, cov_px)
 
     @property
@@ -143,8 +204,8 @@ class Tracker:
 
     @property
     def missing(self) -> int:
-        """How many tracks of ordinary templates more there should be."""
-        return self.config.max_tracks - int((self.tracks.scale == 1).sum())
+        """How many tracks of ordinary templates more there should be; suspects do not count."""
+        return self.config.max_tracks - int(((self.tracks.scale == 1) & (self.tracks.rejected == 0)).sum())
 
     def detect_corners(self, images: PreparedImages) -> NDArray[np.intp]:
         """As many corners (k, 2) as are missing at most, whole pixels of the coarse left image, away from tracks."""
@@ -180,6 +241,8 @@ class Tracker:
             anchor_rays=rays,
             slopes=slopes,
             scale=np.full(n, scale, np.int64),
+            agreed=np.zeros(n, np.int64),
+            rejected=np.zeros(n, np.int64),
         )
         self.next_id += n
         self.tracks = self.tracks.append(new)

@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH
 
+# Frames of agreement after which history counts no more, half a second of most cameras: with more, the last old tracks
+# of a turn would outvote all new ones. And what a track counts before it has agreed once: next to nothing, so that a
+# body that enters the view has no vote, but enough to decide where no track has any history yet.
+_FULL_HISTORY = 10
+_NO_HISTORY = 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
@@ -19,6 +25,8 @@ class Tracks:
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
     chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition; `slopes` (n, 2):
     ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
+    What the track has done: `agreed` (n,), in how many frames it agreed with the motion, halved each time it did not;
+    `rejected` (n,), for how many frames it has not done so.
     """
 
     ids: NDArray[np.int64]
@@ -30,6 +38,8 @@ class Tracks:
     anchor_rays: Array
     slopes: Array
     scale: NDArray[np.int64]
+    agreed: NDArray[np.int64]
+    rejected: NDArray[np.int64]
 
     @classmethod
     def none(cls) -> "Tracks":
@@ -44,6 +54,8 @@ class Tracks:
             anchor_rays=np.empty((0, 2)),
             slopes=np.empty((0, 2)),
             scale=np.empty(0, np.int64),
+            agreed=np.empty(0, np.int64),
+            rejected=np.empty(0, np.int64),
         )
 
     def __len__(self) -> int:
@@ -56,6 +68,19 @@ class Tracks:
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""
         return Tracks(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
+
+    @property
+    def weights(self) -> Array:
+        """How much each track (n,) counts where sets of tracks vote for different motions, eq. (23b).
+
+        The background has long been rigid with the map, what moves by itself has not.
+        """
+        return _NO_HISTORY + np.minimum(self.agreed, _FULL_HISTORY)
+
+    def judged(self, accepted: NDArray[np.bool_]) -> "Tracks":
+        """After a frame whose motion `accepted` (n,) agree with."""
+        agreed = np.where(accepted, self.agreed + 1, self.agreed // 2)
+        return replace(self, agreed=agreed, rejected=np.where(accepted, 0, self.rejected + 1))
 
     def moved(self, cam_from_previous: Array) -> "Tracks":
         """Points carried into a new camera; `left_px` stays what was last measured."""

@@ -110,18 +110,24 @@ def resect(
     found = _solve(views, cam_from_ref_start, weights)
     if found.share >= _CALM_SHARE and found.spread <= _CALM_SPREAD:
         return found
-    other = _solve(views, search_motion(views, cam_from_ref_start, weights), weights, near=True)
+    other = _search(views, cam_from_ref_start, weights)
     if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
         found = other
     return replace(found, rival=_rival(views, found.cam_from_ref, weights))
 
 
-def _solve(views: PointViews, cam_from_ref: Array, weights: Array, near: bool = False) -> Resection:
-    """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views.
+def _solve(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
+    """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
+    return _least_squares(views, weights, *_robust_fit(views, cam_from_ref))
 
-    `near`: the start is good, so that residuals far above the views' noise are outliers from the first step on.
+
+def _search(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
+    """Search for the motion of largest support, and finish it with plain least squares.
+
+    No annealing: among many views that move together even small weights would lead away from it.
     """
-    return _least_squares(views, weights, *_robust_fit(views, cam_from_ref, near))
+    motion = search_motion(views, cam_from_ref, weights)
+    return _least_squares(views, weights, motion, *views.linearise(motion))
 
 
 def _support(views: PointViews, cam_from_ref: Array, weights: Array) -> float:
@@ -138,20 +144,20 @@ def _rival(views: PointViews, cam_from_ref: Array, weights: Array) -> Array | No
     if rest.sum() < _MIN_RIVAL_VIEWS or weights[rest].sum() < needed:
         return None
     others = views.select(rest)
-    found = _solve(others, search_motion(others, cam_from_ref, weights[rest]), weights[rest], near=True)
+    found = _search(others, cam_from_ref, weights[rest])
     enough = found.accepted.sum() >= _MIN_RIVAL_VIEWS
     return found.cam_from_ref if enough and _support(others, found.cam_from_ref, weights[rest]) >= needed else None
 
 
-def _robust_fit(views: PointViews, cam_from_ref: Array, near: bool) -> tuple[Array, Array, Array]:
-    """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22), or to 1 if `near`.
+def _robust_fit(views: PointViews, cam_from_ref: Array) -> tuple[Array, Array, Array]:
+    """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
 
     Returns the motion, and roots and Jacobian as `PointViews.linearise` has them.
     """
     root, j = views.linearise(cam_from_ref)
     r, s2 = views.residuals(cam_from_ref, root)
     for k in range(_MAX_ROBUST_STEPS):
-        spread = 1.0 if near else _spread(s2)
+        spread = _spread(s2)
         width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
         cam_from_ref, moved, _ = _step(cam_from_ref, j, r, 1 / (1 + s2 / width))
         if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):

@@ -125,7 +125,7 @@ def poses_at(frames: list[sfm.StereoFrame]) -> np.ndarray:
     return POSES[[f.stamp_ns // PERIOD_NS for f in frames]]
 
 
-LOST = "io{9}l{4}io{9}"
+LOST = "io{9}l{4}o{10}"  # the view comes back, and the map goes on
 FAULTS: dict[str, Callable[[], Fault]] = {
     "nothing": lambda: Fault(during(range(0), np.zeros_like), "io{23}"),
     "right camera missing for a frame": lambda: Fault([seen(n) for n in range(24) if n != 10], "io{22}"),

@@ -64,7 +64,7 @@ class Ekf:
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
-        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust)
+        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
         return self._solution(obs, status, reason, ended, rejected, nis, dof)
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
+from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import RigEstimate, Solution
@@ -42,6 +43,7 @@ class Map:
         self.projection = projection
         self.frames: list[WindowFrame] = []
         self.rejections = RejectionCounts()
+        self._frames_in_doubt = 0
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
         self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
@@ -119,6 +121,31 @@ class Map:
                 self.rejections.add(track_id)
         for f in self.frames:
             f.used &= ~among(f.ids, rejected[young])
+
+    def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return in how many frames after their first one points `ids` (n,) agreed with the map.
+
+        Those of the window, and as many again if a point is older than that.
+        """
+        count = len(self.frames) * among(ids, self.prior.ids).astype(np.int64) - ~among(ids, self.prior.ids)
+        for frame in self.frames:
+            count += among(ids, frame.ids[frame.used])
+        return np.maximum(count, 0)
+
+    def doubt(self, motion: Resection) -> None:
+        """Take into the world's uncertainty that the newest motion may be the other of two that the views agree with.
+
+        One more mode of the world with the difference of the two, eq. (36a); frames in a row err together.
+        """
+        if motion.rival is None:
+            self._frames_in_doubt = 0
+            return
+        self._frames_in_doubt += 1
+        apart = se3.log(motion.cam_from_ref @ se3.inverse(motion.rival))  # of two cameras, in axes of the first
+        mode = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ apart
+        mode *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        self.prior = self.prior.with_world_mode(mode)
+        self.amplitudes = np.concatenate([[0.0], self.amplitudes])
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.

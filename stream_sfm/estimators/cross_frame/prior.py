@@ -152,6 +152,18 @@ class Prior:
             rig=updated_rig,
         )
 
+    def with_world_mode(self, mode: Array) -> "Prior":
+        """Add a mode (6,) of the world alone: points stay where they are in the reference camera, eq. (36a).
+
+        It comes first, as the last modes are those of the rig.
+        """
+        no_points = np.zeros((len(self.ids), 3, 1))
+        return replace(
+            self,
+            modes=np.concatenate([no_points, self.modes], axis=2),
+            world_modes=np.concatenate([mode[:, None], self.world_modes], axis=1),
+        )
+
     def with_points(
         self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
     ) -> "Prior":

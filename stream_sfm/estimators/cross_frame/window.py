@@ -27,6 +27,8 @@ from .minimise import minimise
 from .rig_knowledge import RigKnowledge
 from .window_frame import WindowFrame
 
+_NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
+
 
 class _LostError(Exception):
     """The frame has no motion; the message is the reason that the Solution gives."""
@@ -43,6 +45,7 @@ class CrossFrame:
         self.motion = MotionModel(config.motion)
         self.map: Map | None = None
         self.rig: RigKnowledge | None = None  # of the latest map
+        self.waiting = False  # for tracks of the map to return, since a frame without any view
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -52,12 +55,17 @@ class CrossFrame:
         try:
             return self._advance(self.map, observations, frame)
         except _LostError as lost:
+            if not len(observations.track_ids):
+                return self._pass_over(observations, str(lost))
+            if self.waiting:
+                return self._start_anew(self.map, observations, frame)
             return self._lose(self.map, observations, str(lost))
         except np.linalg.LinAlgError:
             return self._lose(self.map, observations, "the points that are left do not determine the motion")
 
     def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
+        self.waiting = False
         rig = RigKnowledge.unknown(frame.rig_effects.shape[2]) if self.rig is None else self.rig
         corrected = _corrected(observations, frame, rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
@@ -67,14 +75,34 @@ class CrossFrame:
 
     def _advance(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
         """Follow the camera by one frame."""
+        motion, rejected = self._initial_motion(current, observations, frame)
+        current.rejections.forget_all_but(frame.ids)
         if len(current.frames) == self.config.window.frames:
             absorb_oldest_frame(current)
-        current.rejections.forget_all_but(frame.ids)
-        motion, rejected = self._initial_motion(current, observations, frame)
+        self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, rejected)
+        current.doubt(motion)
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
+
+    def _pass_over(self, observations: Observations, reason: str) -> Solution:
+        """Predict the pose of a frame without any view; the map goes on where its tracks return."""
+        self.waiting = True
+        pose, cov_pose = self.motion.predict(observations.stamp_ns)
+        return lost_solution(observations, reason, pose, cov_pose)
+
+    def _start_anew(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
+        """End a map whose tracks did not return, and begin another one with what has come instead."""
+        marginals = current.marginals
+        self.map, self.rig = None, current.prior.rig
+        ended = marginals.ended(marginals.ids >= 0)
+        return replace(
+            self._start(observations, frame),
+            ended_ids=ended.ids,
+            ended_points_in_world=ended.points,
+            ended_cov_points_in_world=ended.cov_points,
+        )
 
     def _lose(self, current: Map, observations: Observations, reason: str) -> Solution:
         """End the map, and predict the pose."""
@@ -106,6 +134,7 @@ class CrossFrame:
             homogeneous_from_q(previous.q_in_cam[known]),
             cov,
             se3.inverse(predicted) @ previous.world_from_cam,
+            _NO_HISTORY + current.frames_agreed(previous.ids[known]).astype(float),
         )
         if found is None:
             raise _LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
@@ -116,7 +145,7 @@ class CrossFrame:
         before, now = current.marginals, current.update_marginals()
         current.judge_rig()
         self.motion.record(observations.stamp_ns, now.world_from_cam, now.cov_pose)
-        status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust)
+        status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
         shown = among(now.ids, newest.ids[newest.used]) & now.finite

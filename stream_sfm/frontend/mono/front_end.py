@@ -83,6 +83,7 @@ class MonoFrontEnd:
         """Follow the map's points, without those that the motion puts behind the camera."""
         followed = self.tracker.follow(images, stamp_ns)
         if followed is None:
+            self.tracker.lose()
             self.map_start.open(_LOST)
             return None
         tracks = self.tracker.tracks

@@ -1,0 +1,65 @@
+"""Two sets of points that move differently and of which neither has more history: said so, and covered by σ."""
+
+import numpy as np
+
+from stream_sfm.config import Config
+from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.types import Observations, Status
+
+P = StereoProjection(400.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
+STD_PX = 0.2
+STEP = se3.exp([0.02, 0, 0.01, 0, 0.005, 0])  # of the camera per frame
+OWN = np.array([0.03, 0.01, 0.0, 0.0, 0.004, 0.0])  # of the other set per frame, once it moves
+
+
+def observations(frames: int, moves_from: int, seed: int = 0) -> tuple[list[Observations], np.ndarray]:
+    """Views of two sets of 80 points, in the left and in the right half of the image; poses of the camera."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(2, 5, 160)
+    u = np.concatenate([rng.uniform(40, 310, 80), rng.uniform(330, 600, 80)])
+    rays = np.stack([(u - 320) / 400, (rng.uniform(20, 460, 160) - 240) / 400, np.ones(160)], axis=1)
+    world = rays * depth[:, None]
+    pose, found, poses = np.eye(4), [], []
+    for index in range(frames):
+        moved = world.copy()
+        moved[:80] = se3.transform(se3.exp(max(0, index - moves_from + 1) * OWN), world[:80])
+        z_px = P.project(se3.transform(se3.inverse(pose), moved)) + rng.normal(size=(160, 4)) * STD_PX
+        cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (160, 4, 4))
+        found.append(Observations(index, index * 50_000_000, np.arange(160), z_px, cov_px))
+        poses.append(pose)
+        pose = pose @ STEP
+    return found, np.array(poses)
+
+
+def test_two_motions_that_agree_are_reported_and_covered() -> None:
+    frames, poses = observations(7, moves_from=5)
+    estimator = CrossFrame(P, Config())
+    solutions = [estimator.step(o) for o in frames]
+    assert all(s.status is Status.OK for s in solutions[1:5])
+    doubtful = solutions[5]
+    assert doubtful.status is Status.DEGRADED
+    assert "two rigid motions agree with the views" in doubtful.reason
+    certain = solutions[4]
+    assert np.trace(doubtful.cov_pose[:3, :3]) > 10 * np.trace(certain.cov_pose[:3, :3])
+    # the camera as the other set would have it: both are within a few standard deviations
+    for pose in (poses[5], se3.exp(-OWN) @ poses[5]):
+        error = se3.log(se3.inverse(doubtful.world_from_cam) @ pose)
+        assert error @ np.linalg.solve(doubtful.cov_pose, error) < 30
+
+
+def test_what_has_agreed_for_longer_is_the_background() -> None:
+    """The left half is new in every frame, and moves; the right half is old."""
+    frames, poses = observations(8, moves_from=1)
+    renewed = []
+    for index, o in enumerate(frames):
+        ids = np.concatenate([1000 * (index // 2 + 1) + np.arange(80), np.arange(80, 160)])
+        order = np.argsort(ids)
+        renewed.append(Observations(index, o.stamp_ns, ids[order], o.z_px[order], o.cov_px[order]))
+    estimator = CrossFrame(P, Config())
+    solutions = [estimator.step(o) for o in renewed]
+    for solution, pose in zip(solutions[4:], poses[4:], strict=True):
+        error = se3.log(se3.inverse(solution.world_from_cam) @ pose)
+        assert np.linalg.norm(error[:3]) < 0.02
+        assert solution.status is Status.OK

@@ -1,0 +1,71 @@
+"""A textured body passes close by before a wall: whose motion is followed, and what is said when the wall is hidden."""
+
+import numpy as np
+
+import stream_sfm as sfm
+from stream_sfm.camera.models import Camera
+from stream_sfm.geometry import se3
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+
+STEREO = rig()
+BODY_M = 1.5  # its distance; the wall is twice as far away
+HALF_VIEW_M = BODY_M * 160 / 260
+
+
+class Passing:
+    """A wall, and in front of it a flat body of some width whose right edge is at x = `edge_m` of the first camera."""
+
+    def __init__(self, width_m: float) -> None:
+        self.width_m = width_m
+        self.wall, self.body = Wall(0), Wall(7)
+
+    def frame(self, world_from_cam: np.ndarray, edge_m: float, index: int) -> sfm.StereoFrame:
+        """What both cameras see; the body's texture moves with its edge."""
+        self.body.world_from_wall = se3.exp([edge_m, 0, BODY_M, 0, 0, 0])
+        world_from_right = world_from_cam @ se3.inverse(STEREO.right_from_left)
+        return sfm.StereoFrame(
+            index * PERIOD_NS,
+            self.image(STEREO.left, world_from_cam, edge_m),
+            self.image(STEREO.right, world_from_right, edge_m),
+        )
+
+    def image(self, camera: Camera, world_from_cam: np.ndarray, edge_m: float) -> np.ndarray:
+        """The body's columns in front of the wall's."""
+        edges = np.array([[edge_m - self.width_m, 0, BODY_M], [edge_m, 0, BODY_M]])
+        in_cam = se3.transform(se3.inverse(world_from_cam), edges)
+        left, right = camera.K[0, 0] * in_cam[:, 0] / in_cam[:, 2] + camera.K[0, 2]
+        columns = np.arange(camera.width)
+        behind, before = self.wall.image(camera, world_from_cam), self.body.image(camera, world_from_cam)
+        return np.where((columns > left) & (columns < right), before, behind)
+
+
+def estimated(width_m: float, edges_m: np.ndarray) -> tuple[list[sfm.FrameEstimate], np.ndarray]:
+    """Estimates of all frames, and how far off each pose is: χ² with six degrees of freedom where σ is right."""
+    engine, scene, poses = sfm.Engine(STEREO), Passing(width_m), camera_path(len(edges_m))
+    estimates, squares = [], []
+    for index, (pose, edge_m) in enumerate(zip(poses, edges_m, strict=True)):
+        estimates.append(engine.step(scene.frame(pose, edge_m, index)))
+        error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ pose)
+        squares.append(0.0 if index == 0 else float(error @ np.linalg.solve(estimates[-1].cov_pose, error)))
+    return estimates, np.array(squares)
+
+
+def test_a_body_that_comes_to_cover_two_thirds_is_not_followed() -> None:
+    edges_m = -HALF_VIEW_M + np.maximum(0, np.arange(27) - 5) * 0.06
+    assert edges_m[-1] > 0.3 * HALF_VIEW_M  # 65 % of the image and more
+    estimates, squares = estimated(5.0, edges_m)
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])
+    assert squares.max() < 60  # P < 1e-10
+
+
+def test_a_body_that_hides_the_wall_is_not_taken_for_it() -> None:
+    """Every frame says what it is worth: lost while only the body is in view, and no pose is off by more than its σ."""
+    edges_m = -HALF_VIEW_M + np.maximum(0, np.arange(40) - 6) * 0.16
+    estimates, squares = estimated(2.4 * HALF_VIEW_M, edges_m)
+    covered = (edges_m > HALF_VIEW_M) & (edges_m - 2.4 * HALF_VIEW_M < -HALF_VIEW_M)
+    assert covered.sum() >= 2
+    statuses = [e.status for e in estimates]
+    assert all(statuses[k] == sfm.Status.LOST for k in np.flatnonzero(covered))
+    assert any("the background is hidden" in e.reason for e in estimates)
+    assert statuses[-1] == sfm.Status.OK
+    assert squares.max() < 60
