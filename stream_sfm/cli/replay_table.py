@@ -65,6 +65,9 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         ratio = number(truth["local_structure_error_over_sigma"])
         median, rms = (number(truth[f"local_structure_{k}_m"], ".4f") for k in ("median", "rms"))
         yield "local structure", f"{median} m median error, {rms} m RMS, {ratio} × the estimated σ"
+        half = number(truth["local_structure_error_over_sigma_median"])
+        beyond = number(truth["local_structure_beyond_3_sigma_percent"])
+        yield "in units of σ", f"{half} median (expected: 0.67), {beyond} % beyond 3 (expected: 0.27 %)"
 
 
 def _milliseconds(times: dict[str, float | None]) -> str:

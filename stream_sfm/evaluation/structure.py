@@ -25,7 +25,8 @@ _DESIGN = np.stack(
     [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
 )  # columns: 1, du, dv
 _FIT = np.linalg.pinv(_DESIGN)
-_BINS_M = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: gives the median without keeping the errors
+_BINS = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: of metres or of σ, gives medians without keeping the errors
+_MANY_SIGMAS = 3.0  # 0.27 % of Gaussian errors are larger
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -86,7 +87,9 @@ class StructureComparison:
         self._squares = 0.0
         self._normalised = 0.0
         self._with_sigma = 0
-        self._histogram = np.zeros(len(_BINS_M) + 1, dtype=np.int64)
+        self._beyond = 0
+        self._histogram_m = np.zeros(len(_BINS) + 1, dtype=np.int64)
+        self._histogram_sigmas = np.zeros(len(_BINS) + 1, dtype=np.int64)
 
     def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
         """Compare one frame with its depth image (h, w); None, and nothing is added, where they cannot be compared.
@@ -102,9 +105,12 @@ class StructureComparison:
         self.frames += 1
         self.points += len(found.errors_m)
         self._squares += float((found.errors_m**2).sum())
-        self._normalised += float(((found.errors_m[known] / found.sigmas_m[known]) ** 2).sum())
+        in_sigmas = abs(found.errors_m[known] / found.sigmas_m[known])
+        self._normalised += float((in_sigmas**2).sum())
         self._with_sigma += int(known.sum())
-        np.add.at(self._histogram, np.searchsorted(_BINS_M, abs(found.errors_m)), 1)
+        self._beyond += int((in_sigmas > _MANY_SIGMAS).sum())
+        np.add.at(self._histogram_m, np.searchsorted(_BINS, abs(found.errors_m)), 1)
+        np.add.at(self._histogram_sigmas, np.searchsorted(_BINS, in_sigmas), 1)
         return found
 
     @property
@@ -115,12 +121,31 @@ class StructureComparison:
     @property
     def median_m(self) -> float:
         """Median absolute depth error in metres, rounded to 1 %; NaN where nothing was compared."""
-        if not self.points:
-            return float("nan")
-        half = int(np.searchsorted(np.cumsum(self._histogram), self.points / 2))
-        return float(_BINS_M[min(half, len(_BINS_M) - 1)])
+        return _median(self._histogram_m)
 
     @property
     def rms_over_sigma(self) -> float:
-        """RMS of error over estimated σ: 1 is consistent, more is overconfident; NaN where nothing was compared."""
+        """RMS of error over estimated σ: 1 is consistent, more is overconfident; NaN where nothing was compared.
+
+        One wrong point among thousands can decide it; `median_over_sigma` and `beyond_3_sigma_percent` say whether.
+        """
         return float(np.sqrt(self._normalised / self._with_sigma)) if self._with_sigma else float("nan")
+
+    @property
+    def median_over_sigma(self) -> float:
+        """Median of |error| over estimated σ, rounded to 1 %: 0.67 is consistent; NaN where nothing was compared."""
+        return _median(self._histogram_sigmas)
+
+    @property
+    def beyond_3_sigma_percent(self) -> float:
+        """Points whose error is more than 3 estimated σ: 0.27 % is consistent; NaN where nothing was compared."""
+        return 100 * self._beyond / self._with_sigma if self._with_sigma else float("nan")
+
+
+def _median(histogram: NDArray[np.int64]) -> float:
+    """Median of values counted in `_BINS`, NaN where there are none."""
+    count = int(histogram.sum())
+    if not count:
+        return float("nan")
+    half = int(np.searchsorted(np.cumsum(histogram), count / 2))
+    return float(_BINS[min(half, len(_BINS) - 1)])

@@ -37,6 +37,8 @@ _FIGURES = (
     "local_structure_rms_m",
     "local_structure_median_m",
     "local_structure_error_over_sigma",
+    "local_structure_error_over_sigma_median",
+    "local_structure_beyond_3_sigma_percent",
     "frames_compared",
     "growth_exponent",
     "growth_exponent_ci95",

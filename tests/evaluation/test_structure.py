@@ -70,6 +70,27 @@ def test_a_comparison_sums_the_frames_that_have_a_depth_image():
     assert comparison.median_m == pytest.approx(np.median(0.01 * points[:, 2]), rel=0.03)
 
 
+def test_median_and_tail_say_whether_few_points_decide_the_rms():
+    points = plane_points(2000)
+    noise = np.random.default_rng(2).normal(scale=0.01, size=len(points))
+    noise[:4] = 5.0  # beside an occluding edge
+    rays = points / points[:, 2:]
+    moved = SimpleNamespace(points_in_cam=points + noise[:, None] * rays, cov_points=_along(rays, 0.01))
+    comparison = StructureComparison(CAMERA)
+    assert np.isnan(comparison.median_over_sigma) and np.isnan(comparison.beyond_3_sigma_percent)
+    comparison.add(moved, plane_depth())
+    assert comparison.rms_over_sigma > 10
+    std = 0.5 / (0.6355 * np.sqrt(len(points)))  # of a median, by the density there
+    assert comparison.median_over_sigma == pytest.approx(0.6745, abs=4 * std + 0.007)  # and the bins of 1 %
+    expected = 100 * (4 / len(points) + 0.0027)
+    assert comparison.beyond_3_sigma_percent == pytest.approx(expected, abs=400 * np.sqrt(0.0027 / len(points)))
+
+
+def _along(rays: np.ndarray, sigma_m: float) -> np.ndarray:
+    """Covariances of points that err along their rays only."""
+    return sigma_m**2 * rays[:, :, None] * rays[:, None, :]
+
+
 @pytest.mark.parametrize(
     ("model", "coefficients"),
     [

@@ -35,6 +35,8 @@ SUMMARY_KEYS = {
 TRUTH_KEYS = {
     "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
     "segment_lengths_m", "scale_error_percent", "nees_pose_mean", "local_structure_rms_m",
+    "local_structure_median_m", "local_structure_error_over_sigma", "local_structure_error_over_sigma_median",
+    "local_structure_beyond_3_sigma_percent",
 }  # fmt: skip
 
 
