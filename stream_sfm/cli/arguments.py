@@ -108,6 +108,13 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--ground-truth-offset", metavar="S", type=float, default=0.0, help="add S seconds to their stamps"
     )
+    group.add_argument(
+        "--ignore-ground-truth",
+        metavar="A:B,…",
+        type=frame_ranges,
+        default=[],
+        help="do not compare frames A to B-1 with the ground truth, because it is wrong there",
+    )
 
 
 def read_ground_truth(args: argparse.Namespace) -> "GroundTruthFile | None":
@@ -189,6 +196,19 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="use a Dask cluster instead, for example tcp://127.0.0.1:8786 (needs stream-sfm[cluster])",
     )
+
+
+def frame_ranges(text: str) -> list[tuple[int, int]]:
+    """Ranges of frames, such as 0:15,40:44."""
+    ranges = []
+    for part in text.split(","):
+        first, _, end = part.partition(":")
+        if not (first.strip().isdecimal() and end.strip().isdecimal() and int(first) < int(end)):
+            raise argparse.ArgumentTypeError(
+                f"{part!r} is not a range of frames: give it as 0:15 for frames 0 to 14"
+            )
+        ranges.append((int(first), int(end)))
+    return ranges
 
 
 def positive(text: str) -> int:

@@ -93,6 +93,7 @@ def _compare(
             selection,
             methods=methods,
             there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
+            ignore_ground_truth=args.ignore_ground_truth,
             inspection=inspection,
             sinks=[progress],
         )
@@ -102,13 +103,14 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
     from ..wording import printable
     from .comparison_table import print_comparison
     from .error_lines import print_error
-    from .printing import print_json, print_notes
+    from .printing import print_json, print_notes, print_truth_hint
 
     content = result.report
     if args.json:
         print_json(content)
     elif not args.quiet:
         print_notes("warning", result.comparison.warnings)
+        print_truth_hint(content["frames_in_doubt"])
         print_comparison(content)
         print(content["conclusion"])
         print(printable(str(folder / "report.html")))

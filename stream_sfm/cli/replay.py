@@ -91,7 +91,15 @@ def _replay(
         total = 2 * total - 1
     with frame_progress("replay", total, args.quiet, args.verbose) as progress:
         sinks = [*viewers, progress]
-        return replay(log, folder, config, selection, there_and_back=args.there_and_back, sinks=sinks)
+        return replay(
+            log,
+            folder,
+            config,
+            selection,
+            there_and_back=args.there_and_back,
+            ignore_ground_truth=args.ignore_ground_truth,
+            sinks=sinks,
+        )
 
 
 def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Sink"]:
@@ -106,11 +114,12 @@ def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Si
 
 def _print(result: "ReplayResult", args: argparse.Namespace) -> None:
     from .error_lines import print_error
-    from .printing import print_json, print_notes
+    from .printing import print_json, print_notes, print_truth_hint
     from .replay_table import print_summary
 
     if not args.quiet:
         print_notes("warning", result.summary["warnings"])
+        print_truth_hint(result.summary.get("ground_truth", {}).get("frames_in_doubt", []))
     if args.json:
         print_json({**result.summary, "out": str(result.out_dir)})
     elif not args.quiet:

@@ -8,10 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, FrameError, InputError
 from ..estimators import METHODS
+from ..evaluation.association import checked_ranges, without_frames
+from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
@@ -23,7 +27,7 @@ from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
 from ..report.records import Comparison, MethodRun
 from ..results.folder import close_all
-from ..types import FrameEstimate, Selection, Sink, Trajectory
+from ..types import FrameEstimate, Selection, Sink, Status, Trajectory
 from ..wording import unknown_name
 from .method import ComparedMethod
 from .recorder import Recorder
@@ -55,6 +59,7 @@ def compare(
     right: str | None = None,
     calibration: str | Path | StereoRig | None = None,
     there_and_back: bool | None = None,
+    ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
     sinks: Sequence[Sink] = (),
 ) -> ComparisonResult:
@@ -62,6 +67,7 @@ def compare(
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
+    `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
     `inspection`: what `inspect_log` found, for the report. `sinks` are given one estimate per frame, of the first
     method that has not failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for
     an unknown method, OutputError.
@@ -76,6 +82,7 @@ def compare(
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
         refuse_overwriting(outputs(folder, methods), [log.path])
+    ignored = checked_ranges(ignore_ground_truth)
     run = _Run(log, config, methods, selection or Selection(), folder, sinks)
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
@@ -83,7 +90,7 @@ def compare(
         kept = KeptFrames() if back else None
         run.forwards(kept, interruption)
         note = "not done: the log has ground truth" if kept is None else run.backwards(kept, interruption)
-    comparison = run.result(truth, inspection or {}, note, interruption.requested)
+    comparison = run.result(truth, ignored, inspection or {}, note, interruption.requested)
     if folder is None:
         return ComparisonResult(numbers(comparison), None, comparison)
     for method in run.methods:
@@ -172,20 +179,36 @@ class _Run:
         return f"{self.frames} frames there, {self.frames - 1} back"
 
     def result(
-        self, truth: Trajectory | None, inspection: dict[str, Any], return_note: str, interrupted: bool
+        self,
+        truth: Trajectory | None,
+        ignored: list[tuple[int, int]],
+        inspection: dict[str, Any],
+        return_note: str,
+        interrupted: bool,
     ) -> Comparison:
         """Return all that the report is made of."""
+        runs = [method.finished_record() for method in self.methods]
+        doubts: list[TruthFinding] = []
+        if truth is not None and runs:
+            longest = max(runs, key=lambda r: len(r.poses))
+            stamps_ns = np.array(longest.stamps_ns, np.int64)
+            truth = without_frames(truth, stamps_ns, ignored)
+            same = [np.array(r.poses) for r in runs if len(r.poses) == len(stamps_ns)]
+            tracked = np.array([status != Status.LOST for status in longest.statuses], bool)
+            doubts = find_doubts(stamps_ns, truth, same, tracked)
         warnings = [*self.log.stats.warnings, *([self.depth.problem] if self.depth.problem else []), *self.problems]
         return Comparison(
             log=self.log.path.name,
             rig=self.log.stereo_rig,
             config=self.config,
-            runs=[method.finished_record() for method in self.methods],
+            runs=runs,
             front=self.recorder.front,
             truth=truth,
+            doubts=doubts,
+            ignored=ignored,
             inspection=inspection,
             local_difference=self.recorder.local_difference,
-            warnings=list(dict.fromkeys(warnings)),
+            warnings=list(dict.fromkeys([*warnings, *warnings_of(doubts)])),
             complete=self.log.stats.complete and not self.problems,
             interrupted=interrupted,
             return_note=return_note,

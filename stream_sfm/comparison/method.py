@@ -81,6 +81,8 @@ class ComparedMethod:
             warnings=[*comparison.warnings, *self.statistics.warnings(), *([failure] if failure else [])],
             truth=comparison.truth,
             structure=self.record.structure,
+            ignored=comparison.ignored,
+            doubts=comparison.doubts,
         )
         self._folder.write_summary(summary)
 

@@ -1,8 +1,11 @@
-"""Ground truth at the stamps of an estimate."""
+"""Ground truth at the stamps of an estimate. Poses of NaN are of moments whose truth is not to be used."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
@@ -15,7 +18,8 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     """Find the rows of the estimate that have a ground truth, and the truth at exactly their stamps.
 
     A truth with the same stamp is used as it is. Otherwise its two neighbours are interpolated on SE(3) (constant
-    twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. All other rows have no truth.
+    twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. All other rows have no truth,
+    nor have those where it is NaN.
     Truths need not be sorted; of equal stamps the first is used.
     """
     stamps, first = np.unique(truth.stamps_ns, return_index=True)
@@ -36,8 +40,42 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     if between.any():
         fraction = (wanted - stamps[before])[between] / gap[between]
         result[between] = _interpolated(poses[before[between]], poses[after[between]], fraction)
+    found &= np.isfinite(result).all(axis=(1, 2))
     rows = np.flatnonzero(found).astype(np.int64)
     return rows, Trajectory(wanted[rows], result[rows])
+
+
+def truth_of_frames(stamps_ns: NDArray[np.int64], truth: Trajectory) -> Array:
+    """The truth (n, 4, 4) of each frame, NaN where there is none."""
+    rows, true = matched(Trajectory(stamps_ns, np.empty((len(stamps_ns), 4, 4))), truth)
+    poses = np.full((len(stamps_ns), 4, 4), np.nan)
+    poses[rows] = true.world_from_cam
+    return poses
+
+
+def checked_ranges(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The ranges [first, end) of frames. Raises ConfigError where one of them is none."""
+    for given in ranges:
+        if len(given) != 2 or not all(isinstance(n, int) for n in given) or not 0 <= given[0] < given[1]:
+            raise ConfigError(f"{given!r} is not a range of frames: give (first, end) with 0 <= first < end")
+    return [(first, end) for first, end in ranges]
+
+
+def without_frames(
+    truth: Trajectory, stamps_ns: NDArray[np.int64], ranges: Sequence[tuple[int, int]]
+) -> Trajectory:
+    """The truth with NaN in the frames of `ranges` [first, end), which count in `stamps_ns` from 0."""
+    ignored = np.zeros(len(stamps_ns), bool)
+    for first, end in ranges:
+        ignored[first:end] = True
+    if not ignored.any():
+        return truth
+    wanted = stamps_ns[ignored]
+    keep = ~np.isin(truth.stamps_ns, wanted)
+    stamps = np.concatenate([truth.stamps_ns[keep], wanted])
+    poses = np.concatenate([truth.world_from_cam[keep], np.full((len(wanted), 4, 4), np.nan)])
+    order = np.argsort(stamps, kind="stable")
+    return Trajectory(stamps[order], poses[order])
 
 
 def _interpolated(world_from_a: Array, world_from_b: Array, fraction: Array) -> Array:

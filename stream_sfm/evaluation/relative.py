@@ -2,7 +2,8 @@
 
 Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and are correlated
 in time; intervals therefore come from a jackknife over contiguous blocks of starts, each at least twice as long as the
-longest span. Under equal methods they exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
+longest span. Frames without a truth are NaN, and no span begins or ends there. Under equal methods they exclude
+equality as often as they say; `tests/evaluation/test_intervals.py`.
 """
 
 from collections.abc import Callable
@@ -22,6 +23,7 @@ _MIN_FRAMES = 24  # with fewer, the charts have less than five spans
 _MIN_SPANS_OF_GROWTH = 3  # a slope from two points has no say in whether they are on a line
 MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one frame is mostly noise of the truth
 MIN_FRAMES_GROWTH = _MIN_SPANS_OF_GROWTH * _SPANS_PER_BLOCK * _BLOCKS
+_LEAST_KNOWN = 0.8  # of the frames: of a span up to a quarter of them, a third of the starts is left at least
 _CONFIDENCE = 0.95
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
@@ -47,12 +49,27 @@ class Ratio:
     high: float
 
 
+def enough_known(truth: Array) -> bool:
+    """Whether so few frames (n, 4, 4) have no truth that spans of every length are left."""
+    return len(truth) > 1 and bool(known_frames(truth).mean() >= _LEAST_KNOWN)
+
+
+def known_frames(truth: Array) -> NDArray[np.bool_]:
+    """Whether each frame has a truth (n,)."""
+    return np.asarray(np.isfinite(truth).all(axis=(1, 2)))
+
+
 def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Array]:
     """Position (m) and rotation (rad) errors (n − span,) of the motion from frame i to i + span; poses (n, 4, 4)."""
-    e = se3.inverse(estimate[:-span]) @ estimate[span:]
-    t = se3.inverse(truth[:-span]) @ truth[span:]
+    position, rotation = np.full((2, len(truth) - span), np.nan)
+    known = known_frames(truth)
+    i = np.flatnonzero(known[:-span] & known[span:])
+    e = se3.inverse(estimate[i]) @ estimate[i + span]
+    t = se3.inverse(truth[i]) @ truth[i + span]
     error = se3.inverse(t) @ e
-    return np.linalg.norm(error[:, :3, 3], axis=1), np.linalg.norm(se3.log_so3(error[:, :3, :3]), axis=1)
+    position[i] = np.linalg.norm(error[:, :3, 3], axis=1)
+    rotation[i] = np.linalg.norm(se3.log_so3(error[:, :3, :3]), axis=1)
+    return position, rotation
 
 
 def spans_for(frames: int) -> list[int]:
@@ -72,16 +89,16 @@ def _spans(longest: int) -> list[int]:
 def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
     """Mean squared position (m²) and rotation (rad²) errors for each span."""
     pairs = [relative_errors(estimate, truth, s) for s in spans]
-    return np.array([(p**2).mean() for p, _ in pairs]), np.array([(r**2).mean() for _, r in pairs])
+    return np.array([np.nanmean(p**2) for p, _ in pairs]), np.array([np.nanmean(r**2) for _, r in pairs])
 
 
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent] | None:
     """Growth of the position and of the rotation error with the span; None below 60 frames or without any error."""
-    spans = tested_spans(len(truth))
+    spans = tested_spans(int(known_frames(truth).sum()))
     if len(spans) < _MIN_SPANS_OF_GROWTH:
         return None
     pairs = [relative_errors(estimate, truth, s) for s in spans]
-    if any(not p.any() or not r.any() for p, r in pairs):
+    if any(not np.nansum(p) or not np.nansum(r) for p, r in pairs):
         return None
     return _exponent(spans, [p**2 for p, _ in pairs]), _exponent(spans, [r**2 for _, r in pairs])
 
@@ -98,13 +115,13 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
 
     Each is the geometric mean over the spans; both methods share the frames and the blocks of the jackknife.
     """
-    spans = [s for s in tested_spans(len(truth)) if s > 1]
+    spans = [s for s in tested_spans(int(known_frames(truth).sum())) if s > 1]
     if not spans:
         return None
     result = []
     pairs = [(relative_errors(method, truth, s), relative_errors(reference, truth, s)) for s in spans]
     for k in range(2):
-        if any(not m[k].any() or not r[k].any() for m, r in pairs):
+        if any(not np.nansum(m[k]) or not np.nansum(r[k]) for m, r in pairs):
             return None
         logs = [0.5 * np.log(_means(m[k] ** 2) / _means(r[k] ** 2)) for m, r in pairs]
         of_both = 1 - (1 - _CONFIDENCE) / 2
@@ -113,8 +130,8 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
 
 
 def _means(values: Array) -> Array:
-    """The mean, then the means without one block each, (1 + blocks,)."""
-    blocks = np.array_split(values, _BLOCKS)
+    """The mean, then the means without one block each, (1 + blocks,); NaN left out."""
+    blocks = np.array_split(values[np.isfinite(values)], _BLOCKS)
     sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
     rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
     return np.concatenate([[sums.sum() / counts.sum()], rest])

@@ -16,6 +16,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import FrameError, InputError, LogError
+from ..evaluation.association import checked_ranges
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..outputs import RESULTS, refuse_overwriting
@@ -66,15 +67,17 @@ def replay(
     right: str | None = None,
     calibration: str | Path | StereoRig | MonoRig | None = None,
     there_and_back: bool = False,
+    ignore_ground_truth: Sequence[tuple[int, int]] = (),
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration`: as in `open_log`. `there_and_back`: then the same frames backwards; how far the
-    run ends from its start is in the summary. `sinks` are given each estimate and its frame after the files have been
-    written, and are closed at the end. Memory grows by some 600 bytes per frame, not with the images of the log; with
-    `there_and_back` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could
-    be estimated, OutputError, ReplayInterrupted.
+    run ends from its start is in the summary. `ignore_ground_truth`: ranges [first, end) of frames of this run whose
+    ground truth is not compared, because it is wrong. `sinks` are given each estimate and its frame after the files
+    have been written, and are closed at the end. Memory grows by some 600 bytes per frame, not with the images of the
+    log; with `there_and_back` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one
+    frame could be estimated, OutputError, ReplayInterrupted.
     """
     config = config or Config()
     if not isinstance(log, StereoLog):
@@ -82,6 +85,7 @@ def replay(
     if out_dir is not None:
         refuse_overwriting([Path(out_dir) / name for name in RESULTS], [log.path])
     run = _Run(log, config, selection or Selection(), None if out_dir is None else Path(out_dir), sinks)
+    run.ignored = checked_ranges(ignore_ground_truth)
     frames = log.frames(run.selection)
     if there_and_back:
         run.kept = KeptFrames()
@@ -114,6 +118,7 @@ class _Run:
         own = (self.folder, self.statistics, self.structure, self.calibration)
         self.sinks: list[Sink] = [*(sink for sink in own if sink is not None), *sinks]
         self.kept: KeptFrames | None = None
+        self.ignored: list[tuple[int, int]] = []
         self.warnings: list[str] = []
         self.complete = True
 
@@ -207,5 +212,6 @@ class _Run:
             truth=truth,
             structure=None if self.structure is None else self.structure.comparison,
             backwards=self._backwards(self.statistics.stamps_ns),
+            ignored=self.ignored,
             further=further,
         )

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FrameError
 from ..evaluation import path_length_m
@@ -50,6 +51,7 @@ class RunStatistics:
         self._poses = array("d")
         self._covs = array("d")
         self._times_ms = {stage: array("d") for stage in STAGES}
+        self._tracked = array("b")
         self.statuses = dict.fromkeys((s.value for s in Status), 0)
         self.refused = 0
         self.first_refusal: FrameError | None = None
@@ -69,6 +71,7 @@ class RunStatistics:
         self._times_ms["frontend"].append(timings.get("rectify", 0.0) + timings.get("frontend", 0.0))
         self._times_ms["estimator"].append(timings.get("estimator", 0.0))
         self._times_ms["total"].append(total_ms)
+        self._tracked.append(estimate.status != Status.LOST)
         self.statuses[str(estimate.status)] += 1
         if estimate.status == Status.LOST and self._first_lost is None:
             self._first_lost = estimate
@@ -88,6 +91,10 @@ class RunStatistics:
         """Return the poses of the first `frames` frames (None: all) with their covariances."""
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)[:frames]
         return Trajectory(stamps_ns, _stacked(self._poses, 4)[:frames], _stacked(self._covs, 6)[:frames])
+
+    def tracked(self, frames: int | None = None) -> NDArray[np.bool_]:
+        """Return for the first `frames` frames (None: all) whether they were estimated from images."""
+        return np.array(self._tracked, dtype=bool)[:frames]
 
     def warnings(self) -> list[str]:
         """Return sentences about frames that were refused or lost."""

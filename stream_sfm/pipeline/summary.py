@@ -1,9 +1,12 @@
 """Makes summary.json, for `replay` and for every method of `compare`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..config import Config
 from ..evaluation import StructureComparison, evaluate, evaluate_unscaled
+from ..evaluation.association import without_frames
+from ..evaluation.truth_check import TruthFinding, find_doubts, frames_in_doubt, warnings_of
 from ..recording import ReadStats, StereoLog
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Trajectory
@@ -21,13 +24,17 @@ def summarise(
     truth: Trajectory | None,
     structure: StructureComparison | None,
     backwards: int = 0,
+    ignored: Sequence[tuple[int, int]] = (),
+    doubts: Sequence[TruthFinding] | None = None,
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; `further` fields come before those of the ground truth.
 
-    The last `backwards` estimates are of frames that were fed backwards; they are not compared with ground truth.
+    The last `backwards` estimates are of frames that were fed backwards; they are not compared with ground truth, and
+    neither are those in the ranges `ignored`. `doubts`: what is known about frames whose truth is wrong; None: it is
+    looked for here.
     """
-    summary = {
+    summary: dict[str, Any] = {
         "log": str(log.path),
         "method": config.method,
         "unscaled": config.mono,
@@ -39,11 +46,25 @@ def summarise(
         **(further or {}),
     }
     if truth is not None:
-        trajectory = statistics.trajectory(len(statistics) - backwards)
+        there = len(statistics) - backwards
+        trajectory = statistics.trajectory(there)
+        used = without_frames(truth, trajectory.stamps_ns, ignored)
+        if doubts is None:
+            estimates = [] if config.mono else [trajectory.world_from_cam]
+            doubts = find_doubts(trajectory.stamps_ns, used, estimates, statistics.tracked(there))
+        summary["warnings"] = list(dict.fromkeys([*warnings, *warnings_of(doubts)]))
         summary["ground_truth"] = (
-            evaluate_unscaled(trajectory, truth) if config.mono else evaluate(trajectory, truth, structure)
-        )
+            evaluate_unscaled(trajectory, used) if config.mono else evaluate(trajectory, used, structure)
+        ) | truth_frames(doubts, ignored)
     return summary
+
+
+def truth_frames(doubts: Sequence[TruthFinding], ignored: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Return `frames_in_doubt` and `frames_ignored` of the ground truth, ranges [first, end)."""
+    return {
+        "frames_in_doubt": [list(r) for r in frames_in_doubt(doubts)],
+        "frames_ignored": [list(r) for r in ignored],
+    }
 
 
 def frame_counts(

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from ..evaluation.relative import mean_squares, spans_for
+from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..evaluation.segments import lengths_for_path, segment_errors
 from .lengths import in_readable_unit
 from .methods import label, style
@@ -101,9 +101,10 @@ def _spans(traces: Traces) -> tuple[list[Series], list[Series]]:
     """RMS errors of relative motions, millimetres and degrees, against the span in frames."""
     position, rotation = [], []
     for name, t in traces.items():
-        consecutive = t.frames[-1] - t.frames[0] == len(t.frames) - 1
-        if consecutive and (spans := spans_for(len(t.frames))):
-            p2, q2 = mean_squares(t.estimate, t.truth, spans)
+        estimate, truth = np.full((2, t.frames[-1] - t.frames[0] + 1, 4, 4), np.nan)
+        estimate[t.frames - t.frames[0]], truth[t.frames - t.frames[0]] = t.estimate, t.truth
+        if enough_known(truth) and (spans := spans_for(len(t.frames))):
+            p2, q2 = mean_squares(estimate, truth, spans)
             x = np.array(spans, float)
             position.append(Series(label(name), x, 1e3 * np.sqrt(p2), style(name), dots=True))
             rotation.append(Series(label(name), x, np.degrees(np.sqrt(q2)), style(name), dots=True))

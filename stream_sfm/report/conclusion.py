@@ -12,6 +12,7 @@ from .methods import label
 
 _REFERENCE = "cross-frame"
 _IN_FULL = ("ekf", "frame-to-frame")  # methods with figures in any case; of the others only where they are ahead
+_NAMED = 6  # ranges of frames
 _EXPECTED_NEES = 6
 _EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated; no single log varies as much
 # Methods err together where they differ by less than this share of their error: a convention of the report.
@@ -29,9 +30,10 @@ def conclusion(content: dict[str, Any]) -> tuple[str, str]:
             "far the methods diverge from each other."
         )
     ratios = {_name(key): found for key, found in content["error_over_cross_frame"].items()}
-    together = _all_wrong(content)
+    together, doubts = _all_wrong(content), _truth_in_doubt(content)
     if not ratios:
-        return "open", " ".join([f"The methods cannot be compared on this log: {_obstacle(content)}.", *together])
+        obstacle = f"The methods cannot be compared on this log: {_obstacle(content)}."
+        return "open", " ".join([obstacle, *together, *doubts])
     longest = tested_spans(content["frames_with_ground_truth"])[-1]
     spans = "2 frames" if longest == 2 else f"2 to {longest} frames"
     method = (
@@ -39,7 +41,8 @@ def conclusion(content: dict[str, Any]) -> tuple[str, str]:
         "a method are both in their intervals in 95 % of logs."
     )
     style = _style(ratios["ekf"]) if "ekf" in ratios and not together else "open"
-    return style, " ".join([*together, *_in_order(content, ratios), *_reference_nees(content, together), method])
+    order, held = _in_order(content, ratios), _reference_nees(content, together)
+    return style, " ".join([*together, *order, *held, *doubts, method])
 
 
 def _name(key: str) -> str:
@@ -116,6 +119,16 @@ def _reference_nees(content: dict[str, Any], together: list[str]) -> list[str]:
     if together or nees is None or nees < _EXCESSIVE_NEES:
         return []
     return [f"The covariance of {label(_REFERENCE)} does not hold here: {_excess(nees)}."]
+
+
+def _truth_in_doubt(content: dict[str, Any]) -> list[str]:
+    """A sentence where the truth of some frames is in doubt, but counts."""
+    ranges = content["frames_in_doubt"]
+    if not ranges:
+        return []
+    where = ", ".join(f"{first} to {end - 1}" for first, end in ranges[:_NAMED])
+    more = f" and {len(ranges) - _NAMED} more ranges" if len(ranges) > _NAMED else ""
+    return [f"The ground truth of frames {where}{more} is in doubt (see below), and all figures count them."]
 
 
 def _all_wrong(content: dict[str, Any]) -> list[str]:

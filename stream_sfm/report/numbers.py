@@ -4,14 +4,16 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import config_to_toml
-from ..evaluation.association import matched
+from ..evaluation.association import matched, truth_of_frames
 from ..evaluation.drift import path_length_m
 from ..evaluation.relative import (
     Exponent,
     Ratio,
+    enough_known,
     growth_exponents,
     mean_squares,
     paired_ratio,
@@ -19,6 +21,8 @@ from ..evaluation.relative import (
     turning,
 )
 from ..evaluation.summary import evaluate
+from ..evaluation.truth_check import frames_in_doubt
+from ..geometry.se3 import Array
 from ..types import Trajectory
 from .conclusion import conclusion
 from .records import Comparison, MethodRun
@@ -68,6 +72,8 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "warnings": c.warnings,
         "frames": frames,
         "frames_with_ground_truth": truth_frames,
+        "frames_in_doubt": [list(r) for r in frames_in_doubt(c.doubts)],
+        "frames_ignored": [list(r) for r in c.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": {run.key: method_numbers(run, c) for run in c.runs},
         "ekf_over_cross_frame": ratios.get("ekf"),
@@ -149,11 +155,11 @@ def _median(values: Any) -> float | None:
 
 
 def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
-    """RPE, growth, and errors of straight and turning spans; empty unless the frames with a truth are consecutive."""
-    rows, true = matched(estimate, truth)
-    if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
+    """RPE, growth, and errors of straight and turning spans; empty unless most frames in a row have a truth."""
+    found = consecutive(estimate, truth)
+    if found is None:
         return {}
-    e, t = estimate.world_from_cam[rows], true.world_from_cam
+    stamps_ns, e, t = found
     position2, rotation2 = mean_squares(e, t, [1])
     result: dict[str, Any] = {
         "rpe_position_rms_m": float(np.sqrt(position2[0])),
@@ -166,10 +172,10 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
             "growth_exponent_rotation": growth[1].value,
             "growth_exponent_rotation_ci95": interval(growth[1]),
         }
-    if len(rows) > _TURN_SPAN + 1:
+    if len(e) > _TURN_SPAN + 1:
         p, r = relative_errors(e, t, _TURN_SPAN)
-        turns = turning(true.stamps_ns, t, _TURN_SPAN)
-        for name, mask in (("straight", ~turns), ("turning", turns)):
+        known, turns = np.isfinite(p), turning(stamps_ns, t, _TURN_SPAN)
+        for name, mask in (("straight", known & ~turns), ("turning", known & turns)):
             if mask.any():
                 result[name] = {
                     "spans": int(mask.sum()),
@@ -180,19 +186,32 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
     return result
 
 
+def consecutive(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Array, Array] | None:
+    """Stamps, poses and truths of frames in a row, the truth NaN where it is not known; None where it rarely is."""
+    true = truth_of_frames(estimate.stamps_ns, truth)
+    rows = np.flatnonzero(np.isfinite(true).all(axis=(1, 2)))
+    if len(rows) < 2:
+        return None
+    row = slice(rows[0], rows[-1] + 1)
+    if not enough_known(true[row]):
+        return None
+    return estimate.stamps_ns[row], estimate.world_from_cam[row], true[row]
+
+
 def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
     """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
     by_name = {r.name: r for r in c.runs if _complete(r, c)}
     reference = by_name.pop("cross-frame", None)
     if c.truth is None or reference is None:
         return {}
-    rows, true = matched(reference.trajectory(), c.truth)
-    if len(rows) < 2 or rows[-1] - rows[0] != len(rows) - 1:
+    of_reference = consecutive(reference.trajectory(), c.truth)
+    if of_reference is None:
         return {}
+    _, base, true = of_reference
     result = {}
     for run in by_name.values():
-        poses, base = (np.array(r.poses)[rows] for r in (run, reference))
-        if (found := paired_ratio(poses, base, true.world_from_cam)) is not None:
+        of_run = consecutive(run.trajectory(), c.truth)
+        if of_run is not None and (found := paired_ratio(of_run[1], base, true)) is not None:
             result[run.key] = {
                 name: {"value": ratio.value, "ci95": interval(ratio)}
                 for name, ratio in zip(("position", "rotation"), found, strict=True)

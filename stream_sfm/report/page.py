@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from ..evaluation.truth_check import warnings_of
 from ..files import json_bytes, write_whole
 from . import accuracy_charts, consistency_charts, pictures
 from .accuracy_charts import Traces
@@ -122,6 +123,10 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
             notes.append(f"Ground truth covers {known} of {frames} frames; all errors refer to these frames only.")
         else:
             notes.append("The log has ground truth, but none at the time stamp of any frame.")
+    notes += warnings_of(c.doubts)
+    if c.ignored:
+        where = ", ".join(f"{first} to {end - 1}" for first, end in c.ignored)
+        notes.append(f"The ground truth of frames {where} was not used, as asked for.")
     if c.front.gaps:
         where = ", ".join(str(g) for g in c.front.gaps[:8])
         notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")

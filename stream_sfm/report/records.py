@@ -8,6 +8,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..evaluation.structure import StructureComparison
+from ..evaluation.truth_check import TruthFinding
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Observations, Trajectory
 
@@ -137,7 +138,7 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
     WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
-    not.
+    not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth.
     """
 
     log: str
@@ -148,6 +149,8 @@ class Comparison:
     truth: Trajectory | None
     inspection: dict[str, Any]
     local_difference: list[tuple[int, float]] = field(default_factory=list)
+    doubts: list[TruthFinding] = field(default_factory=list)
+    ignored: list[tuple[int, int]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
     interrupted: bool = False

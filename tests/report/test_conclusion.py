@@ -24,6 +24,7 @@ def report(nees: dict[str, float] | None = None, apart_m: float = 0.01, **ratios
     }
     return {
         "frames_with_ground_truth": 100,
+        "frames_in_doubt": [],
         "methods": methods,
         "error_over_cross_frame": found,
         "divergence_from_cross_frame_m": dict.fromkeys(ratios, apart_m),
@@ -85,6 +86,12 @@ def test_a_method_that_is_ahead_with_a_covariance_that_does_not_hold() -> None:
     assert held not in conclusion(report({"ekf": 136.0}, ekf=(LEVEL, LEVEL)))[1]
     text = conclusion(report({"cross_frame": 136.0}, ekf=(LESS, LESS)))[1]
     assert "The covariance of cross-frame does not hold here: NEES 136" in text
+
+
+def test_frames_whose_truth_is_in_doubt_are_named() -> None:
+    content = report(ekf=(MORE, MORE)) | {"frames_in_doubt": [[0, 15], [40, 44]]}
+    style, text = conclusion(content)
+    assert style == "larger" and "The ground truth of frames 0 to 14, 40 to 43 is in doubt" in text
 
 
 def test_all_methods_are_wrong_together_only_where_they_agree() -> None:
