@@ -4,6 +4,7 @@ Unknown keys and values out of range are ConfigErrors that name the setting. The
 logs.
 """
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -16,6 +17,8 @@ from .inputs import check_text, check_values, read_small
 from .wording import expected, invalid_setting
 
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
+_FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
+_FRAMES = {"world_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -130,6 +133,53 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     ] = 0.003
 
 
+class RosConfig(_Section, frozen=True, kw_only=True):
+    """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
+
+    world_frame: Annotated[str, Meta(description="the fixed frame, in which poses are given; odom in ROS")] = (
+        "world"
+    )
+    base_frame: Annotated[
+        str,
+        Meta(description="the robot's frame (base_link), whose poses are given then; empty: those of the camera"),
+    ] = ""
+    camera_frame: Annotated[str, Meta(description="the left camera: x right, y down, z forward")] = "left_camera"
+    z_up: Annotated[
+        bool,
+        Meta(
+            description="x forward, y left, z up in world_frame (REP 103), as always with a base_frame; otherwise the "
+            "axes of the first camera"
+        ),
+    ] = False
+    camera_x_m: Annotated[float, Meta(description="the camera in base_frame: forward, metres", ge=-1e3, le=1e3)] = (
+        0.0
+    )
+    camera_y_m: Annotated[float, Meta(description="to the left, metres", ge=-1e3, le=1e3)] = 0.0
+    camera_z_m: Annotated[float, Meta(description="upwards, metres", ge=-1e3, le=1e3)] = 0.0
+    camera_roll_deg: Annotated[
+        float, Meta(description="about x, 0 where the camera is upright, degrees", ge=-360, le=360)
+    ] = 0.0
+    camera_pitch_deg: Annotated[
+        float, Meta(description="about y, then, positive where it looks down, degrees", ge=-360, le=360)
+    ] = 0.0
+    camera_yaw_deg: Annotated[
+        float, Meta(description="about z, last, 0 where it looks along x, degrees", ge=-360, le=360)
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = {name: getattr(self, name) for name in ("world_frame", "base_frame", "camera_frame")}
+        for setting, name in names.items():
+            if not _FRAME_NAME.fullmatch(name) and (name or setting != "base_frame"):
+                raise ConfigError(
+                    f"ros.{setting} is {name!r}; give a name of letters, digits, _ and /, as in {_FRAMES[setting]}"
+                )
+        if len(set(names.values())) < len(names):
+            raise ConfigError(
+                f"the frames of ROS need different names, not {', '.join(names.values())}: change ros.base_frame"
+            )
+
+
 class DenseConfig(_Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
@@ -197,6 +247,7 @@ class Config(_Section, frozen=True, kw_only=True):
     robust: RobustConfig = RobustConfig()
     motion: MotionConfig = MotionConfig()
     rig: RigConfig = RigConfig()
+    ros: RosConfig = RosConfig()
     dense: DenseConfig = DenseConfig()
 
     def __post_init__(self) -> None:

@@ -3,17 +3,19 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import msgspec
 import numpy as np
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from mcap.well_known import MessageEncoding
 from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
+from ..recording.ros import ros_decoder
 from ..types import Trajectory
-from .estimates_writer import POINT_DTYPE
+from .record_messages import from_message
+from .ros_messages import POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
 
 
@@ -33,14 +35,14 @@ class Cloud:
 
 def read_estimates(path: str | Path) -> Iterator[EstimateRecord]:
     """Yield the records in order; a file that is cut off gives those of all whole chunks. Raises LogError."""
-    for message in LogFile(path).messages(Damage(), frozenset(["/stream_sfm/estimate"])):
+    for _, message in _messages(path, "/stream_sfm/estimate"):
+        version = getattr(message, "schema_version", None)
+        if isinstance(version, int) and version > SCHEMA_VERSION:
+            raise LogError(f"{path} was written by a newer stream_sfm (estimate schema {version})")
         try:
-            record = msgspec.json.decode(message.data, type=EstimateRecord)
-        except msgspec.DecodeError as error:
+            yield from_message(message, EstimateRecord)
+        except (TypeError, ValueError, AttributeError) as error:
             raise LogError(f"{path}: a message of /stream_sfm/estimate cannot be read: {error}") from None
-        if record.schema_version > SCHEMA_VERSION:
-            raise LogError(f"{path} was written by a newer stream_sfm (estimate schema {record.schema_version})")
-        yield record
 
 
 def read_trajectory(path: str | Path) -> Trajectory:
@@ -48,23 +50,44 @@ def read_trajectory(path: str | Path) -> Trajectory:
     stamps, poses, covs = [], [], []
     for record in read_estimates(path):
         stamps.append(record.stamp_ns)
-        poses.append(np.array(record.world_from_cam, dtype=float))  # null becomes NaN
-        covs.append(np.array(record.cov_pose, dtype=float))
+        poses.append(record.world_from_cam)
+        covs.append(record.cov_pose)
     return Trajectory(
-        np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, 4, 4), np.array(covs).reshape(-1, 6, 6)
+        np.array(stamps, dtype=np.int64),
+        np.array(poses, dtype=float).reshape(-1, 4, 4),
+        np.array(covs, dtype=float).reshape(-1, 6, 6),
     )
 
 
 def read_clouds(path: str | Path, topic: str = "/stream_sfm/points") -> Iterator[Cloud]:
     """Yield the point clouds of one topic, in order. Raises LogError."""
-    for message in LogFile(path).messages(Damage(), frozenset([topic])):
-        cloud = PointCloud.FromString(message.data)
-        rows = np.frombuffer(cloud.data, POINT_DTYPE)
+    for log_time_ns, message in _messages(path, topic):
+        try:
+            rows = np.frombuffer(message.data, POINT_DTYPE)
+            stamp, frame_id = message.header.stamp, message.header.frame_id
+        except (ValueError, AttributeError) as error:
+            raise LogError(f"{path}: a message of {topic} cannot be read: {error}") from None
         upper = np.stack([rows[name] for name in ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")], -1)
         yield Cloud(
-            cloud.timestamp.seconds * 10**9 + cloud.timestamp.nanos,
-            cloud.frame_id,
+            log_time_ns or stamp.sec * 10**9 + stamp.nanosec,  # the first is never negative, the second has 32 bits
+            frame_id,
             rows["track_id"].astype(np.int64),
             np.stack([rows["x"], rows["y"], rows["z"]], axis=-1),
             upper[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
         )
+
+
+def _messages(path: str | Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Yield the log times and the decoded messages of a topic."""
+    for channel, schema, log_time_ns, data in LogFile(path).messages(Damage(), frozenset([topic])):
+        if channel.message_encoding != MessageEncoding.CDR or schema is None:
+            raise LogError(
+                f"{path}: {topic} is encoded as {channel.message_encoding!r}, not as this version writes it "
+                "(cdr): replay the log again"
+            )
+        try:
+            decode = ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
+            message = None if decode is None else decode(data)
+        except Exception as error:  # rosbags raises exceptions of many kinds
+            raise LogError(f"{path}: a message of {topic} cannot be read: {error}") from None
+        yield log_time_ns, message

@@ -1,16 +1,21 @@
-"""Writes `estimates.mcap`: everything a run estimates, for Foxglove, Rerun, ROS and evo.
+"""Writes `estimates.mcap`: everything a run estimates, as a bag that ROS 2, Foxglove, Rerun and PlotJuggler open.
 
-| topic | schema | content |
+| topic | message | content |
 |---|---|---|
-| /stream_sfm/pose | foxglove.PoseInFrame | the left camera in `world` |
-| /stream_sfm/odometry | ROS 2 nav_msgs/msg/Odometry | the same with its covariance in ROS's convention |
-| /tf | foxglove.FrameTransform | `world` to `left_camera` |
-| /stream_sfm/points | foxglove.PointCloud | CC local structure in `left_camera`, one message per frame |
-| /stream_sfm/map | foxglove.PointCloud | WC structure in `world`: points that left the estimator, each once |
-| /stream_sfm/estimate | JSON, `EstimateRecord` | status, pose, covariance, window, counts |
-| /stream_sfm/timing | JSON, `TimingRecord` | milliseconds per stage |
+| /stream_sfm/odometry | nav_msgs/msg/Odometry | the pose with its covariance in ROS's convention |
+| /stream_sfm/pose | geometry_msgs/msg/PoseWithCovarianceStamped | the same |
+| /tf | tf2_msgs/msg/TFMessage | the same, without the covariance |
+| /tf_static | tf2_msgs/msg/TFMessage | the camera on the robot, once, if there is a base frame |
+| /stream_sfm/path | nav_msgs/msg/Path | the positions so far, more rarely as it grows |
+| /stream_sfm/points | sensor_msgs/msg/PointCloud2 | CC local structure in the camera frame, one message per frame |
+| /stream_sfm/map | sensor_msgs/msg/PointCloud2 | WC structure: points that left the estimator, each once |
+| /stream_sfm/scalars | stream_sfm_msgs/msg/Scalars | numbers to plot |
+| /stream_sfm/estimate | stream_sfm_msgs/msg/Estimate | status, pose, covariance, window, counts |
+| /stream_sfm/timing | stream_sfm_msgs/msg/Timing | milliseconds per stage |
 
-The profile is `ros2`, without which rosbags and evo refuse a file; `summary_order` says what else they need.
+All are CDR, because ROS 2 plays no bag that mixes serialisations. Frames and axes follow the settings `[ros]`;
+/stream_sfm/estimate does not: its pose is always that of the left camera, in the first one.
+
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
 `calibration.toml`. All times of a message are the frame's stamp, its sequence the frame index; two runs differ
 in /stream_sfm/timing only. A chunk is closed at the latest after half a second of log time or 20 frames, and the
@@ -18,57 +23,65 @@ file is moved to its name by `close`: a process that is killed leaves all but th
 which `read_estimates` reads.
 """
 
-from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, cast
 
 import mcap
-import numpy as np
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
-from mcap_protobuf.schema import register_schema
-from msgspec import json
 
 from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
-from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.summary_order import reorder_summary
 from ..types import Frame, FrameEstimate
-from . import ros as odometry
-from .schema import SCHEMA_VERSION, EstimateRecord, TimingRecord, estimate_record, json_schema
+from . import ros_messages
+from .covariances import fixed_axis_covariance
+from .frames import RosFrames
+from .path import PathSoFar
+from .scalars import Scalars
+from .schema import SCHEMA_VERSION, EstimateRecord, ScalarsRecord, TimingRecord, estimate_record
 
-WORLD_FRAME = "world"
-CAMERA_FRAME = "left_camera"
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest
 _CHUNK_BYTES = 4 * 2**20  # and at this size; never reached by 20 frames of 200 points
-_UPPER = np.triu_indices(3)
-
-# the layout of one point in both clouds: sigma_m is the square root of the covariance's trace
-POINT_DTYPE = np.dtype(
-    [
-        (name, "<f4")
-        for name in ("x", "y", "z", "sigma_m", "cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
-    ]
-    + [("track_id", "<u4")]
-)
+_TOPICS = {
+    "/stream_sfm/odometry": ros_messages.ODOMETRY,
+    "/stream_sfm/pose": ros_messages.POSE,
+    "/tf": ros_messages.TRANSFORMS,
+    "/tf_static": ros_messages.TRANSFORMS,
+    "/stream_sfm/path": ros_messages.PATH,
+    "/stream_sfm/points": ros_messages.CLOUD,
+    "/stream_sfm/map": ros_messages.CLOUD,
+    "/stream_sfm/scalars": ros_messages.RECORDS[ScalarsRecord],
+    "/stream_sfm/estimate": ros_messages.RECORDS[EstimateRecord],
+    "/stream_sfm/timing": ros_messages.RECORDS[TimingRecord],
+}
+# Quality of service of /tf_static, without which subscribers do not get a message from before their time. The numbers
+# are those of ROS's enumerations: keep last, reliable, transient local, automatic. All versions of ROS 2 read them.
+_LATCHED = """\
+- history: 1
+  depth: 1
+  reliability: 1
+  durability: 1
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
 
 
 class EstimatesWriter:
     """A sink that writes estimates. Raises OutputError where the file cannot be written."""
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
+        self._frames = RosFrames(config.ros)
+        self._path, self._scalars = PathSoFar(), Scalars()
         self._file = PartFile(path)
-        self._stream = _Stream(self._file)
-        self._writer = Writer(cast(IO[Any], self._stream), chunk_size=_CHUNK_BYTES, use_summary_offsets=False)
+        self._writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         self._writer.add_metadata(
             "stream_sfm",
@@ -89,46 +102,43 @@ class EstimatesWriter:
         self._closed = False
 
     def _register(self) -> dict[str, int]:
-        writer = self._writer
-        clouds = register_schema(writer, PointCloud)
-        odometry_schema = writer.register_schema(
-            odometry.SCHEMA_NAME, SchemaEncoding.ROS2, odometry.SCHEMA_TEXT.encode()
-        )
-        records = {
-            kind: writer.register_schema(name, SchemaEncoding.JSONSchema, json_schema(kind))
-            for kind, name in ((EstimateRecord, "stream_sfm.Estimate"), (TimingRecord, "stream_sfm.Timing"))
+        topics = dict(_TOPICS)
+        if self._frames.base_from_cam is None:
+            del topics["/tf_static"]
+        schemas = {
+            name: self._writer.register_schema(name, SchemaEncoding.ROS2, ros_messages.schema_text(name).encode())
+            for name in dict.fromkeys(topics.values())
         }
-        kinds = {
-            "/stream_sfm/pose": (MessageEncoding.Protobuf, register_schema(writer, PoseInFrame)),
-            "/stream_sfm/odometry": (MessageEncoding.CDR, odometry_schema),
-            "/tf": (MessageEncoding.Protobuf, register_schema(writer, FrameTransform)),
-            "/stream_sfm/points": (MessageEncoding.Protobuf, clouds),
-            "/stream_sfm/map": (MessageEncoding.Protobuf, clouds),
-            "/stream_sfm/estimate": (MessageEncoding.JSON, records[EstimateRecord]),
-            "/stream_sfm/timing": (MessageEncoding.JSON, records[TimingRecord]),
+        return {
+            topic: self._writer.register_channel(
+                topic,
+                MessageEncoding.CDR,
+                schemas[name],
+                {"offered_qos_profiles": _LATCHED if topic == "/tf_static" else ""},
+            )
+            for topic, name in topics.items()
         }
-        return {topic: writer.register_channel(topic, kind, schema) for topic, (kind, schema) in kinds.items()}
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append all messages of one frame."""
         stamp = estimate.stamp_ns
         if self._frames_in_chunk == 0:
             self._chunk_began_ns = stamp
-        pose = estimate.world_from_cam
-        self._add(estimate, "/stream_sfm/pose", _pose_in_frame(stamp, pose))
-        odometry_message = odometry.encode_odometry(stamp, WORLD_FRAME, CAMERA_FRAME, pose, estimate.cov_pose)
-        self._add(estimate, "/stream_sfm/odometry", odometry_message)
-        self._add(estimate, "/tf", _frame_transform(stamp, pose))
-        cloud = _cloud(stamp, CAMERA_FRAME, estimate.track_ids, estimate.points_in_cam, estimate.cov_points)
-        self._add(estimate, "/stream_sfm/points", cloud)
-        if len(estimate.ended_ids):
-            ended = estimate.ended_points_in_world, estimate.ended_cov_points_in_world
-            self._add(estimate, "/stream_sfm/map", _cloud(stamp, WORLD_FRAME, estimate.ended_ids, *ended))
-        self._add(estimate, "/stream_sfm/estimate", json.encode(estimate_record(estimate)))
-        timing = TimingRecord(
-            frame_index=estimate.frame_index, stamp_ns=stamp, timings_ms=dict(estimate.timings_ms)
+        if self._last is None and self._frames.base_from_cam is not None:
+            self._add_mounting(estimate, self._frames.base_from_cam)
+        self._add_pose(estimate)
+        self._add_cloud(
+            estimate,
+            "/stream_sfm/points",
+            (estimate.track_ids, estimate.points_in_cam, estimate.cov_points),
         )
-        self._add(estimate, "/stream_sfm/timing", json.encode(timing))
+        if len(estimate.ended_ids):
+            ended = estimate.ended_ids, estimate.ended_points_in_world, estimate.ended_cov_points_in_world
+            self._add_cloud(estimate, "/stream_sfm/map", ended)
+        head = ros_messages.header(stamp, self._frames.camera)
+        timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
+        self._add(estimate, "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate)))
+        self._add(estimate, "/stream_sfm/timing", ros_messages.record(head, timing))
         self._last = estimate
         self._frames_in_chunk += 1
         if self._frames_in_chunk >= _CHUNK_FRAMES or abs(stamp - self._chunk_began_ns) >= _CHUNK_NS:
@@ -136,7 +146,7 @@ class EstimatesWriter:
             self._frames_in_chunk = 0
 
     def close(self) -> None:
-        """Add the points still visible to the map, finish the file and move it into place."""
+        """Add the whole path, and the points still visible to the map; finish the file and move it into place."""
         if self._closed:
             return
         self._closed = True
@@ -148,81 +158,50 @@ class EstimatesWriter:
         self._file.close()
 
     def _finish(self) -> None:
-        last = self._last
-        if last is not None and len(last.track_ids):
-            live = last.points_in_world, last.cov_points_in_world
-            self._add(last, "/stream_sfm/map", _cloud(last.stamp_ns, WORLD_FRAME, last.track_ids, *live))
-        self._writer.flush()
-        offset = self._stream.tell()
-        tail = self._stream.hold()
+        if (last := self._last) is not None:
+            self._add_path(last)
+            if len(last.track_ids):
+                live = last.track_ids, last.points_in_world, last.cov_points_in_world
+                self._add_cloud(last, "/stream_sfm/map", live)
         self._writer.finish()
-        self._file.write(reorder_summary(tail.getvalue(), offset))
 
-    def _add(self, estimate: FrameEstimate, topic: str, data: bytes) -> None:
+    def _add_pose(self, estimate: FrameEstimate) -> None:
+        """Add everything that says where the moving frame is, camera or robot."""
+        frames = self._frames
+        head = ros_messages.header(estimate.stamp_ns, frames.world)
+        fixed_from_moving = frames.pose(estimate.world_from_cam)
+        pose = ros_messages.pose_of(fixed_from_moving)
+        covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
+        odometry = ros_messages.odometry(head, frames.moving, pose, covariance)
+        self._add(estimate, "/stream_sfm/odometry", odometry)
+        self._add(estimate, "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance))
+        self._add(estimate, "/tf", ros_messages.transform(head, frames.moving, pose))
+        scalars = self._scalars.of(estimate, fixed_from_moving, covariance)
+        self._add(estimate, "/stream_sfm/scalars", ros_messages.record(head, scalars))
+        if self._path.add(ros_messages.pose_stamped(head, pose)):
+            self._add_path(estimate)
+
+    def _add_path(self, estimate: FrameEstimate) -> None:
+        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
+        self._add(estimate, "/stream_sfm/path", ros_messages.path(head, self._path.poses()))
+
+    def _add_mounting(self, estimate: FrameEstimate, base_from_cam: Array) -> None:
+        """Add where the camera is on the robot."""
+        head = ros_messages.header(estimate.stamp_ns, self._frames.moving)
+        pose = ros_messages.pose_of(base_from_cam)
+        self._add(estimate, "/tf_static", ros_messages.transform(head, self._frames.camera, pose))
+
+    def _add_cloud(self, estimate: FrameEstimate, topic: str, content: tuple[Any, Array, Array]) -> None:
+        """Add points with their ids and covariances; those of the map are carried into the fixed frame."""
+        ids, points, cov = content
+        frame_id = self._frames.camera
+        if topic == "/stream_sfm/map":
+            frame_id = self._frames.world
+            points, cov = self._frames.points(points, cov)
+        head = ros_messages.header(estimate.stamp_ns, frame_id)
+        self._add(estimate, topic, ros_messages.cloud(head, ids, points, cov))
+
+    def _add(self, estimate: FrameEstimate, topic: str, message: Any) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
+        data = ros_messages.encode(message)
         self._writer.add_message(self._channels[topic], stamp, data, stamp, estimate.frame_index)
-
-
-class _Stream:
-    """Passes on what the MCAP writer writes, until it is told to hold it back."""
-
-    def __init__(self, file: PartFile) -> None:
-        self._file = file
-        self._held: BytesIO | None = None
-
-    def hold(self) -> BytesIO:
-        self._held = BytesIO()
-        return self._held
-
-    def write(self, data: bytes) -> int:
-        return self._file.write(data) if self._held is None else self._held.write(data)
-
-    def tell(self) -> int:
-        return self._file.tell() + (0 if self._held is None else self._held.tell())
-
-    def flush(self) -> None:
-        self._file.flush()
-
-
-def _pose_in_frame(stamp_ns: int, world_from_cam: Array) -> bytes:
-    message = PoseInFrame(frame_id=WORLD_FRAME)
-    _set_time(message.timestamp, stamp_ns)
-    _set_pose(message.pose.position, message.pose.orientation, world_from_cam)
-    data: bytes = message.SerializeToString(deterministic=True)
-    return data
-
-
-def _frame_transform(stamp_ns: int, world_from_cam: Array) -> bytes:
-    message = FrameTransform(parent_frame_id=WORLD_FRAME, child_frame_id=CAMERA_FRAME)
-    _set_time(message.timestamp, stamp_ns)
-    _set_pose(message.translation, message.rotation, world_from_cam)
-    data: bytes = message.SerializeToString(deterministic=True)
-    return data
-
-
-def _cloud(stamp_ns: int, frame_id: str, track_ids: Any, points: Array, cov: Array) -> bytes:
-    rows = np.zeros(len(points), POINT_DTYPE)
-    rows["x"], rows["y"], rows["z"] = np.asarray(points).reshape(-1, 3).T
-    upper = np.asarray(cov).reshape(-1, 3, 3)[:, _UPPER[0], _UPPER[1]]
-    with np.errstate(over="ignore"):
-        for name, column in zip(POINT_DTYPE.names[4:10], upper.T, strict=True):  # type: ignore[index]
-            rows[name] = column
-        rows["sigma_m"] = np.sqrt(np.maximum(upper[:, [0, 3, 5]].sum(axis=1), 0))
-    rows["track_id"] = np.asarray(track_ids, dtype=np.int64) & 0xFFFFFFFF
-    message = PointCloud(frame_id=frame_id, point_stride=POINT_DTYPE.itemsize, data=rows.tobytes())
-    message.pose.orientation.w = 1.0
-    _set_time(message.timestamp, stamp_ns)
-    for name in POINT_DTYPE.names or ():
-        kind = PackedElementField.UINT32 if name == "track_id" else PackedElementField.FLOAT32
-        message.fields.add(name=name, offset=POINT_DTYPE.fields[name][1], type=kind)  # type: ignore[index]
-    data: bytes = message.SerializeToString(deterministic=True)
-    return data
-
-
-def _set_time(timestamp: Any, stamp_ns: int) -> None:
-    timestamp.seconds, timestamp.nanos = divmod(stamp_ns, 10**9)
-
-
-def _set_pose(position: Any, orientation: Any, pose: Array) -> None:
-    position.x, position.y, position.z = pose[:3, 3]
-    orientation.x, orientation.y, orientation.z, orientation.w = se3.quat_xyzw_from_matrix(pose[:3, :3])

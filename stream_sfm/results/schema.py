@@ -1,42 +1,45 @@
-"""The JSON messages of `estimates.mcap`: their fields, and the schema that describes them."""
+"""What is recorded of each frame in `estimates.mcap`: the fields of our own messages, from which they are defined."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from ..types import FrameEstimate
 
-SCHEMA_VERSION = 1
-Matrix = list[list[float | None]]
+SCHEMA_VERSION = 2
+Matrix = list[list[float]]
+Pose = Annotated[Matrix, Meta(extra={"shape": (4, 4)})]
+PoseCovariance = Annotated[Matrix, Meta(extra={"shape": (6, 6)})]
 
 
 class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One frame of /stream_sfm/estimate; numbers that are not finite are null.
-
-    The points are in /stream_sfm/points and /stream_sfm/map.
-    """
+    """One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and /stream_sfm/map)."""
 
     schema_version: Annotated[int, Meta(description="raised when a field changes its meaning")] = SCHEMA_VERSION
     frame_index: Annotated[int, Meta(description="counts the frames given to the engine, from 0")]
     stamp_ns: Annotated[int, Meta(description="stamp of the left image, nanoseconds")]
     status: Annotated[str, Meta(description="initialising, ok, degraded or lost")]
     reason: Annotated[str, Meta(description="why the status is not ok; may be empty")]
-    world_from_cam: Annotated[Matrix, Meta(description="pose of the left camera in the world, 4×4, metres")]
+    world_from_cam: Annotated[
+        Pose, Meta(description="pose of the left camera in the world, 4×4 row by row, metres; z is forward")
+    ]
     cov_pose: Annotated[
-        Matrix,
+        PoseCovariance,
         Meta(
             description="6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) "
             "in axes of the camera"
         ),
     ]
     window_frame_indices: Annotated[list[int], Meta(description="frames in the estimator's window, oldest first")]
-    window_world_from_cam: Annotated[list[Matrix], Meta(description="their poses as re-estimated now, each 4×4")]
+    window_world_from_cam: Annotated[
+        list[Pose], Meta(description="their poses as re-estimated now, each 4×4 row by row")
+    ]
     counts: Annotated[dict[str, int], Meta(description="points tracked, new, used, rejected")]
     unscaled: Annotated[
         bool, Meta(description="with one camera: lengths are in units of the first baseline, not in metres")
     ] = False
-    nis: Annotated[float | None, Meta(description="whitened squared innovation of the accepted views")]
+    nis: Annotated[float, Meta(description="whitened squared innovation of the accepted views")]
     nis_dof: Annotated[
         int, Meta(description="its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed")
     ]
@@ -45,10 +48,30 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
 class TimingRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One frame of /stream_sfm/timing, the only topic that differs between two runs of one log."""
 
-    schema_version: Annotated[int, Meta(description="as in /stream_sfm/estimate")] = SCHEMA_VERSION
-    frame_index: int
-    stamp_ns: int
-    timings_ms: Annotated[dict[str, float], Meta(description="stage and the milliseconds it took")]
+    frame_index: Annotated[int, Meta(description="as in /stream_sfm/estimate")]
+    timings_ms: Annotated[dict[str, float], Meta(description="stages, and the milliseconds that each took")]
+
+
+class ScalarsRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One frame of /stream_sfm/scalars: numbers to plot, one field each."""
+
+    x: Annotated[float, Meta(description="position in the fixed frame, as in /stream_sfm/odometry")]
+    y: Annotated[float, Meta(description="position")]
+    z: Annotated[float, Meta(description="position")]
+    sigma_x: Annotated[float, Meta(description="its standard deviation along the same axis")]
+    sigma_y: Annotated[float, Meta(description="its standard deviation along the same axis")]
+    sigma_z: Annotated[float, Meta(description="its standard deviation along the same axis")]
+    sigma_position: Annotated[float, Meta(description="square root of the trace of the position's covariance")]
+    sigma_rotation_deg: Annotated[float, Meta(description="the same of the rotation, degrees")]
+    speed: Annotated[float, Meta(description="since the previous frame, per second")]
+    angular_speed_deg_s: Annotated[float, Meta(description="since the previous frame, degrees per second")]
+    path_length: Annotated[float, Meta(description="along the positions so far")]
+    points_tracked: Annotated[int, Meta(description="points that are followed")]
+    points_new: Annotated[int, Meta(description="points seen for the first time")]
+    points_used: Annotated[int, Meta(description="points whose views were accepted")]
+    points_rejected: Annotated[int, Meta(description="points whose views were rejected")]
+    nis_per_dof: Annotated[float, Meta(description="1 on average where the noise is as assumed; NaN without views")]
+    status: Annotated[int, Meta(description="0 initialising, 1 ok, 2 degraded, 3 lost")]
 
 
 def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
@@ -67,10 +90,3 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
         nis=float(estimate.nis),
         nis_dof=int(estimate.nis_dof),
     )
-
-
-def json_schema(kind: type[msgspec.Struct]) -> bytes:
-    """The JSON schema of a record, with an object at its root as viewers expect."""
-    schema: dict[str, Any] = msgspec.json.schema(kind)
-    root = schema["$defs"][kind.__name__]
-    return msgspec.json.encode({"$schema": "https://json-schema.org/draft/2020-12/schema", **root})

@@ -33,9 +33,9 @@ LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 HOMES = {
     "cv2": ("camera", "frontend", "dense", "recording", "importers", "inspection", "report", "evaluation"),
     "mcap": ("mcap_file", "sources", "recording", "results"),
-    "mcap_protobuf": ("sources", "recording", "results"),
-    "google": ("recording", "results"),  # protobuf, which the two beside it need
-    "foxglove_schemas_protobuf": ("sources", "results"),
+    "mcap_protobuf": ("sources", "recording"),
+    "google": ("recording",),  # protobuf, which the two beside it need
+    "foxglove_schemas_protobuf": ("sources", "recording"),
     "rosbags": ("recording", "results", "sources"),
     "ruamel": ("camera", "sources"),
     "filterpy": ("estimators/baselines/ekf.py",),

@@ -1,6 +1,5 @@
 """What a run writes is what other tools read: round trips, conventions, crashes, second opinions."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -10,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
-from stream_sfm.errors import InputError, OutputError
+from stream_sfm.errors import InputError, LogError, OutputError
 from stream_sfm.geometry import se3
-from stream_sfm.results import ros as odometry
+from stream_sfm.results.covariances import body_covariance, fixed_axis_covariance
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import KittiWriter, TumWriter, read_tum
@@ -101,50 +102,120 @@ def test_the_map_holds_each_point_once(written: Path):
     assert sorted(ids.tolist()) == list(range(29))
 
 
+def decoded(path: Path) -> dict[str, tuple[str, object, object]]:
+    """The last message of each topic, decoded by the MCAP project's library for ROS 2."""
+    with open(path, "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[Ros2DecoderFactory()])
+        return {
+            channel.topic: (schema.name, message, content)
+            for schema, channel, message, content in reader.iter_decoded_messages()
+        }
+
+
 def test_every_topic_decodes_with_the_public_libraries_and_says_the_same(written: Path):
-    last = {}
-    with open(written, "rb") as stream:
-        reader = make_reader(stream, decoder_factories=[ProtobufDecoderFactory(), Ros2DecoderFactory()])
-        for schema, channel, message, decoded in reader.iter_decoded_messages(
-            ["/stream_sfm/pose", "/stream_sfm/odometry", "/tf", "/stream_sfm/points"]
-        ):
-            last[channel.topic] = (schema.name, message, decoded)
-        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-        attachments = {a.name: a.data.decode() for a in reader.iter_attachments()}
+    last = decoded(written)
     e = estimate(24)
     quat = se3.quat_xyzw_from_matrix(e.world_from_cam[:3, :3])
     name, message, pose = last["/stream_sfm/pose"]
-    assert name == "foxglove.PoseInFrame" and pose.frame_id == "world"
+    assert name == "geometry_msgs/msg/PoseWithCovarianceStamped" and pose.header.frame_id == "world"
     assert (message.log_time, message.publish_time, message.sequence) == (e.stamp_ns, e.stamp_ns, 24)
-    assert pose.timestamp.ToNanoseconds() == e.stamp_ns
-    position = pose.pose.position
-    assert [position.x, position.y, position.z] == e.world_from_cam[:3, 3].tolist()
+    assert pose.header.stamp.sec * 10**9 + pose.header.stamp.nanosec == e.stamp_ns
     name, _, odom = last["/stream_sfm/odometry"]
     assert name == "nav_msgs/msg/Odometry"
     assert (odom.header.frame_id, odom.child_frame_id) == ("world", "left_camera")
-    assert odom.header.stamp.sec * 10**9 + odom.header.stamp.nanosec == e.stamp_ns
-    o = odom.pose.pose.orientation
-    assert np.allclose([o.x, o.y, o.z, o.w], quat, atol=1e-15)
-    cov = odometry.body_covariance(e.world_from_cam[:3, :3], np.array(odom.pose.covariance).reshape(6, 6))
-    assert np.allclose(cov, e.cov_pose, atol=1e-15)
+    for given in (pose.pose, odom.pose):
+        position, turned = given.pose.position, given.pose.orientation
+        assert [position.x, position.y, position.z] == e.world_from_cam[:3, 3].tolist()
+        assert np.allclose([turned.x, turned.y, turned.z, turned.w], quat, atol=1e-15)
+        cov = body_covariance(e.world_from_cam[:3, :3], np.array(given.covariance).reshape(6, 6))
+        assert np.allclose(cov, e.cov_pose, atol=1e-15)
     assert odom.twist.covariance[0] == -1
-    name, _, tf = last["/tf"]
-    assert (tf.parent_frame_id, tf.child_frame_id) == ("world", "left_camera")
-    assert np.allclose([tf.rotation.x, tf.rotation.y, tf.rotation.z, tf.rotation.w], quat, atol=1e-15)
+    _, _, tf = last["/tf"]
+    (sent,) = tf.transforms
+    assert (sent.header.frame_id, sent.child_frame_id) == ("world", "left_camera")
+    turned, moved = sent.transform.rotation, sent.transform.translation
+    assert np.allclose([turned.x, turned.y, turned.z, turned.w], quat, atol=1e-15)
+    assert [moved.x, moved.y, moved.z] == e.world_from_cam[:3, 3].tolist()
+    _, _, path = last["/stream_sfm/path"]
+    assert np.allclose(
+        [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in path.poses],
+        [estimate(i).world_from_cam[:3, 3] for i in range(25)],
+    )
+    _, _, whole = last["/stream_sfm/estimate"]
+    assert np.array_equal(np.reshape(whole.world_from_cam, (4, 4)), e.world_from_cam)
+    assert dict(zip(whole.counts_names, whole.counts, strict=True)) == e.counts
+    _, _, timing = last["/stream_sfm/timing"]
+    assert dict(zip(timing.timings_ms_names, timing.timings_ms, strict=True)) == e.timings_ms
+    with open(written, "rb") as stream:
+        reader = make_reader(stream)
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+        attachments = {a.name: a.data.decode() for a in reader.iter_attachments()}
     assert metadata["configuration"]["config.toml"] == config_to_toml(Config())
     assert metadata["stream_sfm"]["method"] == "cross-frame"
     assert attachments["calibration.toml"] == rig().to_toml()
 
 
-def test_the_schema_describes_every_field(written: Path):
+def test_one_typestore_of_rosbags_reads_every_topic(written: Path):
+    """ROS 2 plays no bag that mixes serialisations, and rosbags refuses what is not of ROS."""
+    with Reader(written) as reader:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        for connection in reader.connections:
+            assert connection.ext.serialization_format == "cdr"
+            types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
+            standard = {name: fields for name, fields in types.items() if name in store.fielddefs}
+            assert all(store.fielddefs[name][1] == fields[1] for name, fields in standard.items())
+            store.register({name: fields for name, fields in types.items() if name not in standard})
+        counts = {connection.topic: 0 for connection in reader.connections}
+        for connection, time_ns, data in reader.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            stamped = getattr(message, "header", None) or message.transforms[0].header
+            assert stamped.stamp.sec * 10**9 + stamped.stamp.nanosec == time_ns
+            counts[connection.topic] += 1
+    often = counts.pop("/stream_sfm/map"), counts.pop("/stream_sfm/path")
+    assert often[0] == 25 and 15 < often[1] <= 26
+    assert len(counts) == 7 and set(counts.values()) == {25}
+
+
+def test_our_definitions_explain_every_field(written: Path):
     with open(written, "rb") as stream:
-        schemas = {s.name: s for s in make_reader(stream).get_summary().schemas.values()}
-        message = next(make_reader(stream).iter_messages(["/stream_sfm/estimate"]))[2]
-    schema = json.loads(schemas["stream_sfm.Estimate"].data)
-    assert schema["type"] == "object"
-    fields = json.loads(message.data)
-    assert set(fields) == set(schema["properties"])
-    assert all("description" in p for p in schema["properties"].values())
+        schemas = make_reader(stream).get_summary().schemas.values()
+    own = [s.data.decode().partition("=" * 80)[0] for s in schemas if s.name.startswith("stream_sfm_msgs/")]
+    assert len(own) == 3
+    for text in own:
+        first, header, *lines = text.splitlines()
+        assert first.startswith("# One frame of") and header == "std_msgs/Header header"
+        fields = [i for i, line in enumerate(lines) if not line.startswith("#")]
+        assert fields
+        for i in fields:
+            assert lines[i - 1].startswith("# ") or "_names" in lines[i - 1]
+
+
+def test_numbers_to_plot_are_single_fields(written: Path):
+    _, _, now = decoded(written)["/stream_sfm/scalars"]
+    e, before = estimate(24), estimate(23)
+    step = np.linalg.norm(e.world_from_cam[:3, 3] - before.world_from_cam[:3, 3])
+    turn = np.linalg.norm(se3.log_so3(before.world_from_cam[:3, :3].T @ e.world_from_cam[:3, :3]))
+    assert [now.x, now.y, now.z] == e.world_from_cam[:3, 3].tolist()
+    assert now.speed == pytest.approx(step / 0.1) and now.angular_speed_deg_s == pytest.approx(
+        np.degrees(turn) / 0.1
+    )
+    assert now.sigma_position == pytest.approx(np.sqrt(np.trace(e.cov_pose[:3, :3])))
+    assert now.sigma_rotation_deg == pytest.approx(np.degrees(np.sqrt(np.trace(e.cov_pose[3:, 3:]))))
+    assert (now.points_tracked, now.points_used, now.status, now.nis_per_dof) == (5, 5, 1, 3.5 / 4)
+    places = np.array([estimate(i).world_from_cam[:3, 3] for i in range(25)])
+    assert now.path_length == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+def test_a_file_of_an_earlier_version_is_refused_with_the_way_out(tmp_path: Path):
+    with open(tmp_path / "old.mcap", "wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", library="stream_sfm 0.0")
+        schema = writer.register_schema("stream_sfm.Estimate", "jsonschema", b"{}")
+        channel = writer.register_channel("/stream_sfm/estimate", "json", schema)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    with pytest.raises(LogError, match=r"/stream_sfm/estimate is encoded as 'json'.*replay the log again"):
+        list(read_estimates(tmp_path / "old.mcap"))
 
 
 def test_two_runs_differ_in_the_timing_topic_only(tmp_path: Path):
@@ -164,10 +235,11 @@ def messages(path: Path) -> list:
         ]
 
 
-def test_numbers_that_are_not_finite_are_null_and_come_back_as_nan(tmp_path: Path):
+def test_numbers_that_are_not_finite_come_back_as_they_were(tmp_path: Path):
     lost = replace(estimate(0), cov_pose=np.full((6, 6), np.inf), status=Status.LOST)
     path = write(tmp_path / "e.mcap", [lost])
-    assert np.isnan(read_trajectory(path).cov_pose).all()
+    assert np.isposinf(read_trajectory(path).cov_pose).all()
+    assert np.isnan(decoded(path)["/stream_sfm/odometry"][2].pose.covariance).all()
 
 
 def test_a_killed_run_loses_at_most_the_last_half_second(tmp_path: Path):
@@ -208,7 +280,7 @@ def test_ros_covariance_round_trip():
     rng = np.random.default_rng(3)
     half, r = rng.normal(size=(6, 6)), se3.exp_so3([0.5, -1.0, 2.0])
     cov = half @ half.T
-    assert np.allclose(odometry.body_covariance(r, odometry.fixed_axis_covariance(r, cov)), cov)
+    assert np.allclose(body_covariance(r, fixed_axis_covariance(r, cov)), cov)
 
 
 def test_ros_covariance_is_that_of_fixed_axis_errors():
@@ -221,7 +293,7 @@ def test_ros_covariance_is_that_of_fixed_axis_errors():
     errors = np.concatenate(
         [samples[:, :3, 3] - pose[:3, 3], se3.log_so3(samples[:, :3, :3] @ pose[:3, :3].T)], axis=1
     )
-    expected = odometry.fixed_axis_covariance(pose[:3, :3], half @ half.T)
+    expected = fixed_axis_covariance(pose[:3, :3], half @ half.T)
     scale = np.sqrt(np.diag(expected))
     difference = (errors.T @ errors / n - expected) / np.outer(scale, scale)
     assert abs(difference).max() < 5 * np.sqrt(2 / n)
@@ -257,11 +329,11 @@ def test_a_line_that_is_no_pose_is_named(tmp_path: Path, text: str):
 
 def test_evo_reads_the_odometry_and_the_text_files_straight(written: Path, tmp_path: Path):
     file_interface = pytest.importorskip("evo.tools.file_interface")
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    with rosbag2.Reader(written) as reader:
-        read = file_interface.read_bag_trajectory(reader, "/stream_sfm/odometry")
     expected = np.array([estimate(i).world_from_cam for i in range(25)])
-    assert np.allclose(read.poses_se3, expected, atol=1e-12)
+    for topic in ("/stream_sfm/odometry", "/stream_sfm/pose"):
+        with Reader(written) as reader:
+            read = file_interface.read_bag_trajectory(reader, topic)
+        assert np.allclose(read.poses_se3, expected, atol=1e-12), topic
     writers = TumWriter(tmp_path / "t.tum"), KittiWriter(tmp_path / "t.kitti")
     for writer in writers:
         for i in range(25):
@@ -272,10 +344,15 @@ def test_evo_reads_the_odometry_and_the_text_files_straight(written: Path, tmp_p
     assert np.allclose(tum.poses_se3, expected, atol=1e-9) and np.allclose(kitti.poses_se3, expected, atol=1e-9)
 
 
-def test_rerun_finds_nothing_wrong(written: Path):
-    mcap = [sys.executable, "-m", "rerun", "mcap"]
-    if "check" not in subprocess.run([*mcap, "--help"], capture_output=True, text=True, timeout=60).stdout:
+def test_rerun_shows_points_and_transforms(written: Path, tmp_path: Path):
+    rerun, rrd = [sys.executable, "-m", "rerun"], tmp_path / "e.rrd"
+    if "check" not in subprocess.run([*rerun, "mcap", "--help"], capture_output=True, text=True, timeout=60).stdout:
         pytest.skip("this rerun has no `mcap check`")
-    done = subprocess.run([*mcap, "check", "--full", str(written)], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("ok") == 7  # one a topic
+    subprocess.run([*rerun, "mcap", "check", "--full", written], check=True, capture_output=True, timeout=120)
+    convert = [*rerun, "mcap", "convert", written, "-o", rrd]
+    subprocess.run(convert, check=True, capture_output=True, timeout=120)
+    shown = subprocess.run([*rerun, "rrd", "print", rrd], check=True, capture_output=True, text=True, timeout=120)
+    lines = shown.stdout.splitlines()
+    assert sum("/stream_sfm/points - data columns: [Points3D:positions" in line for line in lines) == 25
+    assert any("- /tf - data columns: [Transform3D:" in line for line in lines)
+    assert any("/stream_sfm/scalars - data columns" in line for line in lines)

@@ -1,0 +1,60 @@
+"""The coordinate frames of `estimates.mcap`: from the package's own, the first left camera, to those of ROS.
+
+REP 103: a body has x forward, y left, z up; a camera has z forward, x right, y down. With a base frame the fixed frame
+is the base at the start, so that z is up as far as it is for the robot.
+"""
+
+import numpy as np
+
+from ..config import RosConfig
+from ..geometry import se3
+from ..geometry.se3 import Array
+
+# Columns: the camera's right, down and forward in a body's axes.
+_BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+
+
+class RosFrames:
+    """Carries poses, covariances and points into the frames that the settings name."""
+
+    def __init__(self, ros: RosConfig) -> None:
+        self.world, self.camera = ros.world_frame, ros.camera_frame
+        self.moving = ros.base_frame or ros.camera_frame
+        self.base_from_cam = _base_from_cam(ros) if ros.base_frame else None
+        self._fixed_from_world: Array | None = self.base_from_cam
+        if ros.z_up and self.base_from_cam is None:
+            self._fixed_from_world = _BODY_FROM_CAMERA_AXES
+
+    def pose(self, world_from_cam: Array) -> Array:
+        """The pose (4, 4) of the moving frame, base or camera, in the fixed one."""
+        if self._fixed_from_world is None:
+            return world_from_cam
+        fixed_from_cam: Array = self._fixed_from_world @ world_from_cam
+        return fixed_from_cam if self.base_from_cam is None else fixed_from_cam @ se3.inverse(self.base_from_cam)
+
+    def cov_pose(self, cov_pose: Array) -> Array:
+        """The covariance (6, 6) of that pose: of a perturbation on its right, translation first."""
+        if self.base_from_cam is None:
+            return cov_pose
+        if not np.isfinite(cov_pose).all():
+            return np.full((6, 6), np.nan)
+        moved = se3.adjoint(self.base_from_cam)  # W·Exp(ξ) in the base: B·W·Exp(ξ)·B⁻¹ = (B·W·B⁻¹)·Exp(Ad(B) ξ)
+        return np.asarray(moved @ cov_pose @ moved.T)
+
+    def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:
+        """Points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
+        if self._fixed_from_world is None:
+            return points_in_world, cov_points
+        turned = self._fixed_from_world[:3, :3]
+        return se3.transform(self._fixed_from_world, points_in_world), np.asarray(turned @ cov_points @ turned.T)
+
+
+def _base_from_cam(ros: RosConfig) -> Array:
+    roll, pitch, yaw = np.radians([ros.camera_roll_deg, ros.camera_pitch_deg, ros.camera_yaw_deg])
+    about_x, about_y, about_z = (
+        se3.exp_so3(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)
+    )
+    mounted = se3.from_rotation_translation(
+        about_z @ about_y @ about_x, [ros.camera_x_m, ros.camera_y_m, ros.camera_z_m]
+    )
+    return np.asarray(mounted @ _BODY_FROM_CAMERA_AXES)

@@ -1,0 +1,177 @@
+"""The ROS 2 messages of `estimates.mcap`: their definitions, and the bytes of each in CDR.
+
+Standard messages are those of ROS 2; our own are defined in `schema.py`. Stamps are the seconds and nanoseconds of a
+header.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .record_messages import definition, to_fields
+from .schema import EstimateRecord, ScalarsRecord, TimingRecord
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+PATH = "nav_msgs/msg/Path"
+RECORDS: dict[type[msgspec.Struct], str] = {
+    EstimateRecord: "stream_sfm_msgs/msg/Estimate",
+    ScalarsRecord: "stream_sfm_msgs/msg/Scalars",
+    TimingRecord: "stream_sfm_msgs/msg/Timing",
+}
+# The layout of one point in a cloud: sigma_m is the square root of the covariance's trace.
+POINT_DTYPE = np.dtype(
+    [
+        (name, "<f4")
+        for name in ("x", "y", "z", "sigma_m", "cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
+    ]
+    + [("track_id", "<u4")]
+)
+_FLOAT32, _UINT32 = 7, 6  # numbers of PointField
+_UPPER = np.triu_indices(3)
+_PARTS = "=" * 80  # between a definition and those of its parts
+_UNKNOWN_TWIST = np.array([-1.0, *35 * [0.0]])  # as ROS says that a quantity is not estimated
+
+
+@cache
+def _store() -> Typestore:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for kind, name in RECORDS.items():
+        store.register(get_types_from_msg(definition(kind), name))
+    return store
+
+
+def schema_text(name: str) -> str:
+    """The definition of a message with those of all its parts; our own with an explanation of each field."""
+    text, _ = _store().generate_msgdef(name, ros_version=2)
+    own = next((definition(kind) for kind, record_name in RECORDS.items() if record_name == name), None)
+    return text if own is None else own + _PARTS + text.partition(_PARTS)[2]
+
+
+def encode(message: Any) -> bytes:
+    """The bytes of a message."""
+    return bytes(_store().serialize_cdr(message, message.__msgtype__))
+
+
+def make(name: str, /, **fields: Any) -> Any:
+    """A message of the given type."""
+    return _store().types[name](**fields)
+
+
+def header(stamp_ns: int, frame_id: str) -> Any:
+    """A header; seconds are those that its 32 bits hold."""
+    seconds, nanoseconds = divmod(stamp_ns, 10**9)
+    seconds = (seconds + 2**31) % 2**32 - 2**31
+    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+
+
+def record(head: Any, content: msgspec.Struct) -> Any:
+    """One of our own messages."""
+    return make(RECORDS[type(content)], header=head, **to_fields(content))
+
+
+def pose_of(parent_from_child: Array) -> Any:
+    """The Pose (position and orientation) of a rigid motion (4, 4)."""
+    x, y, z = parent_from_child[:3, 3].tolist()
+    qx, qy, qz, qw = se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist()
+    return make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def pose_stamped(head: Any, pose: Any) -> Any:
+    """A PoseStamped."""
+    return make("geometry_msgs/msg/PoseStamped", header=head, pose=pose)
+
+
+def pose_with_covariance(head: Any, pose: Any, covariance: Array) -> Any:
+    """A PoseWithCovarianceStamped; `covariance` (6, 6) as ROS has it."""
+    return make(POSE, header=head, pose=_with_covariance(pose, covariance))
+
+
+def odometry(head: Any, child_frame_id: str, pose: Any, covariance: Array) -> Any:
+    """An Odometry without a twist; `covariance` (6, 6) as ROS has it."""
+    zero = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    twist = make(
+        "geometry_msgs/msg/TwistWithCovariance",
+        twist=make("geometry_msgs/msg/Twist", linear=zero, angular=zero),
+        covariance=_UNKNOWN_TWIST,
+    )
+    placed = _with_covariance(pose, covariance)
+    return make(ODOMETRY, header=head, child_frame_id=child_frame_id, pose=placed, twist=twist)
+
+
+def transform(head: Any, child_frame_id: str, pose: Any) -> Any:
+    """A TFMessage with one transform: the pose of the child frame in that of the header."""
+    at = pose.position
+    inside = make(
+        "geometry_msgs/msg/Transform",
+        translation=make("geometry_msgs/msg/Vector3", x=at.x, y=at.y, z=at.z),
+        rotation=pose.orientation,
+    )
+    stamped = make(
+        "geometry_msgs/msg/TransformStamped", header=head, child_frame_id=child_frame_id, transform=inside
+    )
+    return make(TRANSFORMS, transforms=[stamped])
+
+
+def path(head: Any, poses: Sequence[Any]) -> Any:
+    """A Path through PoseStamped messages."""
+    return make(PATH, header=head, poses=list(poses))
+
+
+def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) -> Any:
+    """A PointCloud2 of points (n, 3) with covariances (n, 3, 3)."""
+    rows = np.zeros(len(points), POINT_DTYPE)
+    rows["x"], rows["y"], rows["z"] = np.asarray(points).reshape(-1, 3).T
+    upper = np.asarray(cov).reshape(-1, 3, 3)[:, _UPPER[0], _UPPER[1]]
+    names = POINT_DTYPE.names or ()
+    with np.errstate(over="ignore"):
+        for name, column in zip(names[4:10], upper.T, strict=True):
+            rows[name] = column
+        rows["sigma_m"] = np.sqrt(np.maximum(upper[:, [0, 3, 5]].sum(axis=1), 0))
+    rows["track_id"] = np.asarray(track_ids, dtype=np.int64) & 0xFFFFFFFF
+    return make(
+        CLOUD,
+        header=head,
+        height=1,
+        width=len(rows),
+        fields=_point_fields(),
+        is_bigendian=False,
+        point_step=POINT_DTYPE.itemsize,
+        row_step=rows.nbytes,
+        data=np.frombuffer(rows.tobytes(), np.uint8),
+        is_dense=True,
+    )
+
+
+@cache
+def _point_fields() -> list[Any]:
+    fields = (POINT_DTYPE.fields or {}).items()
+    return [
+        make(
+            "sensor_msgs/msg/PointField",
+            name=name,
+            offset=of[1],
+            datatype=_UINT32 if name == "track_id" else _FLOAT32,
+            count=1,
+        )
+        for name, of in fields
+    ]
+
+
+def _with_covariance(pose: Any, covariance: Array) -> Any:
+    return make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36))

@@ -1,0 +1,159 @@
+"""Frames and axes as ROS has them: what the settings say is where the robot is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from stream_sfm.config import Config, RosConfig, config_to_toml, read_config
+from stream_sfm.errors import ConfigError
+from stream_sfm.geometry import se3
+from stream_sfm.results.estimates_reader import read_clouds, read_trajectory
+from stream_sfm.results.estimates_writer import EstimatesWriter
+from stream_sfm.results.frames import RosFrames
+from stream_sfm.results.path import _MAX_POSES, PathSoFar
+from tests.results.test_estimates import estimate, rig
+
+ROBOT = RosConfig(
+    world_frame="odom",
+    base_frame="base_link",
+    camera_frame="cam0",
+    camera_x_m=0.3,
+    camera_z_m=0.5,
+    camera_pitch_deg=90,
+)
+
+
+def messages(path: Path, topic: str) -> list:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(path) as reader:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        return [store.deserialize_cdr(data, c.msgtype) for c, _, data in reader.messages(chosen)]
+
+
+def matrix(translation, rotation) -> np.ndarray:
+    quat = [rotation.x, rotation.y, rotation.z, rotation.w]
+    return se3.from_rotation_translation(
+        se3.matrix_from_quat_xyzw(quat), [translation.x, translation.y, translation.z]
+    )
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("robot") / "estimates.mcap"
+    writer = EstimatesWriter(path, rig(), Config(ros=ROBOT))
+    for i in range(5):
+        writer.write(estimate(i))
+    writer.close()
+    return path
+
+
+def test_the_camera_stands_on_the_robot_as_the_settings_say(robot: Path) -> None:
+    (sent,) = messages(robot, "/tf_static")
+    (transform,) = sent.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("base_link", "cam0")
+    base_from_cam = matrix(transform.transform.translation, transform.transform.rotation)
+    # It looks straight down: its z axis is the robot's −z, its x axis the robot's −y (right), its y axis −x.
+    assert np.allclose(base_from_cam[:3, :3], [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=1e-12)
+    assert np.allclose(base_from_cam[:3, 3], [0.3, 0, 0.5])
+
+
+def test_tf_static_is_kept_for_those_who_come_later(robot: Path) -> None:
+    with Reader(robot) as reader:
+        (connection,) = [c for c in reader.connections if c.topic == "/tf_static"]
+        (qos,) = connection.ext.offered_qos_profiles
+    assert (qos.durability.name, qos.reliability.name, qos.history.name) == (
+        "TRANSIENT_LOCAL", "RELIABLE", "KEEP_LAST",
+    )  # fmt: skip
+
+
+def test_the_chain_of_transforms_is_the_motion_of_the_camera(robot: Path) -> None:
+    (mounted,) = messages(robot, "/tf_static")[0].transforms
+    base_from_cam = matrix(mounted.transform.translation, mounted.transform.rotation)
+    odometry = messages(robot, "/stream_sfm/odometry")
+    for i, (sent, odom) in enumerate(zip(messages(robot, "/tf"), odometry, strict=True)):
+        (moved,) = sent.transforms
+        assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_link")
+        assert (odom.header.frame_id, odom.child_frame_id) == ("odom", "base_link")
+        odom_from_cam = matrix(moved.transform.translation, moved.transform.rotation) @ base_from_cam
+        assert np.allclose(odom_from_cam, base_from_cam @ estimate(i).world_from_cam, atol=1e-12)
+    own = read_trajectory(robot)  # is not touched
+    assert np.array_equal(own.world_from_cam, [estimate(i).world_from_cam for i in range(5)])
+
+
+def test_points_of_the_map_are_in_the_fixed_frame_and_local_ones_in_the_camera(robot: Path) -> None:
+    base_from_cam = RosFrames(ROBOT).base_from_cam
+    last = estimate(4)
+    assert {cloud.frame_id for cloud in read_clouds(robot)} == {"cam0"}
+    *_, cloud = read_clouds(robot, "/stream_sfm/map")
+    assert cloud.frame_id == "odom"
+    assert np.allclose(cloud.points, se3.transform(base_from_cam, last.points_in_world), atol=1e-5)
+    turned = base_from_cam[:3, :3]
+    assert np.allclose(cloud.cov_points, turned @ last.cov_points_in_world @ turned.T, atol=1e-6)
+
+
+def test_the_covariance_of_the_robot_is_that_of_its_errors() -> None:
+    """Monte Carlo: errors of the camera's pose, carried over to the base."""
+    frames, rng, n = RosFrames(ROBOT), np.random.default_rng(1), 40_000
+    pose, half = estimate(4).world_from_cam, rng.normal(size=(6, 6)) * 1e-3
+    samples = pose @ se3.exp(rng.normal(size=(n, 6)) @ half.T)
+    errors = se3.log(se3.inverse(frames.pose(pose)) @ frames.pose(samples))
+    expected = frames.cov_pose(half @ half.T)
+    scale = np.sqrt(np.diag(expected))
+    assert abs((errors.T @ errors / n - expected) / np.outer(scale, scale)).max() < 5 * np.sqrt(2 / n)
+
+
+def test_with_z_up_forward_is_x() -> None:
+    frames = RosFrames(RosConfig(z_up=True))
+    forward, up = se3.exp([0, 0, 2.0, 0, 0, 0]), se3.exp([0, -3.0, 0, 0, 0, 0])
+    assert np.allclose(frames.pose(forward)[:3, 3], [2, 0, 0])
+    assert np.allclose(frames.pose(up)[:3, 3], [0, 0, 3])
+    assert (frames.world, frames.moving, frames.base_from_cam) == ("world", "left_camera", None)
+
+
+def test_a_covariance_that_is_not_finite_stays_so() -> None:
+    assert np.isnan(RosFrames(ROBOT).cov_pose(np.full((6, 6), np.inf))).all()
+
+
+def test_roll_pitch_and_yaw_are_those_of_ros() -> None:
+    """Yaw turns to the left, pitch down, roll to the right, in this order from the outside."""
+    frames = RosFrames(RosConfig(base_frame="base", camera_yaw_deg=90, camera_pitch_deg=30))
+    looks = frames.base_from_cam[:3, 2]
+    assert np.allclose(looks, [0, np.cos(np.radians(30)), -np.sin(np.radians(30))])
+    rolled = RosFrames(RosConfig(base_frame="base", camera_roll_deg=90)).base_from_cam
+    assert np.allclose(rolled[:3, 1], [0, 1, 0], atol=1e-12)  # its lower side points to the left
+
+
+@pytest.mark.parametrize(
+    "settings, message",
+    [
+        ({"world_frame": ""}, r"ros\.world_frame is ''; give a name .* as in odom"),
+        ({"base_frame": "my robot"}, r"ros\.base_frame is 'my robot'; .* as in base_link"),
+        ({"camera_frame": "world"}, r"need different names, not world, , world"),
+        ({"camera_x_m": float("nan")}, r"camera_x_m=nan\): give a number"),
+    ],
+)
+def test_frames_that_ros_cannot_use_are_refused(settings: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        RosConfig(**settings)
+
+
+def test_the_settings_are_read_back(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(config_to_toml(Config(ros=ROBOT)))
+    assert read_config(tmp_path / "c.toml").ros == ROBOT
+    with pytest.raises(ConfigError, match=r"configuration: ros\.world_frame is 'a b'|ros\.world_frame is 'a b'"):
+        read_config(None, ["ros.world_frame=a b"])
+
+
+def test_a_long_path_is_thinned_and_repeated_rarely() -> None:
+    path, frames, written = PathSoFar(), 20_000, 0
+    for i in range(frames):
+        if path.add(i):
+            written += len(path.poses())
+            assert path.poses()[0] == 0 and path.poses()[-1] == i
+    poses = path.poses()
+    assert len(poses) <= _MAX_POSES + 1 and poses[-1] == frames - 1
+    assert set(np.diff(poses[:-1])) == {8}
+    assert written < 25 * frames
