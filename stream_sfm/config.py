@@ -242,6 +242,10 @@ class Config(_Section, frozen=True, kw_only=True):
     mono: Annotated[
         bool, Meta(description="use the left camera only; the unit of length is then the first baseline")
     ] = False
+    # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
+    estimate_every: Annotated[
+        int, Meta(description="track every frame, estimate every k-th; those between are placed by resection", ge=1)
+    ] = 1
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
     robust: RobustConfig = RobustConfig()
@@ -252,6 +256,8 @@ class Config(_Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.mono and self.estimate_every > 1:
+            raise ConfigError("estimate_every needs two cameras: with mono every frame is estimated")
         if self.mono and self.method != "cross-frame":
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
 

@@ -44,7 +44,7 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
         ("window=3", r"setting window is 3; it must be a section"),
         ("window.frame=8", r"unknown setting 'window\.frame'; did you mean window\.frames\?"),
         ("widow.frames=8", r"unknown section 'widow'; did you mean window\?"),
-        ("nonsense=1", r"unknown setting 'nonsense'; known are method, mono, frontend"),
+        ("nonsense=1", r"unknown setting 'nonsense'; known are method, mono, estimate_every, frontend"),
     ],
 )
 def test_a_file_is_refused_with_the_setting_and_what_it_must_be(override: str, message: str) -> None:

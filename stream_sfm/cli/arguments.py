@@ -154,6 +154,12 @@ def add_settings(parser: argparse.ArgumentParser, *, method: bool = True) -> Non
             help=f"the estimator: {METHODS[0]} (default), {', '.join(METHODS[1:])}",
         )
     group.add_argument(
+        "--estimate-every",
+        type=positive,
+        metavar="K",
+        help="track every frame, estimate every K-th: less work, and more motion between estimates (default: 1)",
+    )
+    group.add_argument(
         "--config", metavar="FILE", help="read settings from this file (`stream-sfm config` prints them all)"
     )
     group.add_argument(
@@ -170,7 +176,8 @@ def read_settings(args: argparse.Namespace, further: Sequence[str] = ()) -> "Con
     from ..config import read_config
 
     method = [f'method="{args.method}"'] if getattr(args, "method", None) else []
-    return read_config(args.config, [*args.set, *method, *further])
+    every = [f"estimate_every={args.estimate_every}"] if getattr(args, "estimate_every", None) else []
+    return read_config(args.config, [*args.set, *method, *every, *further])
 
 
 def protect_inputs(args: argparse.Namespace, outputs: Sequence[str | Path | None]) -> None:

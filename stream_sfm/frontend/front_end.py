@@ -36,7 +36,7 @@ class StereoFrontEnd:
         depth = StereoDepth(projection, self.config, self.aligners)
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
-        self.persistence = Persistence()
+        self.persistence = Persistence(config.estimate_every)
         self.rig_effects = RigEffects(projection, config.rig)
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:

@@ -30,7 +30,9 @@ _MAX_AGE = 60  # views; information has then long been gained at a steady rate
 class Persistence:
     """Learns the ratio of lasting to white variance; `inflation` (n, 2) of each frame's views by side."""
 
-    def __init__(self) -> None:
+    def __init__(self, every: int = 1) -> None:
+        """`every`: of how many frames an estimator takes one; only the views of that one count."""
+        self._every, self._frames = every, 0
         self._product = _FIRST_GUESS * _DECAY * _GUESS_PAIRS
         self._pairs = _GUESS_PAIRS
         self._ids = np.empty(0, np.int64)
@@ -52,9 +54,10 @@ class Persistence:
         _, old, now = np.intersect1d(self._ids, ids, assume_unique=True, return_indices=True)
         self._learn(self._rows[old] * rows[now])
         ages = np.zeros(len(ids), np.intp)
-        ages[now] = np.minimum(self._ages[old] + 1, _MAX_AGE - 1)
+        ages[now] = np.minimum(self._ages[old] + (self._frames % self._every == 0), _MAX_AGE - 1)
+        self._frames += 1
         self._ids, self._ages, self._rows = ids, ages, rows
-        left, right = (inflation_by_age(share * self.ratio) for share in (_LEFT_FRACTION, 1.0))
+        left, right = (inflation_by_age(share * self.ratio, _DECAY**self._every) for share in (_LEFT_FRACTION, 1.0))
         return np.stack([left[ages], right[ages]], axis=1)
 
     def _learn(self, products: Array) -> None:
@@ -64,8 +67,10 @@ class Persistence:
         self._product = keep * self._product + float(products.sum())
 
 
-def inflation_by_age(ratio: float) -> Array:
+def inflation_by_age(ratio: float, decay: float = _DECAY) -> Array:
     """(60,): variance of white noise, in units of the white part, that says as much as the n-th view in truth adds.
+
+    `decay`: of the lasting part from one view to the next.
 
     Kalman filter on the lasting part, variance p, eq. (69); b is how much of a constant it has taken for that part.
     """
@@ -75,8 +80,8 @@ def inflation_by_age(ratio: float) -> Array:
         innovation = 1 + p
         gain = p / innovation
         result[n] = innovation / (1 - b) ** 2
-        b = _DECAY * (b + gain * (1 - b))
-        p = _DECAY**2 * (1 - gain) * p + (1 - _DECAY**2) * ratio
+        b = decay * (b + gain * (1 - b))
+        p = decay**2 * (1 - gain) * p + (1 - decay**2) * ratio
     return result
 
 

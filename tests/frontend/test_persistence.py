@@ -81,3 +81,20 @@ def test_covariances_hold_with_lasting_errors() -> None:
 
     assert np.mean(white) > 12
     assert 3 < np.mean(learnt) < 6 + 3 * error
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_views_that_no_estimator_takes_do_not_count(every: int) -> None:
+    """Information of every k-th view, against the dense covariance of these views."""
+    n = every * np.arange(20)
+    cov = np.eye(20) + 0.7 * _DECAY ** np.abs(n[:, None] - n)
+    total = [np.ones(k) @ np.linalg.solve(cov[:k, :k], np.ones(k)) for k in range(1, 21)]
+    assert np.cumsum(1 / inflation_by_age(0.7, _DECAY**every)[:20]) == pytest.approx(total, rel=1e-9)
+    persistence, ids = Persistence(every), np.arange(50)
+    cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (50, 4, 4))
+    rng = np.random.default_rng(5)
+    for frame in range(2 * every + 1):
+        inflation = persistence.inflation(ids, STD_PX * rng.normal(size=(50, 4)), cov_px)
+        if frame % every == 0:
+            expected = inflation_by_age(persistence.ratio, _DECAY**every)[frame // every]
+            assert inflation[:, 1] == pytest.approx(expected)

@@ -1,0 +1,134 @@
+"""Estimates every k-th frame with any method, and places the frames between by resection: track all, estimate few.
+
+What an estimate gains from a frame grows with the distance that the camera has moved, its cost does not; tracks on the
+other hand are best followed in every frame (the paper's set-up). The method sees every k-th frame as if there were no
+others. A frame between gets the pose at which the local structure of the last estimate is seen, and that structure.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..config import Config
+from ..geometry import se3
+from ..geometry.linear import symmetric
+from ..geometry.resection import Resection
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..types import Estimator, Observations, Solution, Status
+from .initial_motion import initial_motion
+from .lifecycle import frame_status
+from .triangulation import compose_cov
+
+
+class EveryKth:
+    """Gives every k-th frame to `estimator`, and every frame as long as that has no map."""
+
+    def __init__(self, estimator: Estimator, projection: StereoProjection, config: Config) -> None:
+        self.name = estimator.name
+        self._estimator = estimator
+        self._projection = projection
+        self._config = config
+        self._last: Solution | None = None  # of the method
+        self._newest_id = -1  # that the method has seen
+        self._between = 0  # frames since then
+        self._previous_from_last: Array | None = None  # motion from the method's last frame to the previous one
+        self._drift_ids = np.empty(0, np.int64)
+        self._var_drift_px = np.empty(0)
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`."""
+        self._accumulate(observations)
+        self._between += 1
+        last = self._last
+        if last is not None and self._between < self._config.estimate_every:
+            found = self._resect(last, observations)
+            if found is not None:
+                self._previous_from_last = found.cam_from_ref
+                return self._placed(last, observations, found)
+        solution = self._estimator.step(self._since_last(observations))
+        self._last = None if solution.status is Status.LOST else solution
+        if len(observations.track_ids):
+            self._newest_id = int(observations.track_ids[-1])
+        self._between, self._previous_from_last = 0, np.eye(4)
+        self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
+        return solution
+
+    def _accumulate(self, observations: Observations) -> None:
+        """Add the drift of this frame to that since the method's last frame."""
+        if observations.std_drift_px is None:
+            return
+        variances = observations.std_drift_px**2
+        _, now, before = np.intersect1d(observations.track_ids, self._drift_ids, return_indices=True)
+        variances[now] += self._var_drift_px[before]
+        self._drift_ids, self._var_drift_px = observations.track_ids, variances
+
+    def _since_last(self, observations: Observations) -> Observations:
+        """The observations as if the frames between had not been: motion, drift and new tracks since the last one."""
+        if self._between == 1:
+            return observations
+        start = None
+        if observations.cam_from_previous is not None and self._previous_from_last is not None:
+            start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
+        return replace(
+            observations,
+            cam_from_previous=start,
+            n_new=int((observations.track_ids > self._newest_id).sum()),
+            std_drift_px=None if observations.std_drift_px is None else np.sqrt(self._var_drift_px),
+        )
+
+    def _resect(self, last: Solution, observations: Observations) -> Resection | None:
+        """The motion since the method's last frame, from the points as that knew them; None where few agree."""
+        _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
+        if len(rows) < self._config.robust.min_inliers:
+            return None
+        start = np.eye(4) if self._previous_from_last is None else self._previous_from_last
+        return initial_motion(
+            self._projection,
+            self._config.robust,
+            replace(self._since_last(observations), z_px=_without_rig_error(observations, last)),
+            rows,
+            last.points_in_cam[known],
+            last.cov_points[known],
+            start,
+        )
+
+    def _placed(self, last: Solution, observations: Observations, found: Resection) -> Solution:
+        """The Solution of a frame between: the map of the last estimate, seen from here."""
+        _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
+        known, rejected = known[found.accepted], observations.track_ids[rows[~found.accepted]]
+        last_from_cam = se3.inverse(found.cam_from_ref)
+        world_from_cam = se3.orthonormalise(last.world_from_cam @ last_from_cam)
+        in_cam, cov = _seen_from(found, last.points_in_cam[known], last.cov_points[known])
+        status, reason = frame_status(int(found.accepted.sum()), observations.note, self._config.robust, found)
+        return Solution(
+            status=status,
+            reason=reason,
+            world_from_cam=world_from_cam,
+            cov_pose=compose_cov(last.cov_pose, last_from_cam, found.cov_pose),
+            track_ids=last.track_ids[known],
+            points_in_cam=in_cam,
+            cov_points=cov,
+            points_in_world=se3.transform(world_from_cam, in_cam),
+            cov_points_in_world=last.cov_points_in_world[known],
+            window_frame_indices=np.array([observations.frame_index], np.int64),
+            window_world_from_cam=world_from_cam[None],
+            rejected_ids=rejected,
+            nis=found.chi2,
+            nis_dof=found.dof,
+            rig=last.rig,
+        )
+
+
+def _seen_from(found: Resection, points: Array, cov: Array) -> tuple[Array, Array]:
+    """Points (n, 3) with covariances in the camera of a resection, whose own uncertainty counts, eq. (45)."""
+    in_cam = se3.transform(found.cam_from_ref, points)
+    r, j = found.cam_from_ref[:3, :3], se3.point_in_source_jacobian(in_cam)
+    return in_cam, symmetric(r @ cov @ r.T + j @ found.cov_pose @ np.swapaxes(j, 1, 2))
+
+
+def _without_rig_error(observations: Observations, last: Solution) -> Array:
+    """The views without what the method has found out about the rig."""
+    if observations.rig_effects is None or last.rig is None or not last.rig.applied:
+        return observations.z_px
+    return np.asarray(observations.z_px - observations.rig_effects @ last.rig.mean)

@@ -1,0 +1,114 @@
+"""Every k-th frame is estimated as if there were no others, and those between are placed with what is known."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config
+from stream_sfm.errors import ConfigError
+from stream_sfm.estimators import METHODS, make_estimator
+from stream_sfm.geometry import se3
+from stream_sfm.simulation.scenes import Scene
+from stream_sfm.types import Observations, Solution, Status
+
+K = 3
+THINNED = Config(estimate_every=K)
+
+
+def run(method: str, config: Config, projection, observations) -> list[Solution]:
+    estimator = make_estimator(method, projection, config)
+    assert estimator.name == method
+    return [estimator.step(o) for o in observations]
+
+
+def without_views(o: Observations) -> Observations:
+    return replace(o, track_ids=o.track_ids[:0], z_px=o.z_px[:0], cov_px=o.cov_px[:0], n_new=0)
+
+
+@pytest.mark.parametrize("method", list(METHODS))
+def test_the_method_sees_every_kth_frame_alone(method, arc):
+    """Its estimates are to the byte those of a run over every k-th frame."""
+    thinned = run(method, THINNED, arc.projection, arc.observations)
+    seen, newest = [], -1
+    for o in arc.observations[::K]:
+        seen.append(replace(o, n_new=int((o.track_ids > newest).sum()), cam_from_previous=None))
+        newest = o.track_ids[-1]
+    alone = run(method, Config(), arc.projection, seen)
+    for a, b in zip(thinned[::K], alone, strict=True):
+        assert a.world_from_cam.tobytes() == b.world_from_cam.tobytes()
+        assert a.cov_points.tobytes() == b.cov_points.tobytes()
+
+
+@pytest.mark.parametrize("method", ["cross-frame", "ekf"])
+def test_frames_between_are_placed(method, arc):
+    for o, s in zip(arc.observations, run(method, THINNED, arc.projection, arc.observations), strict=True):
+        assert s.status in (Status.OK, Status.INITIALISING) and s.window_frame_indices[-1] == o.frame_index
+        assert np.isin(s.track_ids, o.track_ids).all() and (np.diff(s.track_ids) > 0).all()
+        carried = se3.transform(s.world_from_cam, s.points_in_cam)
+        assert carried == pytest.approx(s.points_in_world, abs=1e-9)
+        assert (np.linalg.eigvalsh(s.cov_points) > 0).all()
+        xi = se3.log(se3.inverse(arc.world_from_cam[o.frame_index]) @ s.world_from_cam)
+        assert np.abs(xi[:3]).max() < 0.05 and np.abs(xi[3:]).max() < 0.02
+
+
+@pytest.mark.slow
+def test_covariances_of_frames_between_hold():
+    """20 scenes: NEES of the pose, 6 expected, in frames after an estimate as well as in estimates."""
+    values: list[list[float]] = [[], []]
+    for seed in range(20):
+        s = Scene(track_length=16, frames=22).sequence(np.random.SeedSequence(seed))
+        for n, found in enumerate(run("cross-frame", THINNED, s.projection, s.observations)):
+            if n > 1:
+                xi = se3.log(se3.inverse(found.world_from_cam) @ s.world_from_cam[n])
+                values[n % K != 0].append(float(xi @ np.linalg.solve(found.cov_pose, xi)))
+    at, between = map(np.mean, values)
+    # the mean of 20 scenes scatters by √(12/20) = 0.8; frames of one scene are not independent
+    assert abs(at - 6) < 2.4 and between < 8.4
+    assert between > 3
+
+
+def test_a_frame_that_cannot_be_placed_goes_to_the_method(arc):
+    """An empty frame between is lost; the next frame is estimated at once."""
+    observations = list(arc.observations)
+    observations[4] = without_views(observations[4])
+    s = run("cross-frame", THINNED, arc.projection, observations)
+    assert s[4].status is Status.LOST and np.trace(s[4].cov_pose) > np.trace(s[3].cov_pose)
+    assert s[5].status is Status.OK and len(s[5].window_frame_indices) > 1
+
+
+def test_drift_and_motion_add_up(arc):
+    """What the method is told of the time since its last frame: drift in quadrature, motions one after the other."""
+    told = []
+
+    class Recording:
+        name = "recording"
+
+        def __init__(self, projection, config):
+            self._inner = make_estimator("cross-frame", projection, config)
+
+        def step(self, observations):
+            told.append(observations)
+            return self._inner.step(observations)
+
+    from stream_sfm.estimators.every_kth import EveryKth
+
+    estimator = EveryKth(Recording(arc.projection, Config()), arc.projection, THINNED)
+    poses = arc.world_from_cam
+    for n, o in enumerate(arc.observations[: K + 1]):
+        motion = None if n == 0 else se3.inverse(poses[n]) @ poses[n - 1]
+        drift = np.full(len(o.track_ids), 0.1)
+        estimator.step(replace(o, cam_from_previous=motion, std_drift_px=drift))
+    (first, last) = told
+    both = np.isin(last.track_ids, first.track_ids)
+    assert last.std_drift_px[both] == pytest.approx(np.sqrt(K) * 0.1)
+    motion = se3.inverse(poses[K]) @ poses[0]
+    assert se3.log(se3.inverse(motion) @ last.cam_from_previous) == pytest.approx(np.zeros(6), abs=0.02)
+    assert last.n_new == (last.track_ids > first.track_ids[-1]).sum()
+
+
+def test_one_camera_estimates_every_frame():
+    with pytest.raises(ConfigError, match="estimate_every needs two cameras"):
+        Config(mono=True, estimate_every=2)
+    assert msgspec.structs.replace(Config(), estimate_every=2).estimate_every == 2
