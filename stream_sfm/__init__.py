@@ -44,6 +44,7 @@ __all__ = [
     "MotionConfig",
     "Observations",
     "OutputError",
+    "PointTable",
     "PreparedImages",
     "ReadStats",
     "RecordedFrame",
@@ -55,6 +56,7 @@ __all__ = [
     "RigEstimate",
     "RobustConfig",
     "RosConfig",
+    "RunResults",
     "Selection",
     "Sink",
     "Solution",
@@ -82,6 +84,7 @@ __all__ = [
     "read_clouds",
     "read_config",
     "read_estimates",
+    "read_results",
     "read_trajectory",
     "read_tum",
     "replay",
@@ -142,6 +145,7 @@ _HOMES = {
     "recording.stereo_log": ("StereoLog", "open_log"),
     "results.estimates_reader": ("Cloud", "read_clouds", "read_estimates", "read_trajectory"),
     "results.folder": ("ResultFolder",),
+    "results.run_results": ("PointTable", "RunResults", "read_results"),
     "results.schema": ("EstimateRecord",),
     "results.trajectory_files": ("read_tum",),
     "simulation.experiments": ("simulate",),
@@ -212,6 +216,7 @@ if TYPE_CHECKING:
     from .recording.truth_file import GroundTruthFile
     from .results.estimates_reader import Cloud, read_clouds, read_estimates, read_trajectory
     from .results.folder import ResultFolder
+    from .results.run_results import PointTable, RunResults, read_results
     from .results.schema import EstimateRecord
     from .results.trajectory_files import read_tum
     from .simulation.experiments import simulate

@@ -14,6 +14,7 @@ from ..files import json_bytes, write_whole
 from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
 from .estimates_writer import EstimatesWriter
+from .frame_table import CsvWriter
 from .trajectory_files import KittiWriter, TumWriter
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
@@ -21,7 +22,7 @@ _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits t
 
 
 class ResultFolder:
-    """A sink that writes estimates.mcap, trajectory.tum, trajectory.kitti and config.toml, and at last summary.json.
+    """A sink that writes estimates.mcap, trajectory.{tum,kitti,csv} and config.toml, and at last summary.json.
 
     The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
     behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder.
@@ -65,6 +66,7 @@ class ResultFolder:
         self._files.append(EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config))
         self._files.append(TumWriter(self.path / "trajectory.tum", UNIT_WITHOUT_SCALE if self._config.mono else ""))
         self._files.append(KittiWriter(self.path / "trajectory.kitti"))
+        self._files.append(CsvWriter(self.path / "trajectory.csv"))
 
     def _write_config(self) -> None:
         if self.path / "config.toml" in changed_results(self.path, self._config):

@@ -21,15 +21,15 @@ class RosFrames:
         self.world, self.camera = ros.world_frame, ros.camera_frame
         self.moving = ros.base_frame or ros.camera_frame
         self.base_from_cam = _base_from_cam(ros) if ros.base_frame else None
-        self._fixed_from_world: Array | None = self.base_from_cam
-        if ros.z_up and self.base_from_cam is None:
-            self._fixed_from_world = _BODY_FROM_CAMERA_AXES
+        own = self.base_from_cam if ros.base_frame else _BODY_FROM_CAMERA_AXES if ros.z_up else None
+        self._turns = own is not None  # without settings poses stay as they are, to the last bit
+        self.fixed_from_world: Array = np.eye(4) if own is None else own
 
     def pose(self, world_from_cam: Array) -> Array:
         """The pose (4, 4) of the moving frame, base or camera, in the fixed one."""
-        if self._fixed_from_world is None:
+        if not self._turns:
             return world_from_cam
-        fixed_from_cam: Array = self._fixed_from_world @ world_from_cam
+        fixed_from_cam: Array = self.fixed_from_world @ world_from_cam
         return fixed_from_cam if self.base_from_cam is None else fixed_from_cam @ se3.inverse(self.base_from_cam)
 
     def cov_pose(self, cov_pose: Array) -> Array:
@@ -43,10 +43,10 @@ class RosFrames:
 
     def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:
         """Points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
-        if self._fixed_from_world is None:
+        if not self._turns:
             return points_in_world, cov_points
-        turned = self._fixed_from_world[:3, :3]
-        return se3.transform(self._fixed_from_world, points_in_world), np.asarray(turned @ cov_points @ turned.T)
+        turned = self.fixed_from_world[:3, :3]
+        return se3.transform(self.fixed_from_world, points_in_world), np.asarray(turned @ cov_points @ turned.T)
 
 
 def _base_from_cam(ros: RosConfig) -> Array:

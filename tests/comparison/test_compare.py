@@ -77,7 +77,7 @@ def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, metho
     assert set(figures) >= FIGURES
     for name in FIGURES & set(truth):
         assert figures[name] == truth[name], name
-    for name in ("trajectory.tum", "trajectory.kitti", "config.toml"):
+    for name in ("trajectory.tum", "trajectory.kitti", "trajectory.csv", "config.toml"):
         assert (out / key / name).read_bytes() == (tmp_path / name).read_bytes(), name
     summary = json.loads((out / key / "summary.json").read_text())
     assert summary["method"] == method and summary["ground_truth"] == truth

@@ -183,7 +183,14 @@ def test_topics_never_become_paths(tmp_path: Path):
     assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()) == [
         *(
             f"a/b/c/out/{n}"
-            for n in ("config.toml", "estimates.mcap", "summary.json", "trajectory.kitti", "trajectory.tum")
+            for n in (
+                "config.toml",
+                "estimates.mcap",
+                "summary.json",
+                "trajectory.csv",
+                "trajectory.kitti",
+                "trajectory.tum",
+            )
         ),
         "log.mcap",
     ]

@@ -17,7 +17,7 @@ def estimate_messages(path: Path) -> list[tuple[str, int, int, bytes]]:
 
 def assert_same_results(one: Path, other: Path) -> None:
     """Two folders of replays hold the same estimates, trajectories and configuration."""
-    for name in ("trajectory.tum", "trajectory.kitti", "config.toml"):
+    for name in ("trajectory.tum", "trajectory.kitti", "trajectory.csv", "config.toml"):
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
     first = estimate_messages(one / "estimates.mcap")
     assert first and first == estimate_messages(other / "estimates.mcap")

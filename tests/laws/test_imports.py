@@ -38,6 +38,7 @@ HOMES = {
     "foxglove_schemas_protobuf": ("sources", "recording"),
     "rosbags": ("recording", "results", "sources"),
     "ruamel": ("camera", "sources"),
+    "pandas": ("results/run_results.py",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
     "matplotlib": ("simulation/figures.py",),

@@ -26,7 +26,14 @@ def test_live_estimates_are_written_as_those_of_a_replay(steps, tmp_path: Path) 
         folder.write(*step)
     folder.close()
     folder.write_summary({"frames": 3})
-    names = {"estimates.mcap", "trajectory.tum", "trajectory.kitti", "config.toml", "summary.json"}
+    names = {
+        "estimates.mcap",
+        "trajectory.tum",
+        "trajectory.kitti",
+        "trajectory.csv",
+        "config.toml",
+        "summary.json",
+    }
     assert {p.name for p in folder.path.iterdir()} == names
     assert sfm.read_config(folder.path / "config.toml") == config
     assert json.loads((folder.path / "summary.json").read_text()) == {"frames": 3}

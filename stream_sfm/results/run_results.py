@@ -1,0 +1,159 @@
+"""`read_results`: everything that a run has written, as NumPy arrays."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config, read_config
+from ..errors import ConfigError, InputError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..types import Trajectory
+from .estimates_reader import read_clouds, read_estimates
+from .frame_table import Table, frame_table, nis_per_dof
+from .frames import RosFrames
+
+_ESTIMATES = ("estimates.mcap", "estimates.mcap.part")  # the second of a run that was killed
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointTable:
+    """Points with their covariances, in one array per quantity.
+
+    `frame_indices` (m,): the frame that each belongs to; `track_ids` (m,); `points` (m, 3), metres; `cov_points`
+    (m, 3, 3), metres². float32, as they are stored.
+    """
+
+    frame_indices: NDArray[np.int64]
+    track_ids: NDArray[np.int64]
+    points: NDArray[np.float32]
+    cov_points: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+    def __repr__(self) -> str:
+        return f"<PointTable {len(self)} points in {len(np.unique(self.frame_indices))} frames>"
+
+
+class RunResults:
+    """What a run has written to its folder; points are read when they are asked for.
+
+    - `stamps_ns` (n,), `world_from_cam` (n, 4, 4), `cov_pose` (n, 6, 6): the left camera in the world, metres and
+      radians; `trajectory` is the same in one.
+    - `statuses` (n,) and `reasons` (n,): text.
+    - `table`: a column per quantity, a row per frame, as in `trajectory.csv`.
+    - `config`, and `summary`: the content of summary.json, empty if the run did not end.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._estimates = _estimates_of(self.folder)
+        records = list(read_estimates(self._estimates))
+        self.stamps_ns = np.array([r.stamp_ns for r in records], dtype=np.int64)
+        self.world_from_cam: Array = np.array([r.world_from_cam for r in records], dtype=float).reshape(-1, 4, 4)
+        self.cov_pose: Array = np.array([r.cov_pose for r in records], dtype=float).reshape(-1, 6, 6)
+        self.statuses = np.array([r.status for r in records], dtype=str)
+        self.reasons = np.array([r.reason for r in records], dtype=str)
+        self.config = self._read(read_config, "config.toml", Config())
+        self.summary: dict[str, Any] = self._read(_json, "summary.json", {})
+        self.table: Table = frame_table(
+            [r.frame_index for r in records],
+            [r.stamp_ns for r in records],
+            (self.world_from_cam, self.cov_pose),
+            [r.status for r in records],
+            [r.counts for r in records],
+            [nis_per_dof(r.nis, r.nis_dof) for r in records],
+        )
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Stamps, poses and covariances."""
+        return Trajectory(self.stamps_ns, self.world_from_cam, self.cov_pose)
+
+    @cached_property
+    def points(self) -> PointTable:
+        """The points in view in each frame (CC), in axes of the camera then. Raises LogError."""
+        return self._points("/stream_sfm/points")
+
+    @cached_property
+    def map_points(self) -> PointTable:
+        """Every point once (WC), in the world, with the frame in which it left the view. Raises LogError."""
+        found = self._points("/stream_sfm/map")
+        world_from_fixed = se3.inverse(RosFrames(self.config.ros).fixed_from_world)
+        turned = world_from_fixed[:3, :3].astype(np.float32)
+        return PointTable(
+            found.frame_indices,
+            found.track_ids,
+            se3.transform(world_from_fixed, found.points).astype(np.float32),
+            (turned @ found.cov_points @ turned.T).astype(np.float32),
+        )
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas DataFrame, its index the time of the frames. Raises ConfigError without pandas."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise ConfigError("a DataFrame needs pandas: pip install pandas, or use `table`") from None
+        frame = pd.DataFrame(self.table)
+        frame.index = pd.to_datetime(frame["stamp_ns"].to_numpy(), unit="ns")
+        frame.index.name = "time"
+        return frame
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def __repr__(self) -> str:
+        return f"<RunResults of {self.folder}, {len(self)} frames>"
+
+    def _points(self, topic: str) -> PointTable:
+        clouds = list(read_clouds(self._estimates, topic))
+        index_of = dict(zip(self.stamps_ns.tolist(), self.table["frame_index"].tolist(), strict=True))
+        frames = [np.full(len(c.track_ids), index_of[c.stamp_ns], np.int64) for c in clouds]
+        return PointTable(
+            _joined(frames, (0,), np.int64),
+            _joined([c.track_ids for c in clouds], (0,), np.int64),
+            _joined([c.points for c in clouds], (0, 3), np.float32),
+            _joined([c.cov_points for c in clouds], (0, 3, 3), np.float32),
+        )
+
+    def _read(self, read: Callable[[Path], Any], name: str, otherwise: Any) -> Any:
+        path = self.folder / name
+        return read(path) if path.is_file() else otherwise
+
+
+def read_results(folder: str | Path) -> RunResults:
+    """Read the folder of a run: of `replay`, of a log of `batch`, or of one method of `compare`.
+
+    Of a run that was killed, what it has written. Raises InputError where there are no results, LogError where they
+    cannot be read.
+    """
+    return RunResults(folder)
+
+
+def _estimates_of(folder: Path) -> Path:
+    for name in _ESTIMATES:
+        if (folder / name).is_file():
+            return folder / name
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder: give the one that a run has written, such as runs/latest")
+    inside = sorted(path.parent.name for path in folder.glob("*/estimates.mcap"))
+    hint = f"; it holds the results {', '.join(inside)}: give one of these" if inside else ""
+    raise InputError(f"{folder} holds no results (estimates.mcap){hint}")
+
+
+def _json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+
+
+def _joined(arrays: list[NDArray[Any]], shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return np.concatenate(arrays) if arrays else np.empty(shape, dtype)
