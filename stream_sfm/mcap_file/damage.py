@@ -16,5 +16,9 @@ class Damage:
     def add(self, note: str) -> None:
         """Record that something was lost; a repeated note is kept once."""
         self.complete = False
+        self.note(note)
+
+    def note(self, note: str) -> None:
+        """Record that something is wrong that has cost nothing."""
         if len(self.notes) < _MAX_NOTES and note not in self.notes:
             self.notes.append(note)

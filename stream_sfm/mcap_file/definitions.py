@@ -8,7 +8,7 @@ from copy import copy
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .records import RecordTooLarge, parse_record
+from .records import BrokenRecord, RecordTooLarge, parse_record
 
 _MAX_ONE_BYTES = 8 * 2**20  # one schema or channel; those of ROS and Foxglove messages are kilobytes
 _MAX_ALL_BYTES = 64 * 2**20  # all of one file
@@ -29,26 +29,39 @@ class Definitions:
         other.schemas, other.channels = dict(self.schemas), dict(self.channels)
         return other
 
-    def add(self, opcode: int, body: bytes | memoryview) -> None:
+    def add(self, opcode: int, body: bytes | memoryview, replace: bool = True) -> None:
         """Add the schema or channel of one record; one that is present already costs no memory.
 
-        Raises BrokenRecord where it is damaged, RecordTooLarge where it exceeds the limits.
+        Raises BrokenRecord where it is damaged, which without `replace` means also that it differs from one of the
+        same number, and RecordTooLarge where it exceeds the limits.
         """
         if len(body) > _MAX_ONE_BYTES:
             raise RecordTooLarge(f"a schema or channel of {len(body) / 2**20:.0f} MiB")
         if opcode == Opcode.SCHEMA:
             schema = parse_record(Schema.read, body)
-            if self.schemas.get(schema.id) != schema:
+            if (known := self.schemas.get(schema.id)) != schema:
+                _check_new(known, replace)
                 self._charge(len(body))
                 self.schemas[schema.id] = schema
         else:
             channel = parse_record(Channel.read, body)
             channel.metadata = {}
-            if self.channels.get(channel.id) != channel:
+            if (described := self.channels.get(channel.id)) != channel:
+                _check_new(described, replace)
                 self._charge(len(body))
                 self.channels[channel.id] = channel
+
+    def add_missing(self, others: "Definitions") -> None:
+        """Add those of other definitions whose numbers are not taken; they have been charged there."""
+        self.schemas = others.schemas | self.schemas
+        self.channels = others.channels | self.channels
 
     def _charge(self, size_bytes: int) -> None:
         if self._bytes + size_bytes + _OBJECT_BYTES > _MAX_ALL_BYTES:
             raise RecordTooLarge(f"schemas and channels of more than {_MAX_ALL_BYTES // 2**20} MiB in total")
         self._bytes += size_bytes + _OBJECT_BYTES
+
+
+def _check_new(known: Schema | Channel | None, replace: bool) -> None:
+    if known is not None and not replace:
+        raise BrokenRecord("it differs from the definition of the same number")

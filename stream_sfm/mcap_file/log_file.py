@@ -1,14 +1,13 @@
 """One MCAP file, read in file order: one path for whole, unindexed, damaged and cut-off files.
 
-What is wrong is collected in `Damage`. Messages before the damage are delivered, and so are those behind it wherever
-the start of a record is known again: after a damaged body, or at the next chunk that a trusted index lists.
+What is wrong is collected in `Damage`. Messages before the damage are delivered, and so are those behind it: `walk.py`
+finds the records that are whole, with the index or without it.
 """
 
 import os
-import struct
-from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -20,19 +19,11 @@ from ..inputs import open_regular
 from .chunks import Allowance, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
+from .heads import MESSAGE_HEAD
 from .index import Index, read_index
-from .records import (
-    MAGIC,
-    MAX_RECORD_BYTES,
-    RECORD_HEAD,
-    BrokenRecord,
-    RecordTooLarge,
-    parse_record,
-    split_records,
-)
+from .records import MAGIC, BrokenRecord, RecordTooLarge, parse_record, split_records
+from .walk import READ, Record, Walk
 
-_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time, publish time
-_READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _MAX_HEADER_BYTES = 2**16  # profile and library name, a few dozen bytes
 _MAX_ATTACHMENT_BYTES = 2**20  # attachments are read whole; a calibration is kilobytes
 
@@ -44,15 +35,8 @@ class LogMessage(NamedTuple):
     schema: Schema | None
     log_time_ns: int
     data: bytes
-
-
-class _Record(NamedTuple):
-    """A record in the file; fewer than `length` bytes are `available` where the file is cut off or damaged."""
-
-    offset: int
-    opcode: int
-    length: int
-    available: int
+    sequence: int
+    publish_time_ns: int
 
 
 class LogFile:
@@ -90,7 +74,8 @@ class LogFile:
         """
         read: Counter[int] = Counter()
         if self.index_problem:
-            damage.notes.append(f"{self.path}: its index is not used: {self.index_problem}")
+            verdict = "does not fit the file" if self.index else "is not used"
+            damage.note(f"{self.path}: its index {verdict}: {self.index_problem}")
         try:
             for message in self._messages(damage, topics):
                 read[message.channel.id] += 1
@@ -105,91 +90,58 @@ class LogFile:
 
     def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
         # The index's definitions serve where the chunk that first described a channel is damaged.
-        parser = _Parser(self.index.definitions.copy() if self.index else Definitions(), topics, damage)
-        allowance = Allowance()
+        definitions = self.index.definitions.copy() if self.index else Definitions()
+        parser = _Parser(definitions, topics, damage, lambda: self._definitions_anywhere)
+        allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
         with self._open() as stream:
-            for record in self._records(stream, damage):
-                if record.opcode not in _READ or self._can_skip(record, topics):
+            walk = self._walk(stream, damage, parser.knows_channel)
+            for record in walk:
+                if record.opcode not in READ or self._can_skip(record, topics):
                     continue
                 where = f"{self.path} at byte {record.offset}"
-                whole = record.available == record.length
                 try:
                     body = stream.read(record.available)
-                    if record.opcode == Opcode.CHUNK:
-                        allowance.begin(body)
-                        for opcode, inner in split_records(memoryview(decompress_chunk(body, whole))):
-                            allowance.take_record()
-                            if (message := parser.parse(opcode, inner, where)) is not None:
-                                yield message
-                    elif whole and (message := parser.parse(record.opcode, body, where)) is not None:
-                        yield message
+                    # A chunk has a checksum. Other definitions that contradict earlier ones are damaged themselves.
+                    parser.may_redefine = record.opcode == Opcode.CHUNK or (damage.complete and not trusted)
+                    for opcode, inner in _records_in(record, body, allowance):
+                        if (message := parser.parse(opcode, inner, where)) is not None:
+                            yield message
                 except BrokenRecord as error:
-                    if whole:  # else the cut has been noted
+                    if record.whole:  # else the cut has been noted
                         kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
                         damage.add(f"{where}: a damaged {kind} of {record.length} bytes was skipped: {error}")
+                        walk.reject(record)
 
-    def _can_skip(self, record: _Record, topics: frozenset[str] | None) -> bool:
+    @cached_property
+    def _definitions_anywhere(self) -> Definitions:
+        """The schemas and channels found in the whole file, the first of each number, even in damaged chunks."""
+        found, allowance = Definitions(), Allowance()
+        with self._open() as stream:
+            walk = self._walk(stream, Damage(), lambda _: False)
+            for record in walk:
+                if record.opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
+                    body = stream.read(record.available)
+                    if not _collect(found, record, body, allowance):
+                        walk.reject(record)
+        return found
+
+    def _can_skip(self, record: Record, topics: frozenset[str] | None) -> bool:
         """Whether the index shows that a chunk holds nothing of these topics."""
         if topics is None or self.index is None or record.opcode != Opcode.CHUNK:
             return False
         listed = self.index.chunk_channels.get(record.offset)
         return listed is not None and not any(self.index.channels[i].topic in topics for i in listed)
 
-    def _records(self, stream: IO[bytes], damage: Damage) -> Iterator[_Record]:
-        """Yield the records in order; `stream` stands at the body of the one yielded.
-
-        A record never reaches into a chunk that the index lists: where one claims to, reading resumes at that chunk.
-        """
+    def _walk(self, stream: IO[bytes], damage: Damage, knows_channel: Callable[[int], bool]) -> Walk:
         chunks = list(self.index.chunk_channels) if self.index else []
-        at = len(MAGIC)
-        data_ended = False
-        while True:
-            damage.bytes_read = self.size if data_ended else at
-            number = bisect_right(chunks, at)
-            next_chunk = chunks[number] if number < len(chunks) else None
-            stream.seek(at)
-            head = stream.read(RECORD_HEAD.size)
-            left = (next_chunk or self.size) - at - RECORD_HEAD.size
-            opcode, length = RECORD_HEAD.unpack(head) if left >= 0 and len(head) == RECORD_HEAD.size else (0, 0)
-            problem = ""
-            if left < 0 and next_chunk is None:
-                problem = "the recording was not closed"
-            elif opcode == 0:
-                problem = "there is no record (zeros, or damage)"
-            elif length > left:
-                problem = f"the record there has {length} bytes, only {left} follow"
-                # A chunk can be read as far as it goes; anything else that declares so much is of no use.
-                if opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
-                    yield _Record(at, opcode, length, left)
-            elif length > MAX_RECORD_BYTES and opcode in _READ:
-                damage.add(f"{self.path} at byte {at}: a record of {length / 2**20:.0f} MiB was skipped")
-            elif opcode == Opcode.FOOTER and (data_ended or left - length == len(MAGIC)):
-                damage.bytes_read = self.size
-                return
-            else:
-                # Behind the data follows the summary; looking for messages in it costs nothing.
-                data_ended |= opcode == Opcode.DATA_END and next_chunk is None
-                yield _Record(at, opcode, length, length)
-            if not problem:
-                at += RECORD_HEAD.size + length
-            elif next_chunk is not None:
-                damage.add(f"{self.path} is damaged at byte {at}: {problem}; read on at byte {next_chunk}")
-                at = next_chunk
-            else:
-                if not data_ended:
-                    self._note_cut(damage, at, problem)
-                return
-
-    def _note_cut(self, damage: Damage, at: int, problem: str) -> None:
-        share = f"{at / 1e6:.2f} of {self.size / 1e6:.2f} MB ({100 * at / self.size:.0f} %) could be read"
-        damage.add(f"{self.path} is cut off or damaged at byte {at}: {problem}; {share}")
+        return Walk(self.path, stream, self.size, chunks, damage, knows_channel)
 
     def attachments(self, damage: Damage, max_bytes: int = _MAX_ATTACHMENT_BYTES) -> Iterator[Attachment]:
         """Yield the attachments of at most `max_bytes`, in file order."""
         if self.index is not None and self.index.attachment_count == 0:
             return
         with self._open() as stream:
-            for record in self._records(stream, damage):
+            for record in self._walk(stream, damage, lambda _: False):
                 if record.opcode == Opcode.ATTACHMENT and record.length <= max_bytes:
                     try:
                         yield parse_record(Attachment.read, stream.read(record.length))
@@ -201,7 +153,7 @@ class LogFile:
     def header(self) -> Header | None:
         """The header record, or None where it is damaged."""
         with self._open() as stream:
-            record = next(self._records(stream, Damage()), None)
+            record = next(iter(self._walk(stream, Damage(), lambda _: False)), None)
             if record is None or record.opcode != Opcode.HEADER or record.length > _MAX_HEADER_BYTES:
                 return None
             try:
@@ -214,8 +166,16 @@ class LogFile:
 class _Parser:
     """Turns the records of one reading into messages of the wanted topics, and collects schemas and channels."""
 
-    def __init__(self, definitions: Definitions, topics: frozenset[str] | None, damage: Damage) -> None:
+    def __init__(
+        self,
+        definitions: Definitions,
+        topics: frozenset[str] | None,
+        damage: Damage,
+        find_definitions: Callable[[], Definitions],
+    ) -> None:
+        self.may_redefine = True
         self._definitions, self._topics, self._damage = definitions, topics, damage
+        self._find_definitions: Callable[[], Definitions] | None = find_definitions  # None: called already
 
     def parse(self, opcode: int, body: bytes | memoryview, where: str) -> LogMessage | None:
         """The message in a record, if it is of a wanted topic. Raises BrokenRecord."""
@@ -223,27 +183,66 @@ class _Parser:
             return self._message(body, where)
         if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
             try:
-                self._definitions.add(opcode, body)
+                self._definitions.add(opcode, body, self.may_redefine)
             except RecordTooLarge as error:  # the rest of its chunk can still be read
                 self._damage.add(f"{where}: skipped: {error}")
         return None
 
+    def knows_channel(self, channel_id: int) -> bool:
+        """Whether a channel is described, before its messages or, where that was damaged, anywhere in the file."""
+        if channel_id not in self._definitions.channels and self._find_definitions is not None:
+            find, self._find_definitions = self._find_definitions, None
+            self._definitions.add_missing(find())
+        return channel_id in self._definitions.channels
+
     def _message(self, body: bytes | memoryview, where: str) -> LogMessage | None:
-        if len(body) < _MESSAGE_HEAD.size:
+        if len(body) < MESSAGE_HEAD.size:
             raise BrokenRecord("a message shorter than its header")
-        channel_id, _, log_time_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-        channel = self._definitions.channels.get(channel_id)
-        if channel is None:
+        channel_id, sequence, log_time_ns, publish_time_ns = MESSAGE_HEAD.unpack_from(body)
+        if not self.knows_channel(channel_id):
             self._damage.add(f"{where}: messages of channel {channel_id}, which is not described, were skipped")
             return None
+        channel = self._definitions.channels[channel_id]
         if self._topics is not None and channel.topic not in self._topics:
             return None
-        data = bytes(body[_MESSAGE_HEAD.size :])  # a copy: a view would keep its whole chunk in memory
-        return LogMessage(channel, self._definitions.schemas.get(channel.schema_id), log_time_ns, data)
+        data = bytes(body[MESSAGE_HEAD.size :])  # a copy: a view would keep its whole chunk in memory
+        schema = self._definitions.schemas.get(channel.schema_id)
+        return LogMessage(channel, schema, log_time_ns, data, sequence, publish_time_ns)
+
+
+def _records_in(
+    record: Record, body: bytes, allowance: Allowance, verify: bool = True
+) -> Iterator[tuple[int, bytes | memoryview]]:
+    """The records in a chunk, or the one record that is not a chunk. Raises BrokenRecord."""
+    if record.opcode == Opcode.CHUNK:
+        allowance.begin(body)
+        for opcode, inner in split_records(memoryview(decompress_chunk(body, record.whole, verify))):
+            allowance.take_record()
+            yield opcode, inner
+    elif record.whole:
+        yield record.opcode, body
+
+
+def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowance) -> bool:
+    """Add the definitions in a record that are not known by their number; return whether the record is sound."""
+    for reading in (record, record._replace(available=0)):  # of a damaged chunk, what comes before the damage
+        new = Definitions()
+        try:
+            for opcode, inner in _records_in(reading, body, allowance, verify=reading is record):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    new.add(opcode, inner)
+            return reading is record
+        except BrokenRecord:
+            continue
+        finally:
+            found.add_missing(new)
+    return False
 
 
 def _read_index(stream: IO[bytes]) -> tuple[Index | None, str]:
+    """The index as far as it can be trusted, and what is wrong with it."""
     try:
-        return read_index(stream), ""
+        index = read_index(stream)
+        return index, index.problem if index else ""
     except BrokenRecord as error:
         return None, str(error)

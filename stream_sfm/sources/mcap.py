@@ -33,7 +33,7 @@ class McapSource:
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all)."""
         described: dict[int, tuple[McapChannel, Schema | None, Channel]] = {}
-        for channel, schema, log_time_ns, data in self._file.messages(damage, topics):
+        for channel, schema, log_time_ns, data, *_ in self._file.messages(damage, topics):
             known = described.get(channel.id)
             if known is None or known[0] is not channel or known[1] is not schema:  # a file may redefine a channel
                 known = described[channel.id] = channel, schema, _described(channel, schema)

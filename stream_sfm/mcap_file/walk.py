@@ -1,0 +1,202 @@
+"""Goes through the records of an MCAP file, whole or damaged: behind damage at the next record that can be recognised.
+
+What is found twice is taken once, in bounded time: a file can make it look again at about as many bytes as it has.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from mcap.opcode import Opcode
+
+from .damage import Damage
+from .heads import PEEK_BYTES, can_follow, chunk_head
+from .records import MAGIC, MAX_RECORD_BYTES, RECORD_HEAD
+from .search import Search, Wanted
+
+READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_FIXED_LENGTHS: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+_SECOND_LOOKS_BYTES = 64 * 2**20  # beyond the size of the file
+_MAX_RESUMPTIONS = 100_000  # some seconds
+
+
+class Record(NamedTuple):
+    """A record in the file; fewer than `length` bytes are `available` where the file is cut off or damaged."""
+
+    offset: int
+    opcode: int
+    length: int
+    available: int
+
+    @property
+    def body_offset(self) -> int:
+        """Where its body begins in the file."""
+        return self.offset + RECORD_HEAD.size
+
+    @property
+    def whole(self) -> bool:
+        """Whether all of it is there."""
+        return self.available == self.length
+
+
+class Walk:
+    """The records of a file in order; iterate once.
+
+    `chunks`: offsets at which chunks are known to begin, ascending; no record reaches into one. `knows_channel`:
+    whether a channel is described, asked where messages are looked for behind damage. What is wrong is added to
+    `damage`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        stream: IO[bytes],
+        size: int,
+        chunks: Sequence[int],
+        damage: Damage,
+        knows_channel: Callable[[int], bool],
+    ) -> None:
+        self._path, self._stream, self._size, self._chunks, self._damage = path, stream, size, chunks, damage
+        self._search = Search(stream, size, knows_channel)
+        self._at: int | None = len(MAGIC)  # None: the end
+        self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
+        self._has_chunks: bool | None = bool(chunks) or None  # None: not known
+        self._data_ended = False
+        self._second_looks = size + _SECOND_LOOKS_BYTES
+        self._resumptions_left = _MAX_RESUMPTIONS
+
+    def __iter__(self) -> Iterator[Record]:
+        """Yield the records; the stream stands at the body of the one yielded."""
+        while (at := self._at) is not None:
+            self._damage.bytes_read = self._size if self._data_ended else at
+            start, stop = self._peek(at), self._stop(at)
+            left = stop - at - RECORD_HEAD.size
+            opcode, length = RECORD_HEAD.unpack_from(start) if left >= 0 else (0, 0)
+            opcode, length = self._as_chunk(at, opcode, length, left, start[RECORD_HEAD.size :])
+            if opcode == Opcode.FOOTER and left - length == len(MAGIC):
+                self._damage.bytes_read = self._size
+                return
+            if problem := self._problem(opcode, length, left, stop, start):
+                # A chunk that is cut off with the file can be read as far as it goes. Anything else that claims so
+                # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
+                cut = 0 <= left < length and stop == self._size and not self._is_closed()
+                if cut and opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
+                    yield self._located(Record(at, opcode, length, left))
+                    self._unconfirmed = None
+                self._resume(at, problem)
+                continue
+            if opcode == Opcode.CHUNK:
+                self._has_chunks = True
+            if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END):
+                self._data_ended = opcode == Opcode.DATA_END and stop == self._size
+            self._unconfirmed = None if opcode == Opcode.CHUNK else at
+            self._at = at + RECORD_HEAD.size + length
+            if length > MAX_RECORD_BYTES and opcode in READ:
+                self._damage.add(f"{self._path} at byte {at}: a record of {length / 2**20:.0f} MiB was skipped")
+            else:
+                yield self._located(Record(at, opcode, length, length))
+
+    def reject(self, record: Record) -> None:
+        """Look for records inside the one that was yielded last: its body is damaged, and so its length may be."""
+        end = record.offset + RECORD_HEAD.size + record.available
+        if self._allows(end - record.offset):
+            found = self._search.find(record.offset + 1, end, self._wanted(record.offset))
+            if found is not None:
+                self._damage.add(f"{self._path} at byte {found}: a record begins inside a damaged one; it was read")
+                self._at, self._unconfirmed = found, None
+
+    def _as_chunk(self, at: int, opcode: int, length: int, left: int, body: bytes) -> tuple[int, int]:
+        """The kind and the length of a record, that of a chunk where its content shows that they are wrong."""
+        head = chunk_head(body) if length or opcode else None
+        if head is None or head.length > left or (opcode, length) == (Opcode.CHUNK, head.length):
+            return opcode, length
+        if opcode != Opcode.CHUNK and length == head.length:
+            wrong = f"kind, {opcode},"
+        elif opcode == Opcode.CHUNK and self._record_begins(at + RECORD_HEAD.size + head.length):
+            wrong = f"length, {length},"
+        else:
+            return opcode, length
+        self._damage.note(f"{self._path} at byte {at}: a chunk was read although its {wrong} is wrong")
+        return int(Opcode.CHUNK), head.length
+
+    def _problem(self, opcode: int, length: int, left: int, stop: int, start: bytes) -> str:
+        """Why there is no record; empty where there is one."""
+        if left < 0 and stop == self._size:
+            return "the recording was not closed"
+        if opcode == 0:
+            return "there is no record (zeros, or damage)"
+        if length > left:
+            return f"the record there has {length} bytes, only {left} follow"
+        if _FIXED_LENGTHS.get(opcode, length) != length:
+            return f"a record of kind {opcode} has {length} bytes"
+        if opcode == Opcode.MESSAGE_INDEX and not _is_message_index(start[RECORD_HEAD.size :], length):
+            return "there is a message index whose lengths do not add up"
+        if self._unconfirmed is not None and not can_follow(start, RECORD_HEAD.size + left):
+            return "there is no record"
+        return ""
+
+    def _resume(self, at: int, problem: str) -> None:
+        """Go on at the next record behind damage."""
+        self._resumptions_left -= 1
+        if self._resumptions_left < 0:
+            self._damage.add(f"{self._path} is not read from byte {at} on: it is damaged everywhere")
+            self._at = None
+            return
+        start, stop = at + 1, self._stop(at)
+        if self._unconfirmed is not None and self._allows(at - self._unconfirmed):
+            start = self._unconfirmed + 1  # it may have been taken for longer than it is
+        self._unconfirmed = None
+        found = self._search.find(start, stop, self._wanted(at))
+        if found is None and stop < self._size:
+            found = stop
+        self._at = found
+        if found is None:
+            if not self._data_ended:
+                share = f"{at / 1e6:.2f} of {self._size / 1e6:.2f} MB ({100 * at / self._size:.0f} %) could be read"
+                self._damage.add(f"{self._path} is cut off or damaged at byte {at}: {problem}; {share}")
+        elif not self._data_ended or self._peek(found)[0] not in _DEFINITIONS:  # a summary has them as well
+            self._data_ended = False
+            self._damage.add(f"{self._path} is damaged at byte {at}: {problem}; read on at byte {found}")
+
+    def _wanted(self, at: int) -> Wanted:
+        """What can be behind damage at `at`."""
+        if self._has_chunks is None:
+            self._has_chunks = self._search.find(at, self._size, Wanted.CHUNKS) is not None
+        if not self._has_chunks:
+            return Wanted.UNCHUNKED
+        return Wanted.SUMMARY if self._data_ended else Wanted.TOP_LEVEL
+
+    def _allows(self, count: int) -> bool:
+        """Whether so many bytes may be looked at a second time."""
+        self._second_looks -= count
+        return self._second_looks >= 0
+
+    def _stop(self, at: int) -> int:
+        """Where the next known chunk behind `at` begins, or the file ends."""
+        number = bisect_right(self._chunks, at)
+        return self._chunks[number] if number < len(self._chunks) else self._size
+
+    def _record_begins(self, at: int) -> bool:
+        return can_follow(self._peek(at), self._size - at)
+
+    def _is_closed(self) -> bool:
+        """Whether the file ends as it should."""
+        self._stream.seek(max(self._size - len(MAGIC), 0))
+        return self._stream.read(len(MAGIC)) == MAGIC
+
+    def _peek(self, at: int) -> bytes:
+        self._stream.seek(at)
+        return self._stream.read(PEEK_BYTES)
+
+    def _located(self, record: Record) -> Record:
+        self._stream.seek(record.body_offset)
+        return record
+
+
+def _is_message_index(body: bytes, length: int) -> bool:
+    if length < 6:
+        return False
+    size = int.from_bytes(body[2:6], "little")
+    return size % 16 == 0 and size <= length - 6
