@@ -79,7 +79,7 @@ def read_clouds(path: str | Path, topic: str = "/stream_sfm/points") -> Iterator
 
 def _messages(path: str | Path, topic: str) -> Iterator[tuple[int, Any]]:
     """Yield the log times and the decoded messages of a topic."""
-    for channel, schema, log_time_ns, data in LogFile(path).messages(Damage(), frozenset([topic])):
+    for channel, schema, log_time_ns, data, *_ in LogFile(path).messages(Damage(), frozenset([topic])):
         if channel.message_encoding != MessageEncoding.CDR or schema is None:
             raise LogError(
                 f"{path}: {topic} is encoded as {channel.message_encoding!r}, not as this version writes it "
