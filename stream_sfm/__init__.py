@@ -48,6 +48,9 @@ __all__ = [
     "PreparedImages",
     "ReadStats",
     "RecordedFrame",
+    "RefinedRig",
+    "Refinement",
+    "RelativeMotions",
     "ReplayInterrupted",
     "ReplayResult",
     "ResultFolder",
@@ -71,6 +74,7 @@ __all__ = [
     "Trajectory",
     "WindowConfig",
     "__version__",
+    "calibrate",
     "compare",
     "config_to_toml",
     "draw_mesh",
@@ -101,6 +105,7 @@ _HOMES = {
     "batch.job": ("JobResult",),
     "batch.replay_batch": ("replay_batch",),
     "camera.models": ("Camera",),
+    "camera.refinement": ("Refinement",),
     "camera.rig": ("MonoRig", "StereoRig"),
     "comparison.compare": ("ComparisonResult", "compare"),
     "config": (
@@ -136,6 +141,7 @@ _HOMES = {
     "importers.copy": ("Imported",),
     "importers.data_sets": ("import_euroc", "import_images", "import_kitti"),
     "inspection.overview": ("inspect_log as inspect",),
+    "pipeline.refine": ("RefinedRig", "calibrate"),
     "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "recording.frames": ("RecordedFrame",),
     "recording.truth_file": ("GroundTruthFile",),
@@ -155,6 +161,7 @@ _HOMES = {
         "MapStart",
         "MonoFrame",
         "Observations",
+        "RelativeMotions",
         "RigEstimate",
         "Selection",
         "Sink",
@@ -171,6 +178,7 @@ if TYPE_CHECKING:
     from .batch.job import JobResult
     from .batch.replay_batch import replay_batch
     from .camera.models import Camera
+    from .camera.refinement import Refinement
     from .camera.rig import MonoRig, StereoRig
     from .comparison.compare import ComparisonResult, compare
     from .config import (
@@ -207,6 +215,7 @@ if TYPE_CHECKING:
     from .importers.copy import Imported
     from .importers.data_sets import import_euroc, import_images, import_kitti
     from .inspection.overview import inspect_log as inspect
+    from .pipeline.refine import RefinedRig, calibrate
     from .pipeline.replay import ReplayInterrupted, ReplayResult, replay
     from .recording.frames import RecordedFrame
     from .recording.ground_truth import DepthImages
@@ -226,6 +235,7 @@ if TYPE_CHECKING:
         MapStart,
         MonoFrame,
         Observations,
+        RelativeMotions,
         RigEstimate,
         Selection,
         Sink,

@@ -18,7 +18,7 @@ from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .geometry.stereo import StereoProjection
 from .observer import Observer
-from .types import Estimator, Frame, FrameEstimate
+from .types import Estimator, Frame, FrameEstimate, Observations
 
 
 class Engine:
@@ -41,6 +41,7 @@ class Engine:
         self.observer = Observer(rig, self.config)
         make = partial(make_estimator, self.config.method) if estimator is None else estimator
         self.estimator = make(self.observer.projection, self.config)
+        self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
 
     @property
@@ -65,6 +66,7 @@ class Engine:
         """
         with self._exclusively():
             observed = self.observer.observe(frame, prepared)
+            self.observations = observed.observations
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .camera.axes import RectifiedAxes
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
+from .camera.scale_error import ScaleError
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
@@ -24,7 +25,7 @@ from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
-from .types import Frame, FrameEstimate, MonoFrame, Observations, Solution, StereoFrame
+from .types import Frame, FrameEstimate, MonoFrame, Observations, RelativeMotions, Solution, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +48,14 @@ class Observer:
         self.rig = _used_cameras(rig, config)
         self.rectifier = Rectifier(self.rig)
         self.projection: StereoProjection = self.rectifier.projection
-        front_end = MonoFrontEnd if self.rig.unscaled else StereoFrontEnd
-        self._frontend: FrontEnd = front_end(self.projection, config, self.rectifier.valid)
+        self._frontend: FrontEnd
+        if isinstance(self.rig, StereoRig):
+            valid, refinement = self.rectifier.valid, self.rig.refinement
+            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement)
+        else:
+            self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
+        self._scale = ScaleError(0.0 if self.rig.unscaled or config.rig.exact else config.rig.std_baseline)
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
@@ -107,10 +113,10 @@ class Observer:
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
-        observations, axes = observed.observations, self._axes
+        observations, axes, scale = observed.observations, self._axes, self._scale
         n_old = len(observations.track_ids) - observations.n_new
         shown = ~np.isin(solution.track_ids, observations.track_ids[n_old:])
-        in_cam = solution.points_in_cam[shown]
+        in_cam, in_world = solution.points_in_cam[shown], solution.points_in_world[shown]
         cov_shared = self._cov_shared(in_cam, solution.track_ids[shown])
         world_from_cam = solution.world_from_cam[:3, :3]
         cov_shared_world = world_from_cam @ cov_shared @ world_from_cam.T
@@ -120,12 +126,14 @@ class Observer:
             status=solution.status,
             reason=solution.reason,
             world_from_cam=axes.poses(solution.world_from_cam),
-            cov_pose=axes.cov_pose(solution.cov_pose),
+            cov_pose=axes.cov_pose(solution.cov_pose + scale.of_pose(solution.world_from_cam)),
             track_ids=solution.track_ids[shown],
             points_in_cam=axes.points(in_cam),
-            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared),
-            points_in_world=axes.points(solution.points_in_world[shown]),
-            cov_points_in_world=axes.cov_points(solution.cov_points_in_world[shown] + cov_shared_world),
+            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared + scale.of_lengths(in_cam)),
+            points_in_world=axes.points(in_world),
+            cov_points_in_world=axes.cov_points(
+                solution.cov_points_in_world[shown] + cov_shared_world + scale.of_lengths(in_world)
+            ),
             window_frame_indices=solution.window_frame_indices,
             window_world_from_cam=axes.poses(solution.window_world_from_cam),
             ended_ids=solution.ended_ids,
@@ -141,7 +149,17 @@ class Observer:
             nis_dof=solution.nis_dof,
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
+            rig=self._frontend.rig_in_px(solution.rig),
+            relative=self._relative(solution.relative),
         )
+
+    def _relative(self, relative: RelativeMotions | None) -> RelativeMotions | None:
+        """Relative motions in axes of the physical camera, with the error of the scale."""
+        if relative is None:
+            return None
+        poses = relative.frame_from_newest
+        cov = relative.cov + self._scale.of_pose(poses)
+        return RelativeMotions(relative.frame_indices, self._axes.poses(poses), self._axes.cov_pose(cov))
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
         """Covariances (n, 3, 3), m², of points (n, 3) by the disparity error that all views share, eq. (18)."""
@@ -158,7 +176,7 @@ class Observer:
         in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
         cov_shared = self._cov_shared(in_last, solution.ended_ids)
         cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
-        return cov
+        return cov + self._scale.of_lengths(solution.ended_points_in_world)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""

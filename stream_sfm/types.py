@@ -182,6 +182,22 @@ class RigEstimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RelativeMotions:
+    """Motions between the newest frame and earlier ones (r), with what these estimates have in common accounted for.
+
+    `frame_indices` (r,); `frame_from_newest` (r, 4, 4) carries points of the newest camera into the earlier one;
+    `cov` (r, 6, 6) of the perturbation on its right, translation first: metres², radians².
+    """
+
+    frame_indices: NDArray[np.int64]
+    frame_from_newest: Array
+    cov: Array
+
+    def __repr__(self) -> str:
+        return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
     """The result of an estimator for one frame, in the axes of the rectified left camera.
 
@@ -208,6 +224,7 @@ class Solution:
     nis: float = 0.0
     nis_dof: int = 0
     rig: RigEstimate | None = None
+    relative: RelativeMotions | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose)
@@ -244,6 +261,8 @@ class FrameEstimate:
       views, and its degrees of freedom.
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
+    - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
+      the method has no joint covariance of them.
     - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
     """
 
@@ -269,6 +288,7 @@ class FrameEstimate:
     timings_ms: dict[str, float]
     unscaled: bool = False
     rig: RigEstimate | None = None
+    relative: RelativeMotions | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")

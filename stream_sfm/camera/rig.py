@@ -10,7 +10,9 @@ from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .calibration import read, toml_file
+from .calibration.document import Pair
 from .models import Camera
+from .refinement import Refinement
 
 _MAX_POSE = 1e6  # metres, of any element: more is a damaged file
 _MAX_SKEW = 1e-3  # of a rotation's products from those of an exact one: three decimals are enough in a file
@@ -21,13 +23,15 @@ _MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline,
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a stereo pair.
+    `refinement`: errors of this calibration that are known. `unscaled`: whether lengths have no unit. Raises
+    ConfigError where the pair cannot be a stereo pair.
     """
 
     unscaled: ClassVar[bool] = False
     left: Camera
     right: Camera
     right_from_left: Array
+    refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
         pose = np.array(self.right_from_left, dtype=float)
@@ -76,7 +80,7 @@ class StereoRig:
         return cls._of_pair(read.parse_pair(content, name), name)
 
     @classmethod
-    def _of_pair(cls, pair: tuple[Camera, Camera, Array], name: read.Where) -> "StereoRig":
+    def _of_pair(cls, pair: Pair, name: read.Where) -> "StereoRig":
         try:
             return cls(*pair)
         except ConfigError as error:
@@ -84,7 +88,7 @@ class StereoRig:
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
-        return toml_file.text(self.cameras, self.right_from_left)
+        return toml_file.text(self.cameras, self.right_from_left, self.refinement)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

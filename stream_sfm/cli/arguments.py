@@ -92,6 +92,25 @@ def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
+def add_calibrate(cameras: argparse._ArgumentGroup) -> None:
+    """The option --calibrate, beside those of the cameras."""
+    cameras.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="read the frames twice: first learn how the calibration errs, then estimate with it corrected",
+    )
+
+
+def add_self_test(parser: argparse.ArgumentParser) -> None:
+    """The option --self-test."""
+    group = parser.add_argument_group("covariances")
+    group.add_argument(
+        "--self-test",
+        action="store_true",
+        help="check them without any truth: disjoint halves of the tracks, and of the image, must agree within them",
+    )
+
+
 def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     """Ground truth that is not in the log."""
     group = parser.add_argument_group("ground truth")
@@ -114,6 +133,13 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
         type=frame_ranges,
         default=[],
         help="do not compare frames A to B-1 with the ground truth, because it is wrong there",
+    )
+    group.add_argument(
+        "--ground-truth-std",
+        metavar="M,RAD",
+        type=_std_truth,
+        default=(0.0, 0.0),
+        help="σ of the ground truth itself: of positions in metres, of rotations in radians",
     )
 
 
@@ -244,6 +270,14 @@ def seconds(text: str) -> float:
     if not value >= 0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds (0 or more)")
     return value
+
+
+def _std_truth(text: str) -> tuple[float, float]:
+    """Two finite numbers of at least 0."""
+    values = [_number(part) for part in text.split(",")]
+    if len(values) != 2 or not all(value >= 0 for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a σ in metres and one in radians, such as 0.001,0.0005")
+    return values[0], values[1]
 
 
 def degrees(text: str) -> float:

@@ -30,7 +30,8 @@ def add_parser(subparsers: Any) -> None:
         usage="LOG [options]",
     )
     arguments.add_log(parser)
-    arguments.add_cameras(parser)
+    arguments.add_calibrate(arguments.add_cameras(parser))
+    arguments.add_self_test(parser)
     frames = arguments.add_selection(parser)
     frames.add_argument(
         "--there-and-back",
@@ -95,6 +96,9 @@ def _compare(
             there_and_back={"auto": None, "yes": True, "no": False}[args.there_and_back],
             ignore_ground_truth=args.ignore_ground_truth,
             inspection=inspection,
+            calibrate=args.calibrate,
+            self_test=args.self_test,
+            std_truth=args.ground_truth_std,
             sinks=[progress],
         )
 

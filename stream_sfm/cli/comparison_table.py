@@ -4,7 +4,7 @@ from typing import Any
 
 from rich.table import Column, Table
 
-from .printing import number, stdout_console
+from .printing import factors_text, number, stdout_console
 
 _COLUMNS = {
     "ate_rmse_aligned_m": "ATE aligned\nm",
@@ -25,3 +25,5 @@ def print_comparison(content: dict[str, Any]) -> None:
     for key, figures in content["methods"].items():
         table.add_row(key.replace("_", "-"), *(number(figures[column], ".4g") for column in _COLUMNS))
     stdout_console().print(table)
+    for name, spans in (content["self_test"] or {}).items():
+        stdout_console().print(f"halves of the {name} differ by {factors_text(spans)}")

@@ -74,3 +74,11 @@ def number(value: float | str | None, form: str = ".2f") -> str:
     if value is None:
         return "–"
     return value if isinstance(value, str) else format(value, form)
+
+
+def factors_text(spans: list[dict[str, Any]]) -> str:
+    """How large errors of relative motion are, and over how many frames."""
+    factors, frames = (
+        ", ".join(format(span[key], form) for span in spans) for key, form in (("factor", ".2f"), ("frames", "d"))
+    )
+    return f"{factors} × the estimated σ over {frames} frames"

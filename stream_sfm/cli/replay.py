@@ -40,7 +40,9 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="read the frames forwards, then backwards: shows the drift of a log without ground truth",
     )
+    arguments.add_calibrate(cameras)
     arguments.add_ground_truth(parser)
+    arguments.add_self_test(parser)
     arguments.add_settings(parser)
     results = parser.add_argument_group("results")
     results.add_argument("--out", metavar="DIR", help="result folder (default: runs/LOG-TIME)")
@@ -98,6 +100,9 @@ def _replay(
             selection,
             there_and_back=args.there_and_back,
             ignore_ground_truth=args.ignore_ground_truth,
+            calibrate=args.calibrate,
+            self_test=args.self_test,
+            std_truth=args.ground_truth_std,
             sinks=sinks,
         )
 

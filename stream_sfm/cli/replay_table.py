@@ -7,7 +7,7 @@ from typing import Any
 from rich.markup import escape
 
 from ..wording import printable
-from .printing import facts_table, number, stdout_console
+from .printing import factors_text, facts_table, number, stdout_console
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) -> None:
@@ -36,6 +36,15 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield f"  {stage}", _milliseconds(timing[stage])
     memory = number(summary["peak_rss_mib"], ".0f")
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
+    if end := summary.get("end"):
+        x, y, z = end["position_m"]
+        share = f", {end['std_position_percent']:.2g} % of the path" if end["std_position_percent"] else ""
+        yield "ends at", f"({x:.3f}, {y:.3f}, {z:.3f}) m, σ {end['std_position_m']:.2g} m{share}"
+        yield "", f"heading {end['heading_deg']:.2f}°, σ {end['std_heading_deg']:.2g}°"
+    if rig := summary.get("rig"):
+        yield "calibration", rig["text"]
+    for name, spans in summary.get("self_test", {}).items():
+        yield f"halves of the {name}", f"differ by {factors_text(spans)}"
     if back := summary.get("there_and_back"):
         yield (
             "there and back",
@@ -60,6 +69,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     t, r = number(truth["t_rel_percent"]), number(truth["r_rel_deg_per_100m"])
     yield "t_rel, r_rel", f"{t} %, {r} °/100 m{over}"
     yield "scale error", f"{number(truth['scale_error_percent'], '+.2f')} %"
+    if truth["relative_consistency"]:
+        yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
     yield "NEES of the pose", f"{number(truth['nees_pose_mean'])} (expected: 6)"
     if truth["local_structure_rms_m"] is not None:
         ratio = number(truth["local_structure_error_over_sigma"])

@@ -17,8 +17,10 @@ from ..estimators import METHODS
 from ..evaluation.association import checked_ranges, without_frames
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
 from ..interrupts import Interruption, deferred_interrupts
-from ..observer import Observer
+from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
+from ..pipeline.refine import refined_for_itself
+from ..pipeline.self_test import SelfTest
 from ..pipeline.statistics import Stopwatch
 from ..pipeline.structure import TrueDepth
 from ..pipeline.there_and_back import TOO_MANY, KeptFrames
@@ -61,6 +63,9 @@ def compare(
     there_and_back: bool | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
+    calibrate: bool = False,
+    self_test: bool = False,
+    std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
 ) -> ComparisonResult:
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
@@ -68,7 +73,9 @@ def compare(
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
-    `inspection`: what `inspect_log` found, for the report. `sinks` are given one estimate per frame, of the first
+    `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`: as in `replay`. The
+    errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
+    are compared and not calibrations. `sinks` are given one estimate per frame, of the first
     method that has not failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for
     an unknown method, OutputError.
     """
@@ -83,7 +90,10 @@ def compare(
     if folder is not None:
         refuse_overwriting(outputs(folder, methods), [log.path])
     ignored = checked_ranges(ignore_ground_truth)
-    run = _Run(log, config, methods, selection or Selection(), folder, sinks)
+    selection = selection or Selection()
+    rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
+    run = _Run(log, rig, config, methods, selection, folder, sinks)
+    run.self_test = SelfTest(run.observer.projection, config) if self_test else None
     truth = log.ground_truth()
     back = truth is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
@@ -91,6 +101,7 @@ def compare(
         run.forwards(kept, interruption)
         note = "not done: the log has ground truth" if kept is None else run.backwards(kept, interruption)
     comparison = run.result(truth, ignored, inspection or {}, note, interruption.requested)
+    comparison = replace(comparison, std_truth=std_truth)
     if folder is None:
         return ComparisonResult(numbers(comparison), None, comparison)
     for method in run.methods:
@@ -110,6 +121,7 @@ class _Run:
     def __init__(
         self,
         log: StereoLog,
+        rig: StereoRig,
         config: Config,
         methods: Sequence[str],
         selection: Selection,
@@ -117,7 +129,9 @@ class _Run:
         sinks: Sequence[Sink],
     ) -> None:
         self.log, self.config, self.selection, self.sinks = log, config, selection, sinks
-        self.observer = Observer(log.stereo_rig, config)
+        self.rig = rig
+        self.observer = Observer(rig, config)
+        self.self_test: SelfTest | None = None
         self.recorder = Recorder(self.observer)
         self.depth = TrueDepth(log)
         self.methods = [ComparedMethod(name, self.observer, config, self.depth, folder) for name in methods]
@@ -152,14 +166,25 @@ class _Run:
         observed = replace(observed, timings_ms={"decode": 1e3 * self.stopwatch.waited_s} | observed.timings_ms)
         self.frames += 1
         estimates: dict[str, FrameEstimate] = {}
+        if self.self_test is not None:
+            self.self_test.add(observed.observations)
         for method in self.methods:
-            estimate = method.take(observed, frame)
+            estimate = method.take(self._for(method, observed), frame)
             if estimate is not None:
                 estimates[method.name] = estimate
         self.recorder.take(observed, frame, estimates)
         for estimate in list(estimates.values())[:1]:
             for sink in self.sinks:
                 sink.write(estimate, frame)
+
+    def _for(self, method: ComparedMethod, observed: Observed) -> Observed:
+        """The observations as a method gets them: without the errors of the rig, unless it finds them itself."""
+        learnt = next((m.rig for m in self.methods if m.rig is not None), None)
+        effects = observed.observations.rig_effects
+        if method.rig is not None or learnt is None or not learnt.applied or effects is None:
+            return observed
+        z_px = observed.observations.z_px - effects @ learnt.mean
+        return replace(observed, observations=replace(observed.observations, z_px=z_px))
 
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
         """Feed the frames backwards; return what the report says about it."""
@@ -170,7 +195,7 @@ class _Run:
         for frame in kept.backwards():
             observed = self.observer.observe(frame)
             for method in self.methods:
-                method.take_backwards(observed)
+                method.take_backwards(self._for(method, observed))
             if interruption.requested:
                 for method in self.methods:
                     method.record.back.clear()
@@ -199,7 +224,8 @@ class _Run:
         warnings = [*self.log.stats.warnings, *([self.depth.problem] if self.depth.problem else []), *self.problems]
         return Comparison(
             log=self.log.path.name,
-            rig=self.log.stereo_rig,
+            rig=self.rig,
+            self_test=None if self.self_test is None else self.self_test.result(),
             config=self.config,
             runs=runs,
             front=self.recorder.front,

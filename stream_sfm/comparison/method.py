@@ -15,7 +15,7 @@ from ..pipeline.summary import summarise
 from ..recording import RecordedFrame, StereoLog
 from ..report.records import Comparison, MethodRun
 from ..results.folder import ResultFolder
-from ..types import FrameEstimate, Observations, Selection, Sink, Solution
+from ..types import FrameEstimate, Observations, RigEstimate, Selection, Sink, Solution
 
 
 class ComparedMethod:
@@ -33,6 +33,7 @@ class ComparedMethod:
         self._observer = observer
         self._config = msgspec.structs.replace(config, method=name)
         self._estimator = make_estimator(name, observer.projection, self._config)
+        self.rig: RigEstimate | None = None  # what the method has told of the rig's errors, the latest
         self._structure = StructureSink(observer.rig.left, depth)
         self._folder = None
         if folder is not None:
@@ -46,6 +47,7 @@ class ComparedMethod:
         if solved is None:
             return None
         solution, estimate = solved
+        self.rig = solution.rig or self.rig
         self.record.add(estimate)
         self.record.reprojection_px.append(self._reprojection_px(solution, observed.observations))
         for sink in self.sinks:
@@ -83,6 +85,7 @@ class ComparedMethod:
             structure=self.record.structure,
             ignored=comparison.ignored,
             doubts=comparison.doubts,
+            std_truth=comparison.std_truth,
         )
         self._folder.write_summary(summary)
 

@@ -138,7 +138,7 @@ def frames_in_doubt(findings: Sequence[TruthFinding]) -> list[tuple[int, int]]:
 
 def _steps(world_from_cam: Array) -> Array:
     """Motions ξ (n − 1, 6) between neighbours, NaN where one of them is not known."""
-    known = np.isfinite(world_from_cam).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(world_from_cam).all(axis=(1, 2)))
     both = known[1:] & known[:-1]
     steps = np.full((max(0, len(world_from_cam) - 1), 6), np.nan)
     rows = np.flatnonzero(both)

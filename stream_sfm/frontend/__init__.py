@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from ..geometry.se3 import Array
-    from ..types import Observations
+    from ..types import Observations, RigEstimate
     from .prepared import Image, PreparedImages
 
 
@@ -30,4 +30,8 @@ class FrontEnd(Protocol):
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> "Array":
         """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""
+        ...
+
+    def rig_in_px(self, estimate: "RigEstimate | None") -> "RigEstimate | None":
+        """Errors of the calibration in units of their σ, in pixels."""
         ...

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.refinement import Refinement
 from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -27,9 +28,19 @@ _HIDDEN = "the background is hidden: what can be followed has moved by itself"
 
 
 class StereoFrontEnd:
-    """Follows points through rectified pairs. `valid` (h, w): pixels of the left image that hold picture."""
+    """Follows points through rectified pairs.
 
-    def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
+    `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
+    which the observations do not have any more.
+    """
+
+    def __init__(
+        self,
+        projection: StereoProjection,
+        config: Config,
+        valid: NDArray[np.bool_],
+        refinement: Refinement | None = None,
+    ) -> None:
         self.config = config.frontend
         self._min_points = config.robust.min_inliers
         self.aligners = TemplateAligners(self.config, valid)
@@ -37,7 +48,7 @@ class StereoFrontEnd:
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
         self.persistence = Persistence(config.estimate_every)
-        self.rig_effects = RigEffects(projection, config.rig)
+        self.rig_effects = RigEffects(projection, config.rig, refinement)
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -93,7 +104,7 @@ class StereoFrontEnd:
             frame_index=frame_index,
             stamp_ns=stamp_ns,
             track_ids=ids,
-            z_px=z_px,
+            z_px=self.rig_effects.corrected(z_px),
             cov_px=cov_px,
             note=note,
             std_drift_px=np.zeros(len(z_px)),

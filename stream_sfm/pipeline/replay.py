@@ -25,6 +25,8 @@ from ..results.folder import ResultFolder, close_all
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
 from .prefetch import PreparedFrames, prepared_ahead
+from .refine import describe, refined_for_itself
+from .self_test import SelfTest
 from .statistics import RunStatistics, Stopwatch, peak_rss_mib
 from .structure import StructureSink, TrueDepth
 from .summary import summarise
@@ -68,25 +70,37 @@ def replay(
     calibration: str | Path | StereoRig | MonoRig | None = None,
     there_and_back: bool = False,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
+    calibrate: bool = False,
+    self_test: bool = False,
+    std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration`: as in `open_log`. `there_and_back`: then the same frames backwards; how far the
     run ends from its start is in the summary. `ignore_ground_truth`: ranges [first, end) of frames of this run whose
-    ground truth is not compared, because it is wrong. `sinks` are given each estimate and its frame after the files
-    have been written, and are closed at the end. Memory grows by some 600 bytes per frame, not with the images of the
-    log; with `there_and_back` they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one
-    frame could be estimated, OutputError, ReplayInterrupted.
+    ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
+    errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
+    tracks, too, and tell in the summary how large their difference is in σ. `std_truth`: σ of the ground truth itself,
+    in metres and radians. `sinks` are given each estimate and its frame after the files have been written, and are
+    closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
+    they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
+    OutputError, ReplayInterrupted.
     """
     config = config or Config()
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
     if out_dir is not None:
         refuse_overwriting([Path(out_dir) / name for name in RESULTS], [log.path])
-    run = _Run(log, config, selection or Selection(), None if out_dir is None else Path(out_dir), sinks)
+    selection = selection or Selection()
+    rig = refined_for_itself(log, config, selection) if calibrate else log.rig
+    run = _Run(log, rig, config, selection, None if out_dir is None else Path(out_dir), sinks)
     run.ignored = checked_ranges(ignore_ground_truth)
     frames = log.frames(run.selection)
+    run.std_truth = std_truth
+    if self_test:
+        config.needs_scale("the self-test")
+        run.self_test = SelfTest(run.engine.observer.projection, config)
     if there_and_back:
         run.kept = KeptFrames()
         frames = then_backwards(frames, run.kept)
@@ -104,11 +118,18 @@ class _Run:
     """One replay: the engine, the sinks that watch it, and what the summary says about its course."""
 
     def __init__(
-        self, log: StereoLog, config: Config, selection: Selection, out_dir: Path | None, sinks: Sequence[Sink]
+        self,
+        log: StereoLog,
+        rig: StereoRig | MonoRig,
+        config: Config,
+        selection: Selection,
+        out_dir: Path | None,
+        sinks: Sequence[Sink],
     ) -> None:
         self.began_cpu_s = time.process_time()
         self.log, self.config, self.selection = log, config, selection
-        self.engine = Engine(log.rig, config)
+        self.rig = rig
+        self.engine = Engine(rig, config)
         self.folder = None if out_dir is None else ResultFolder(out_dir, self.engine.rig, config)
         self.stopwatch = Stopwatch()
         self.statistics = RunStatistics(self.stopwatch)
@@ -119,6 +140,8 @@ class _Run:
         self.sinks: list[Sink] = [*(sink for sink in own if sink is not None), *sinks]
         self.kept: KeptFrames | None = None
         self.ignored: list[tuple[int, int]] = []
+        self.self_test: SelfTest | None = None
+        self.std_truth = (0.0, 0.0)
         self.warnings: list[str] = []
         self.complete = True
 
@@ -149,6 +172,8 @@ class _Run:
         except FrameError as error:
             self.statistics.refuse(error)
             return
+        if self.self_test is not None and self.engine.observations is not None:
+            self.self_test.add(self.engine.observations)
         for sink in self.sinks:
             if sink is not self.structure or not self._backwards([estimate.stamp_ns]):
                 sink.write(estimate, frame)
@@ -196,6 +221,13 @@ class _Run:
             self.warnings.append(f"ground truth is not compared: {error}")
         if self.depth.problem:
             self.warnings.append(self.depth.problem)
+        if self.statistics.rig is not None:
+            projection = self.engine.observer.projection
+            refined = isinstance(self.rig, StereoRig) and self.rig.refinement is not None
+            scale = projection.f_px * projection.baseline_m
+            further["rig"] = describe(self.statistics.rig, scale, refined)
+        if self.self_test is not None:
+            further["self_test"] = self.self_test.result()
         if self.kept is not None:
             if self.kept.too_many:
                 self.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")
@@ -211,6 +243,7 @@ class _Run:
             warnings=list(dict.fromkeys(warnings)),
             truth=truth,
             structure=None if self.structure is None else self.structure.comparison,
+            std_truth=self.std_truth,
             backwards=self._backwards(self.statistics.stamps_ns),
             ignored=self.ignored,
             further=further,

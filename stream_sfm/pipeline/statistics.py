@@ -1,4 +1,4 @@
-"""What a run remembers of its frames, some 600 bytes of each, and the part of the summary that follows from it."""
+"""What a run remembers of its frames, some 1500 bytes of each, and the part of the summary that follows from it."""
 
 import time
 from array import array
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ..errors import FrameError
 from ..evaluation import path_length_m
+from ..evaluation.relative_consistency import RelativeRecord
 from ..geometry.se3 import Array
-from ..types import Frame, FrameEstimate, Status, Trajectory
+from ..types import Frame, FrameEstimate, RigEstimate, Status, Trajectory
 
 STAGES = ("decode", "frontend", "estimator", "total")
 T = TypeVar("T")
@@ -56,6 +57,8 @@ class RunStatistics:
         self.refused = 0
         self.first_refusal: FrameError | None = None
         self._first_lost: FrameEstimate | None = None
+        self.rig: RigEstimate | None = None  # the latest one
+        self.relative = RelativeRecord()
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Remember one estimate."""
@@ -73,6 +76,8 @@ class RunStatistics:
         self._times_ms["total"].append(total_ms)
         self._tracked.append(estimate.status != Status.LOST)
         self.statuses[str(estimate.status)] += 1
+        self.rig = estimate.rig or self.rig
+        self.relative.add(estimate)
         if estimate.status == Status.LOST and self._first_lost is None:
             self._first_lost = estimate
 

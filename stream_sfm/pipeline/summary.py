@@ -6,6 +6,8 @@ from typing import Any
 from ..config import Config
 from ..evaluation import StructureComparison, evaluate, evaluate_unscaled
 from ..evaluation.association import without_frames
+from ..evaluation.end_pose import end_pose
+from ..evaluation.relative_consistency import against_truth
 from ..evaluation.truth_check import TruthFinding, find_doubts, frames_in_doubt, warnings_of
 from ..recording import ReadStats, StereoLog
 from ..results.folder import UNIT_WITHOUT_SCALE
@@ -23,6 +25,7 @@ def summarise(
     warnings: list[str],
     truth: Trajectory | None,
     structure: StructureComparison | None,
+    std_truth: tuple[float, float] = (0.0, 0.0),
     backwards: int = 0,
     ignored: Sequence[tuple[int, int]] = (),
     doubts: Sequence[TruthFinding] | None = None,
@@ -30,9 +33,9 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the content of summary.json; `further` fields come before those of the ground truth.
 
-    The last `backwards` estimates are of frames that were fed backwards; they are not compared with ground truth, and
-    neither are those in the ranges `ignored`. `doubts`: what is known about frames whose truth is wrong; None: it is
-    looked for here.
+    `std_truth`: σ of the ground truth itself, in metres and radians. The last `backwards` estimates are of frames that
+    were fed backwards; they are not compared with ground truth, and neither are those in the ranges `ignored`.
+    `doubts`: what is known about frames whose truth is wrong; None: it is looked for here.
     """
     summary: dict[str, Any] = {
         "log": str(log.path),
@@ -43,6 +46,7 @@ def summarise(
         "warnings": warnings,
         "frames": frame_counts(log.stats, statistics, selection, backwards),
         **statistics.summary(),
+        "end": None if config.mono else end_pose(statistics.trajectory(len(statistics) - backwards)),
         **(further or {}),
     }
     if truth is not None:
@@ -56,6 +60,9 @@ def summarise(
         summary["ground_truth"] = (
             evaluate_unscaled(trajectory, used) if config.mono else evaluate(trajectory, used, structure)
         ) | truth_frames(doubts, ignored)
+        if not config.mono:
+            spans = against_truth(statistics.relative, used, std_truth, len(trajectory))
+            summary["ground_truth"] |= {"std_truth": list(std_truth), "relative_consistency": spans}
     return summary
 
 

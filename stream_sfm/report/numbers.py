@@ -20,6 +20,7 @@ from ..evaluation.relative import (
     relative_errors,
     turning,
 )
+from ..evaluation.relative_consistency import against_truth
 from ..evaluation.summary import evaluate
 from ..evaluation.truth_check import frames_in_doubt
 from ..geometry.se3 import Array
@@ -50,6 +51,8 @@ _FIGURES = (
     "growth_exponent_rotation_ci95",
     "rpe_position_rms_m",
     "rpe_rotation_rms_deg",
+    "std_truth",
+    "relative_consistency",
     "straight",
     "turning",
 )
@@ -79,6 +82,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
         "there_and_back": c.return_note,
+        "self_test": c.self_test,
         "divergence_from_cross_frame_m": _divergence(c),
         "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.local_difference]),
         "tracks": _tracks(c),
@@ -102,6 +106,8 @@ def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
     if c.truth is not None and _complete(run, c):
         figures |= evaluate(run.trajectory(), c.truth, run.structure)
         figures |= _relative(run.trajectory(), c.truth)
+        spans = against_truth(run.relative, c.truth, c.std_truth)
+        figures |= {"std_truth": list(c.std_truth), "relative_consistency": spans}
     shared = np.array(c.front.rectify_ms) + np.array(c.front.frontend_ms)
     estimator = np.array(run.estimator_ms)
     dof = sum(run.nis_dof)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.truth_check import TruthFinding
 from ..geometry.se3 import Array
@@ -26,6 +27,7 @@ class MethodRun:
 
     name: str
     structure: StructureComparison | None = None
+    relative: RelativeRecord = field(default_factory=RelativeRecord)
     stamps_ns: list[int] = field(default_factory=list)
     poses: list[Array] = field(default_factory=list)
     covs: list[Array] = field(default_factory=list)
@@ -60,6 +62,7 @@ class MethodRun:
         self.nis_dof.append(estimate.nis_dof)
         self.estimator_ms.append(estimate.timings_ms["estimator"])
         self.sigma_local_m.append(_median_sigma(estimate))
+        self.relative.add(estimate)
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
@@ -138,7 +141,8 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
     WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
-    not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth.
+    not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth;
+    `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians.
     """
 
     log: str
@@ -155,3 +159,5 @@ class Comparison:
     complete: bool = True
     interrupted: bool = False
     return_note: str = ""
+    self_test: dict[str, list[dict[str, Any]]] | None = None
+    std_truth: tuple[float, float] = (0.0, 0.0)

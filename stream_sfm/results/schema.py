@@ -1,11 +1,11 @@
 """What is recorded of each frame in `estimates.mcap`: the fields of our own messages, from which they are defined."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
-from ..types import FrameEstimate
+from ..types import FrameEstimate, RelativeMotions
 
 SCHEMA_VERSION = 2
 Matrix = list[list[float]]
@@ -36,6 +36,16 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
         list[Pose], Meta(description="their poses as re-estimated now, each 4×4 row by row")
     ]
     counts: Annotated[dict[str, int], Meta(description="points tracked, new, used, rejected")]
+    relative_frame_indices: Annotated[
+        list[int],
+        Meta(description="earlier frames, to which the motion from this one is known with its covariance"),
+    ] = []
+    relative_frame_from_cam: Annotated[
+        list[Pose], Meta(description="carry points of this camera into theirs, each 4×4, metres")
+    ] = []
+    relative_cov: Annotated[
+        list[PoseCovariance], Meta(description="6×6 covariances of ξ in truth = frame_from_cam·Exp(ξ), as cov_pose")
+    ] = []
     unscaled: Annotated[
         bool, Meta(description="with one camera: lengths are in units of the first baseline, not in metres")
     ] = False
@@ -85,8 +95,19 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
         cov_pose=estimate.cov_pose.tolist(),
         window_frame_indices=estimate.window_frame_indices.tolist(),
         window_world_from_cam=estimate.window_world_from_cam.tolist(),
+        **_relative(estimate.relative),
         counts={name: int(value) for name, value in estimate.counts.items()},
         unscaled=estimate.unscaled,
         nis=float(estimate.nis),
         nis_dof=int(estimate.nis_dof),
     )
+
+
+def _relative(relative: RelativeMotions | None) -> dict[str, Any]:
+    if relative is None:
+        return {}
+    return {
+        "relative_frame_indices": relative.frame_indices.tolist(),
+        "relative_frame_from_cam": relative.frame_from_newest.tolist(),
+        "relative_cov": relative.cov.tolist(),
+    }

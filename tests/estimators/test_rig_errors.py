@@ -22,13 +22,13 @@ TYPICAL = np.array([1, 1, 1, 1, 1, 1, 0.3])  # σ; radial errors of several pixe
 
 def with_errors(sequence: Sequence, errors: np.ndarray) -> list[Observations]:
     """Observations that a rig with such errors (m,), in units of their σ, makes of the scene."""
-    model = RigEffects(sequence.projection, RigConfig())
+    model = RigEffects(sequence.projection, RigConfig(), None)
     return [replace(o, z_px=o.z_px + model.of(o.z_px) @ errors) for o in sequence.observations]
 
 
 def run(sequence: Sequence, observations: list[Observations], exact: bool = False) -> Solution:
     """The last solution."""
-    model = RigEffects(sequence.projection, RigConfig(exact=exact))
+    model = RigEffects(sequence.projection, RigConfig(exact=exact), None)
     estimator = make_estimator("cross-frame", sequence.projection, Config())
     for o in observations:
         solution = estimator.step(replace(o, rig_effects=model.of(o.z_px)))
@@ -81,7 +81,7 @@ def test_an_exact_calibration_is_not_harmed() -> None:
 @pytest.mark.parametrize("exact", [True, False])
 def test_effects_of_the_errors_are_pixels_per_sigma(exact: bool) -> None:
     projection = SCENE.sequence(np.random.SeedSequence(0)).projection
-    model = RigEffects(projection, RigConfig(exact=exact))
+    model = RigEffects(projection, RigConfig(exact=exact), None)
     p = projection
     u, v = p.width - 1.0, p.height - 1.0
     effects = model.of(np.array([[u, v, u - p.cx_left_px + p.cx_right_px, v]]))

@@ -27,6 +27,7 @@ OF_COMMAND = {
     "simulate": {"simulate"},
     "inspect": {"inspect"},
     "import": {"import_kitti", "import_euroc", "import_images"},
+    "calibrate": {"calibrate"},
     "calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},
 }

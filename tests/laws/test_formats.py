@@ -55,7 +55,7 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("formats") / "run"
-    replay(LOG, folder, selection=Selection(max_frames=8), there_and_back=True)
+    replay(LOG, folder, selection=Selection(max_frames=8), there_and_back=True, self_test=True)
     return folder
 
 
@@ -92,7 +92,7 @@ def test_report(tmp_path: Path) -> None:
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
     methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=40)
-    compare(LOG, tmp_path, selection=chosen, methods=methods, there_and_back=True)
+    compare(LOG, tmp_path, selection=chosen, methods=methods, there_and_back=True, self_test=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])

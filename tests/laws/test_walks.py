@@ -36,6 +36,6 @@ def test_every_step_exists(file: str, name: str) -> None:
 
 def test_the_sinks_of_a_replay_come_in_the_order_of_the_walk(tmp_path: Path) -> None:
     log = stream_sfm.open_log(ROOM)
-    run = replay._Run(log, stream_sfm.Config(), stream_sfm.Selection(), tmp_path, [])
+    run = replay._Run(log, log.rig, stream_sfm.Config(), stream_sfm.Selection(), tmp_path, [])
     written = [name.removesuffix(".write") for _, name in STEPS if name.endswith(".write")]
     assert [type(sink).__name__ for sink in run.sinks] == written[:4]

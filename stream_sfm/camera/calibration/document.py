@@ -15,8 +15,10 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...inputs import check_text, check_values
 from ..models import DISTORTION_COEFFICIENTS, Camera
+from ..refinement import Refinement
 
-Pair = tuple[Camera, Camera, Array]  # left, right, right_from_left (4, 4) in metres
+# left, right, right_from_left (4, 4) in metres, and what is known about their errors
+Pair = tuple[Camera, Camera, Array] | tuple[Camera, Camera, Array, Refinement]
 Size = tuple[int, int]  # width, height in pixels
 
 MAX_BYTES = 2**20  # calibration files are kilobytes

@@ -18,7 +18,11 @@
                 [0.0, 0.0, 1.0]]
     translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
 
-Instead of the last section, `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
+    [refinement]                    # written by `stream-sfm calibrate`; may be left out
+    error_px = [0.14, …]            # seven errors of the calibration (`camera/refinement.py`)
+    covariance_px2 = [[…], …]       # 7×7
+
+Instead of [right_from_left], `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
 one camera (`Config.mono`) the first section is enough.
 """
 
@@ -32,11 +36,12 @@ from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
+from ..refinement import TERMS, Refinement
 from .document import Document, Pair, Size
 
 NAME = "TOML of stream_sfm"
 FILES = 1
-_SECTIONS = {"left", "right", "right_from_left"}
+_SECTIONS = {"left", "right", "right_from_left", "refinement"}
 _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
 
 
@@ -48,7 +53,8 @@ def matches(data: Mapping[str, Any]) -> bool:
 def pair(documents: Sequence[Document], size: Size | None) -> Pair:
     """The pair of one file."""
     name, data = _sections(documents[0])
-    return _camera(name, data, "left"), _camera(name, data, "right"), _right_from_left(name, data)
+    cameras = _camera(name, data, "left"), _camera(name, data, "right"), _right_from_left(name, data)
+    return (*cameras, _refinement(name, data["refinement"])) if "refinement" in data else cameras
 
 
 def left(documents: Sequence[Document], size: Size | None) -> Camera:
@@ -56,8 +62,10 @@ def left(documents: Sequence[Document], size: Size | None) -> Camera:
     return _camera(*_sections(documents[0]), "left")
 
 
-def text(cameras: Mapping[str, Camera], right_from_left: Array | None = None) -> str:
-    """Cameras by name, and the pose of the right one where there are two, as text that is read back unchanged."""
+def text(
+    cameras: Mapping[str, Camera], right_from_left: Array | None = None, refinement: Refinement | None = None
+) -> str:
+    """Cameras by name as text that is read back unchanged; of a pair the pose of the right one, and known errors."""
     lines = ["# calibration: pixels and metres"]
     for name, camera in cameras.items():
         lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
@@ -66,6 +74,9 @@ def text(cameras: Mapping[str, Camera], right_from_left: Array | None = None) ->
     if right_from_left is not None:
         lines += ["", "[right_from_left]", f"rotation = {right_from_left[:3, :3].tolist()}"]
         lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
+    if refinement is not None:
+        lines += ["", f"[refinement]  # terms: {', '.join(TERMS)}", f"error_px = {refinement.error_px.tolist()}"]
+        lines += [f"covariance_px2 = {refinement.cov_px2.tolist()}"]
     return "\n".join(lines) + "\n"
 
 
@@ -124,6 +135,20 @@ def _right_from_left(path: str | Path, data: Mapping[str, Any]) -> Array:
     rotation = _numbers(f"{where}.rotation", value.get("rotation", np.eye(3).tolist()), (3, 3))
     translation = _numbers(f"{where}.translation_m", value.get("translation_m"), (3,))
     return se3.from_rotation_translation(rotation, translation)
+
+
+def _refinement(path: str | Path, table: Any) -> Refinement:
+    where = f"calibration {path}: refinement"
+    if not isinstance(table, dict):
+        raise ConfigError(f"{where} must be a section with error_px and covariance_px2, got {table!r}")
+    _known(path, "[refinement]", table, {"error_px", "covariance_px2"})
+    n = len(TERMS)
+    error = _numbers(f"{where}.error_px", table.get("error_px"), (n,))
+    cov = _numbers(f"{where}.covariance_px2", table.get("covariance_px2"), (n, n))
+    try:
+        return Refinement(error, cov)
+    except ConfigError as error_of_it:
+        raise ConfigError(f"{where}: {error_of_it}") from None
 
 
 def _numbers(where: str, value: Any, shape: tuple[int, ...] | None) -> Array:

@@ -28,9 +28,9 @@ from .window_frame import WindowFrame
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point. `frames`: the window, oldest first.
-    `prior` and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the
-    latest frame.
+    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point. `frames`: the window, oldest first;
+    `reference_index`: which frame the reference camera is. `prior`, and the `amplitudes` (k,) of its modes. `system`:
+    the latest normal equations, factored. `marginals`: of the latest frame.
     """
 
     def __init__(
@@ -42,6 +42,7 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
+        self.reference_index = frame.index
         self.rejections = RejectionCounts()
         self._frames_in_doubt = 0
         self.ids = first.track_ids

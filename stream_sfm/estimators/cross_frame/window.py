@@ -24,6 +24,7 @@ from .absorb import absorb_oldest_frame
 from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
+from .relative import relative_motions
 from .rig_knowledge import RigKnowledge
 from .window_frame import WindowFrame
 
@@ -169,6 +170,7 @@ class CrossFrame:
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=current.rig_estimate(),
+            relative=relative_motions(current),
         )
 
 

@@ -1,0 +1,66 @@
+"""What replays have learnt about the errors of a stereo calibration: a smooth field of disparity and a radial error.
+
+A calibration with a refinement is used like any other: views are corrected by it before any estimator sees them, and
+what is left of its uncertainty goes on being considered. docs/mathematics.md, section 13.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ConfigError
+from ..geometry.se3 import Array
+
+# x, y from the image's middle in half widths and half heights; the last one is radial, in pixels of the corner.
+TERMS = ("1", "x", "y", "xx", "xy", "yy", "radial")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Refinement:
+    """Errors `error_px` (7,) of a calibration, by `TERMS`, with covariance `cov_px2` (7, 7).
+
+    Raises ConfigError for numbers that are no errors with a covariance.
+    """
+
+    error_px: Array
+    cov_px2: Array
+
+    def __post_init__(self) -> None:
+        n = len(TERMS)
+        error, cov = np.array(self.error_px, dtype=float), np.array(self.cov_px2, dtype=float)
+        if error.shape != (n,) or cov.shape != (n, n) or not np.isfinite(error).all():
+            raise ConfigError(f"a refinement has {n} errors and their {n}×{n} covariance, all of them finite")
+        try:
+            np.linalg.cholesky(cov)
+        except np.linalg.LinAlgError:
+            raise ConfigError("the covariance of a refinement is not positive definite") from None
+        object.__setattr__(self, "error_px", error)
+        object.__setattr__(self, "cov_px2", cov)
+
+    @property
+    def std_px(self) -> Array:
+        """Standard deviation (7,) of each error."""
+        return np.asarray(np.sqrt(np.diag(self.cov_px2)))
+
+    def __repr__(self) -> str:
+        return f"<Refinement {disparity_rms_px(self.error_px):.2f} px of disparity>"
+
+
+def combine(refinements: Sequence[Refinement], prior_std_px: Array) -> Refinement:
+    """The joint refinement of several independent runs that all began with errors of `prior_std_px` (7,) about zero."""
+    prior = np.diag(prior_std_px**-2)
+    information, weighted = prior.copy(), np.zeros(len(prior))
+    for refinement in refinements:
+        own = np.linalg.inv(refinement.cov_px2)
+        information += own - prior
+        weighted += own @ refinement.error_px
+    cov = np.linalg.inv(information)
+    return Refinement(cov @ weighted, 0.5 * (cov + cov.T))
+
+
+def disparity_rms_px(error_px: Array) -> float:
+    """Root mean square of the disparity's error over the image, without the radial term."""
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
+    field = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ error_px[:6]
+    return float(np.sqrt((field**2).mean()))

@@ -1,0 +1,29 @@
+"""The motions between the frames of the window and the newest one, with their covariances from the joint system.
+
+A pose in the world carries all drift since the start; the motion over a few frames does not. The joint covariance of
+the window has it directly, eq. (74), with all that the two poses have in common.
+"""
+
+import numpy as np
+
+from ...geometry import se3
+from ...types import RelativeMotions
+from .map import Map
+
+
+def relative_motions(current: Map) -> RelativeMotions:
+    """Return the motions from the newest frame to the reference camera and to every other frame of the window."""
+    frames = current.frames
+    cams = np.concatenate([np.eye(4)[None], current.cams_from_ref()[:-1]])  # the reference is exact by definition
+    from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
+    sigma = current.system.covariance()
+    newest = 6 * len(frames) - 6
+    j = np.zeros((len(cams), 6, len(sigma)))
+    j[:, :, newest : newest + 6] = -np.eye(6)
+    for row in range(1, len(cams)):
+        j[row, :, 6 * row - 6 : 6 * row] = se3.adjoint(se3.inverse(from_newest[row]))
+    return RelativeMotions(
+        frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
+        frame_from_newest=se3.orthonormalise(from_newest),
+        cov=j @ sigma @ np.swapaxes(j, 1, 2),
+    )

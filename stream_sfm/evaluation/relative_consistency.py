@@ -1,0 +1,135 @@
+"""Is σ of relative motion right, and over how many frames? By which factor it would have to change, eq. (75).
+
+A pose in the world answers for all drift since the start, and one wrong start spoils its NEES for ever. A relative
+motion answers for its own frames. Its error is judged in units of its covariance: against ground truth with its own σ;
+or, without any truth, estimates from disjoint parts of the observations against each other (`pipeline/self_test.py`).
+"""
+
+from array import array
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import se3
+from ..geometry.linear import symmetric
+from ..geometry.se3 import Array
+from ..types import FrameEstimate, Status, Trajectory
+from .association import matched
+
+SPANS = (1, 2, 5, 8, 20, 100)
+_OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
+_UPPER = np.triu_indices(6)
+_NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motions:
+    """Motions over one span of frames that end at the frames `ends` (n,): poses (n, 4, 4) with `cov` (n, 6, 6)."""
+
+    ends: NDArray[np.intp]
+    earlier_from_end: Array
+    cov: Array
+
+
+class RelativeRecord:
+    """A sink's memory of relative motions: some 900 bytes per frame."""
+
+    def __init__(self) -> None:
+        self._stamps_ns = array("q")
+        self._motions = {span: array("d") for span in _OF_WINDOW}
+
+    def add(self, estimate: FrameEstimate) -> None:
+        """Remember the motions of one estimate; NaN where it has none."""
+        self._stamps_ns.append(estimate.stamp_ns)
+        relative = None if estimate.status == Status.LOST else estimate.relative
+        for span, motions in self._motions.items():
+            numbers = np.full(_NUMBERS, np.nan)
+            if relative is not None:
+                row = np.flatnonzero(relative.frame_indices == estimate.frame_index - span)
+                if len(row):
+                    numbers[:6] = se3.log(relative.frame_from_newest[row[0]])
+                    numbers[6:] = relative.cov[row[0]][_UPPER]
+            motions.frombytes(numbers.tobytes())
+
+    def motions(self, span: int, frames: int | None = None) -> Motions:
+        """The motions over a span among the first `frames` frames (None: all).
+
+        Where the span is longer than the window, they are composed of the window's as if these were independent.
+        """
+        pieces = _pieces(span)
+        first = self._of_window(pieces[0], frames)
+        ends, poses, cov = first.ends, first.earlier_from_end, first.cov
+        for done, piece in zip(np.cumsum(pieces), pieces[1:], strict=False):
+            before = self._of_window(piece, frames)
+            _, mine, theirs = np.intersect1d(ends - done, before.ends, return_indices=True)
+            ends = ends[mine]
+            ad = se3.adjoint(se3.inverse(poses[mine]))
+            cov = ad @ before.cov[theirs] @ np.swapaxes(ad, 1, 2) + cov[mine]
+            poses = se3.orthonormalise(before.earlier_from_end[theirs] @ poses[mine])
+        return Motions(ends, poses, symmetric(cov))
+
+    def _of_window(self, span: int, frames: int | None) -> Motions:
+        numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)[:frames]
+        ends = np.flatnonzero(np.isfinite(numbers[:, 0]))
+        cov = np.zeros((len(ends), 6, 6))
+        cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[ends, 6:]
+        return Motions(ends, se3.exp(numbers[ends, :6]), cov)
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Of all frames (n,)."""
+        return np.array(self._stamps_ns, np.int64)
+
+
+def against_truth(
+    record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float], frames: int | None = None
+) -> list[dict[str, Any]]:
+    """Factors over all spans that have motions with a truth at both ends; `std_truth`: its own σ in m and rad."""
+    stamps_ns = record.stamps_ns[:frames]
+    rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
+    at = np.full(len(stamps_ns), -1)
+    at[rows] = np.arange(len(rows))
+    cov_truth = 2 * np.diag(np.repeat(np.square(std_truth), 3))
+    result = []
+    for span in SPANS:
+        motions = record.motions(span, frames)
+        known = (at[motions.ends] >= 0) & (at[motions.ends - span] >= 0)
+        if not known.any():
+            continue
+        ends, poses = motions.ends[known], motions.earlier_from_end[known]
+        expected = se3.inverse(true.world_from_cam[at[ends - span]]) @ true.world_from_cam[at[ends]]
+        error = se3.log(se3.inverse(poses) @ expected)
+        result.append({"frames": span, **factors(error, motions.cov[known] + cov_truth, poses)})
+    return result
+
+
+def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
+    """By which factor σ would have to change: altogether, of the length, and per axis (translation, then rotation).
+
+    `error` (n, 6) and `cov` (n, 6, 6) are of the perturbation on the right of `poses` (n, 4, 4).
+    """
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
+    along = np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    along = along / np.maximum(length, 1e-12)
+    var_length = np.einsum("ni,nij,nj->n", along, cov[:, :3, :3], along)
+    of_length = np.einsum("ni,ni->n", along, error[:, :3]) ** 2 / np.maximum(var_length, 1e-30)
+    axes = np.sqrt(np.mean(error**2 / np.diagonal(cov, axis1=1, axis2=2), axis=0))
+    return {
+        "count": len(error),
+        "factor": float(np.sqrt(nees.mean() / 6)),
+        "factor_length": float(np.sqrt(of_length.mean())) if (length > 0).any() else None,
+        "factor_axes": axes.tolist(),
+    }
+
+
+def _pieces(span: int) -> list[int]:
+    """A span as a sum of spans that the window has, the longest first."""
+    pieces = []
+    for size in reversed(_OF_WINDOW):
+        while span >= size:
+            pieces.append(size)
+            span -= size
+    return pieces

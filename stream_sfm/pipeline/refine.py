@@ -1,0 +1,134 @@
+"""Refines the calibration of a rig from logs: what each run has learnt about its errors, put together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera.refinement import TERMS, Refinement, combine, disparity_rms_px
+from ..camera.rig import StereoRig
+from ..config import Config
+from ..engine import Engine
+from ..errors import ConfigError, FrameError
+from ..frontend.rig_effects import prior_std_px
+from ..geometry.se3 import Array
+from ..recording import StereoLog, open_log
+from ..types import RigEstimate, Selection
+from .prefetch import prepared_ahead
+
+# σ that a refinement is given when the same frames are used once more, in units of its own: they count twice then, and
+# with this their second say is a quarter of the first.
+_USED_AGAIN = 2.0
+_TELLING = 0.1  # of a distance: what is said about an error is where it reaches that
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RefinedRig:
+    """The result of a calibration: the `rig` with its refinement, and what each log has told (None: nothing)."""
+
+    rig: StereoRig
+    estimates: tuple[RigEstimate | None, ...]
+
+    def __repr__(self) -> str:
+        return f"<RefinedRig from {len(self.estimates)} logs: {self.rig.refinement!r}>"
+
+
+def calibrate(
+    logs: Sequence[str | Path | StereoLog],
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    calibration: str | Path | StereoRig | None = None,
+) -> RefinedRig:
+    """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
+
+    The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError, LogError.
+    """
+    config = _able(config or Config())
+    opened = [log if isinstance(log, StereoLog) else open_log(log, calibration=calibration) for log in logs]
+    rig = replace(opened[0].stereo_rig, refinement=None)
+    for log in opened[1:]:
+        if not _same(rig, log.stereo_rig):
+            raise ConfigError(
+                f"{log.path} has other cameras, or another calibration, than {opened[0].path}: "
+                "logs that refine one calibration must have it in common"
+            )
+    estimates = tuple(_learn(log, rig, config, selection or Selection()) for log in opened)
+    known = [Refinement(e.mean, e.cov) for e in estimates if e is not None]
+    refinement = combine(known, prior_std_px(config.rig)) if known else None
+    return RefinedRig(replace(rig, refinement=refinement), estimates)
+
+
+def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> StereoRig:
+    """The rig of a log, refined by the same frames that are going to be estimated with it; as it is if it is right."""
+    estimate = _learn(log, replace(log.stereo_rig, refinement=None), _able(config), selection)
+    if estimate is None or not estimate.applied:
+        return log.stereo_rig
+    return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
+
+
+def describe(estimate: RigEstimate, disparity_at_1m_px: float, refined: bool = False) -> dict[str, Any]:
+    """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean.
+
+    `refined`: the calibration has a refinement, which the errors contain.
+    """
+    std_px, rms_px = np.sqrt(np.diag(estimate.cov)), disparity_rms_px(estimate.mean)
+    within_px = _uncertainty_px(estimate.cov)
+    far_m = _TELLING * disparity_at_1m_px / max(rms_px, 1e-9)
+    if estimate.applied:
+        text = (
+            f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
+            "would be off by 10 % and more"
+        )
+    elif refined:
+        text = (
+            f"refined by {rms_px:.2f} px of disparity, with which the images agree; right within {within_px:.2f} px"
+        )
+    else:
+        text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
+    return {
+        "applied": estimate.applied,
+        "terms": list(TERMS),
+        "error_px": estimate.mean.tolist(),
+        "std_px": std_px.tolist(),
+        "disparity_rms_px": rms_px,
+        "text": text,
+    }
+
+
+def _uncertainty_px(cov_px2: Array) -> float:
+    """σ of the disparity, root mean square over the image."""
+    root = np.linalg.cholesky(cov_px2)
+    return float(np.sqrt(sum(disparity_rms_px(column) ** 2 for column in root.T)))
+
+
+def _able(config: Config) -> Config:
+    """The configuration, if calibrating is possible with it."""
+    config.needs_scale("calibrate")
+    if config.rig.exact:
+        raise ConfigError("rig.exact says that the calibration has no error: leave it out to calibrate")
+    if config.method != "cross-frame":
+        raise ConfigError(f"the method {config.method} does not calibrate: use cross-frame")
+    return config
+
+
+def _learn(log: StereoLog, rig: StereoRig, config: Config, selection: Selection) -> RigEstimate | None:
+    """What the frames of a log tell about the errors of the rig; None where no frame was estimated."""
+    engine, latest = Engine(rig, config), None
+    frames = prepared_ahead(engine, log.frames(selection))
+    try:
+        for frame, prepared in frames:
+            try:
+                estimate = engine.step(frame, prepared)
+            except FrameError:
+                continue
+            latest = estimate.rig or latest
+    finally:
+        frames.close()
+    return latest
+
+
+def _same(a: StereoRig, b: StereoRig) -> bool:
+    return replace(a, refinement=None).to_toml() == replace(b, refinement=None).to_toml()

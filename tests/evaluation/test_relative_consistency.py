@@ -1,0 +1,86 @@
+"""Factors of σ: recovered from motions whose errors are known to be too large, over spans the window has and longer."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stream_sfm.evaluation.end_pose import end_pose
+from stream_sfm.evaluation.relative_consistency import SPANS, RelativeRecord, against_truth, factors
+from stream_sfm.geometry import se3
+from stream_sfm.types import RelativeMotions, Trajectory
+
+FRAMES, PERIOD_NS = 420, 100_000_000
+STEP = se3.exp([0.1, 0.0, 0.02, 0.0, 0.01, 0.0])
+STD = np.repeat([1e-3, 2e-4], 3)  # of one step
+
+
+def record_of(path: np.ndarray, estimated: np.ndarray, cov: np.ndarray) -> RelativeRecord:
+    """Motions over 1 … 8 frames of an estimated path whose steps are independent, with `cov` (6, 6) each."""
+    record = RelativeRecord()
+    for n in range(len(path)):
+        spans = [k for k in range(1, 9) if k <= n]
+        motions, covs = [], []
+        for k in spans:
+            motion, sigma = np.eye(4), np.zeros((6, 6))
+            for i in range(n - k, n):
+                step = se3.inverse(estimated[i]) @ estimated[i + 1]
+                ad = se3.adjoint(se3.inverse(step))
+                motion, sigma = motion @ step, ad @ sigma @ ad.T + cov
+            motions.append(motion)
+            covs.append(sigma)
+        relative = None
+        if spans:
+            relative = RelativeMotions(np.array([n - k for k in spans]), np.stack(motions), np.stack(covs))
+        estimate = SimpleNamespace(stamp_ns=n * PERIOD_NS, frame_index=n, status="ok", relative=relative)
+        record.add(estimate)  # type: ignore[arg-type]
+    return record
+
+
+@pytest.mark.parametrize("too_small", [1.0, 3.0])
+def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None:
+    """Steps err independently; over long spans few of them are independent, the standard error grows with it."""
+    rng = np.random.default_rng(2)
+    path, estimated = [np.eye(4)], [np.eye(4)]
+    for _ in range(FRAMES - 1):
+        path.append(path[-1] @ STEP)
+        estimated.append(estimated[-1] @ STEP @ se3.exp(too_small * STD * rng.normal(size=6)))
+    truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, np.stack(path))
+    found = against_truth(record_of(truth.world_from_cam, np.stack(estimated), np.diag(STD**2)), truth, (0.0, 0.0))
+    assert [spans["frames"] for spans in found] == list(SPANS)
+    for spans in found:
+        standard_error = too_small * np.sqrt(spans["frames"] / (2 * 6 * FRAMES))
+        assert abs(spans["factor"] - too_small) < 4 * standard_error
+        assert spans["count"] == FRAMES - spans["frames"]
+
+
+def test_the_truth_s_own_error_counts() -> None:
+    """Nearly exact estimates against a noisy truth: without its σ they look wrong, with it right."""
+    rng = np.random.default_rng(3)
+    path = np.stack([np.linalg.matrix_power(STEP, n) for n in range(FRAMES)])
+    noisy = path @ se3.exp(rng.normal(size=(FRAMES, 6)) * np.repeat([0.01, 0.002], 3))
+    truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, noisy)
+    record = record_of(path, path, np.diag(STD**2))
+    blind, seeing = (against_truth(record, truth, std)[0]["factor"] for std in ((0.0, 0.0), (0.01, 0.002)))
+    assert blind > 5 and seeing == pytest.approx(1, abs=0.1)
+
+
+def test_a_length_is_judged_along_the_motion() -> None:
+    poses = np.broadcast_to(se3.exp([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), (50, 4, 4))
+    error = np.zeros((50, 6))
+    error[:, 2] = 0.02
+    found = factors(error, np.broadcast_to(np.diag(np.repeat([1e-4, 1e-6], 3)), (50, 6, 6)), poses)
+    assert found["factor_length"] == pytest.approx(2)
+    assert found["factor_axes"] == pytest.approx([0, 0, 2, 0, 0, 0])
+
+
+def test_the_end_is_told_with_its_uncertainty() -> None:
+    turned = se3.exp([0, 0, 0, 0, np.radians(30), 0])
+    turned[:3, 3] = (3, 0, 4)
+    cov = np.diag([0.01, 0.02, 0.02, 1e-4, 4e-4, 1e-4])
+    end = end_pose(Trajectory(np.array([0, 1]), np.stack([np.eye(4), turned]), np.stack([np.zeros((6, 6)), cov])))
+    assert end is not None
+    assert end["heading_deg"] == pytest.approx(30)
+    assert end["std_heading_deg"] == pytest.approx(np.degrees(0.02))
+    assert end["std_position_m"] == pytest.approx(np.sqrt(0.05))
+    assert end["std_position_percent"] == pytest.approx(100 * np.sqrt(0.05) / 5)

@@ -1,0 +1,62 @@
+"""Calibrating from logs, by the library and by the command line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stream_sfm.camera.rig import StereoRig
+from stream_sfm.cli.main import main
+from stream_sfm.config import Config, RigConfig
+from stream_sfm.errors import ConfigError
+from stream_sfm.pipeline.refine import calibrate
+from stream_sfm.pipeline.replay import replay
+from tests.helpers.wall_log import write_wall_log
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_wall_log(tmp_path_factory.mktemp("refine") / "wall.mcap", n=8)
+
+
+def test_an_exact_calibration_stays_as_it_is_within_its_uncertainty(log: Path) -> None:
+    refined = calibrate([log])
+    refinement = refined.rig.refinement
+    assert refinement is not None
+    assert refinement.error_px @ np.linalg.solve(refinement.cov_px2, refinement.error_px) < 30  # χ² of 7, 1e-4
+    assert (refinement.std_px <= [0.3] * 6 + [2.0]).all()
+
+
+def test_several_logs_tell_more_than_one(log: Path) -> None:
+    one, two = (calibrate(logs).rig.refinement for logs in ([log], [log, log]))
+    assert one is not None and two is not None
+    assert (two.std_px <= one.std_px).all() and two.std_px[0] < 0.9 * one.std_px[0]
+
+
+def test_a_configuration_that_cannot_calibrate_is_refused(log: Path) -> None:
+    with pytest.raises(ConfigError, match="exact"):
+        calibrate([log], Config(rig=RigConfig(exact=True)))
+    with pytest.raises(ConfigError, match="ekf"):
+        calibrate([log], Config(method="ekf"))
+
+
+def test_the_command_writes_a_calibration_that_a_replay_takes(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "refined.toml"
+    assert main(["calibrate", str(log), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert StereoRig.from_calibration(out).refinement is not None
+    assert found["logs"][0]["log"] == str(log) and len(found["error_px"]) == 7
+    summary = replay(log, calibration=out).summary
+    assert not summary["rig"]["applied"] and "refined" in summary["rig"]["text"]
+
+
+def test_a_replay_says_where_it_ends_and_what_its_covariances_are_worth(log: Path) -> None:
+    summary = replay(log, calibrate=True, self_test=True, std_truth=(1e-5, 1e-6)).summary
+    assert summary["end"]["std_position_m"] > 0 and summary["end"]["std_heading_deg"] > 0
+    assert [s["frames"] for s in summary["self_test"]["tracks"]] == [1, 2, 5]
+    truth = summary["ground_truth"]
+    assert truth["std_truth"] == [1e-5, 1e-6]
+    assert [s["frames"] for s in truth["relative_consistency"]] == [1, 2, 5]
