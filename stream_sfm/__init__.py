@@ -170,8 +170,7 @@ _HOMES = {
         "StereoFrame",
         "Trajectory",
     ),
-    "viewer": ("open_viewer",),
-    "viewer.surface": ("write_surface as write_surface_recording",),
+    "viewer": ("open_viewer", "write_surface_recording"),
 }
 
 if TYPE_CHECKING:
@@ -244,8 +243,7 @@ if TYPE_CHECKING:
         StereoFrame,
         Trajectory,
     )
-    from .viewer import open_viewer
-    from .viewer.surface import write_surface as write_surface_recording
+    from .viewer import open_viewer, write_surface_recording
 
 
 def __getattr__(name: str) -> Any:

@@ -52,7 +52,7 @@ def _add_results(parser: argparse.ArgumentParser) -> None:
         help="direction from which the picture is taken, in degrees to the right of the first camera and above it "
         "(default: 20 20)",
     )
-    results.add_argument("--rrd", metavar="FILE", help="also write a recording for the Rerun viewer")
+    results.add_argument("--rrd", metavar="FILE", help="also write a recording for the Rerun viewer (extra [view])")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -92,7 +92,10 @@ def _reconstruct(args: argparse.Namespace) -> "Surface":
 def _check_files(args: argparse.Namespace) -> None:
     """Before the work is done, rather than after. Raises ConfigError, OutputError."""
     from ..errors import ConfigError, OutputError
+    from ..viewer import require_rerun
 
+    if args.rrd is not None:
+        require_rerun()
     for option, ending in (("out", ".ply"), ("preview", ".png"), ("rrd", ".rrd")):
         name = getattr(args, option)
         if name is None:
@@ -121,9 +124,9 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
 
         write_png(args.preview, preview(surface.mesh, *args.viewpoint))
     if args.rrd:
-        from ..viewer.surface import write_surface
+        from ..viewer import write_surface_recording
 
-        write_surface(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
+        write_surface_recording(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
 
 
 def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:

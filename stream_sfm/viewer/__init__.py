@@ -3,12 +3,24 @@
 Not here: the HTML pages (`report/`).
 """
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from ..camera.rig import MonoRig, StereoRig
+from ..dense.mesh import Mesh
+from ..errors import ConfigError
+from ..geometry.se3 import Array
 from ..types import Sink, Trajectory
 
-__all__ = ["open_viewer"]
+__all__ = ["open_viewer", "require_rerun", "write_surface_recording"]
+
+
+def require_rerun() -> None:
+    """Raise a ConfigError where Rerun is not installed."""
+    if find_spec("rerun") is None:
+        raise ConfigError(
+            "the Rerun viewer is not installed: pip install rerun-sdk, or this package with its extra [view]"
+        )
 
 
 def open_viewer(
@@ -21,9 +33,21 @@ def open_viewer(
     """Open a sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
 
     `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the name
-    of the recording in the viewer. Raises ConfigError where no window can be opened or neither output is requested,
-    OutputError where the file cannot be written.
+    of the recording in the viewer. Raises ConfigError where Rerun is not installed, no window can be opened or neither
+    output is requested, OutputError where the file cannot be written.
     """
+    require_rerun()
     from .sink import RerunSink
 
     return RerunSink(rig, rrd, view, ground_truth, name)
+
+
+def write_surface_recording(rrd: str | Path, mesh: Mesh, path: Array, name: str) -> None:
+    """Write a recording called `name` to the file `rrd`: the mesh, and the camera centres (n, 3) in its axes.
+
+    Raises ConfigError where Rerun is not installed, OutputError where the file cannot be written.
+    """
+    require_rerun()
+    from .surface import write_surface
+
+    write_surface(rrd, mesh, path, name)

@@ -14,10 +14,7 @@ _SURFACE, _PATH = "world/surface", "world/path"
 
 
 def write_surface(rrd: str | Path, mesh: Mesh, path: Array, name: str) -> None:
-    """Write a recording called `name` to the file `rrd`: the mesh, and the camera centres (n, 3) in its axes.
-
-    Raises OutputError where the file cannot be written.
-    """
+    """Write what `write_surface_recording` describes."""
     try:
         Path(rrd).open("wb").close()
     except OSError as error:

@@ -1,0 +1,58 @@
+"""Without Rerun everything works but the viewer, which says how to get it before any work is done."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import stream_sfm as sfm
+from tests.helpers.places import ROOM
+from tests.results.test_estimates import rig
+
+# A finder in front of all others: as if the package were not there.
+WITHOUT = """
+import sys
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "rerun":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Hidden())
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name == "rerun" else found(name, package)
+from stream_sfm.cli.main import main
+raise SystemExit(main(sys.argv[1:]))
+"""
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def test_a_replay_needs_no_viewer(tmp_path: Path) -> None:
+    done = run("replay", ROOM, "--max-frames", 4, "--out", tmp_path / "out", "-q")
+    assert done.returncode == 0, done.stderr
+    assert len(sfm.read_results(tmp_path / "out")) == 4
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("replay", ROOM, "--out", "{d}/out", "--rrd", "{d}/a.rrd"),
+        ("replay", ROOM, "--out", "{d}/out", "--view"),
+        ("surface", ROOM, "--out", "{d}/a.ply", "--rrd", "{d}/a.rrd"),
+    ],
+)
+def test_what_needs_it_says_how_to_get_it_and_does_nothing(arguments: tuple[object, ...], tmp_path: Path) -> None:
+    done = run(*(str(a).format(d=tmp_path) for a in arguments))
+    assert done.returncode == 2
+    assert "the Rerun viewer is not installed: pip install rerun-sdk" in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
+
+
+def test_in_python_it_is_a_config_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("stream_sfm.viewer.find_spec", lambda name: None)
+    with pytest.raises(sfm.ConfigError, match="pip install rerun-sdk"):
+        sfm.open_viewer(rig(), tmp_path / "a.rrd")
