@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         for line in found["logs"]:
             print(f"{line['log']}: {line['text']}")
-        print(f"{args.out}: {refined.rig.refinement!r}")
+        print(f"written to {args.out}: give it to other commands with --calibration {args.out}")
     return ExitCode.DONE
 
 

@@ -55,7 +55,8 @@ def _convert(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"out": args.out, **describe_rig(rig)})
     else:
-        print(f"{args.out}: {rig!r}")
+        left = rig.left
+        print(f"written to {args.out}: {left.width}×{left.height} pixels, baseline {rig.baseline_m:.4g} m")
     return ExitCode.DONE
 
 

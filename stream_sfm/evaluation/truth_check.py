@@ -166,7 +166,7 @@ def _even(values: Array, what: str, size: Array, unit: str) -> list[TruthFinding
                     max(first - 1, 0),
                     last + 1,
                     f"its {what} changes evenly, to {varies:.1g} {unit} from frame to frame, where {usual:.2g} {unit} "
-                    "are usual in this log: it was interpolated there, not measured",
+                    "are usual in this log, as if interpolated",
                 )
             )
     return found
