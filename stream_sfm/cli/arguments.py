@@ -19,6 +19,7 @@ METHODS = (
     "cross-frame-cc",
     "cross-frame-cc-literal",
     "ekf",
+    "iterated-ekf",
     "ekf-cv",
     "frame-to-frame",
     "depth-filter",

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..types import Selection
 
 # The names of `comparison.COMPARED`, which the help lists without importing the estimators.
-DEFAULT_METHODS = "cross-frame,cross-frame-wc,cross-frame-cc,ekf,ekf-cv,frame-to-frame"
+DEFAULT_METHODS = "cross-frame,cross-frame-wc,cross-frame-cc,ekf,iterated-ekf,ekf-cv,frame-to-frame"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -25,8 +25,9 @@ def add_parser(subparsers: Any) -> None:
         run,
         summary="compare the drift of the cross-frame method and the EKF in an HTML report",
         description="Run several methods on the same observations: by default the cross-frame method (joint, "
-        "per-point WC and per-point CC), the EKF and frame-to-frame estimation. Writes report.html (a single file), "
-        "report.json, and one result folder per method, as `replay` does.",
+        "per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred; linearised at a constant "
+        "velocity) and frame-to-frame estimation. Writes report.html (a single file), report.json, and one result "
+        "folder per method, as `replay` does.",
         usage="LOG [options]",
     )
     arguments.add_log(parser)

@@ -34,7 +34,15 @@ from ..wording import unknown_name
 from .method import ComparedMethod
 from .recorder import Recorder
 
-COMPARED = ("cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "ekf-cv", "frame-to-frame")
+COMPARED = (
+    "cross-frame",
+    "cross-frame-wc",
+    "cross-frame-cc",
+    "ekf",
+    "iterated-ekf",
+    "ekf-cv",
+    "frame-to-frame",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -26,6 +26,7 @@ METHODS: dict[str, tuple[str, str]] = {
     "cross-frame-cc": ("baselines.per_point", "CrossFrameCC"),
     "cross-frame-cc-literal": ("baselines.per_point", "CrossFrameCCLiteral"),
     "ekf": ("baselines.ekf", "Ekf"),
+    "iterated-ekf": ("baselines.iterated_ekf", "IteratedEkf"),
     "ekf-cv": ("baselines.ekf", "EkfConstantVelocity"),
     "frame-to-frame": ("baselines.frame_to_frame", "FrameToFrame"),
     "depth-filter": ("baselines.per_point", "DepthFilter"),

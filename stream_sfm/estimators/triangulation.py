@@ -7,6 +7,7 @@ from ..geometry import se3
 from ..geometry.linear import matvec, symmetric
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth, information_of_views
+from ..types import Observations
 
 _MIN_DISPARITY_SIGMAS = 3.0  # below it the depth of one view is skewed too far to be called Gaussian
 _STEPS = 3  # Gauss-Newton; the start differs from the minimum only by the difference of the two rows
@@ -47,3 +48,12 @@ def points_to_world(
     j = -se3.point_in_source_jacobian(points_in_ref)
     cov = r @ (cov_points + j @ cov_ref @ np.swapaxes(j, 1, 2)) @ r.T
     return se3.transform(world_from_ref, points_in_ref), symmetric(cov)
+
+
+def counted_cov(observations: Observations, rows: NDArray[np.intp]) -> Array:
+    """Return the covariances (k, 4, 4) of views `rows` for a filter that adds the views of a track up, eq. (69)."""
+    cov = observations.cov_px[rows]
+    if observations.inflation is None:
+        return cov
+    root = np.repeat(np.sqrt(observations.inflation[rows]), 2, axis=1)
+    return cov * root[:, :, None] * root[:, None, :]

@@ -11,7 +11,11 @@ from ..evaluation.relative import MIN_FRAMES_RATIO, tested_spans
 from .methods import label
 
 _REFERENCE = "cross-frame"
-_IN_FULL = ("ekf", "frame-to-frame")  # methods with figures in any case; of the others only where they are ahead
+_IN_FULL = (
+    "ekf",
+    "iterated-ekf",
+    "frame-to-frame",
+)  # methods with figures in any case; of the others only where they are ahead
 _NAMED = 6  # ranges of frames
 _EXPECTED_NEES = 6
 _EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated; no single log varies as much

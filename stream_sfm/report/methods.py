@@ -5,6 +5,7 @@ LABELS = {
     "cross-frame-wc": "per-point WC",
     "cross-frame-cc": "per-point CC",
     "ekf": "EKF",
+    "iterated-ekf": "iterated EKF",
     "ekf-cv": "EKF, constant velocity",
     "frame-to-frame": "frame-to-frame",
 }

@@ -1,7 +1,7 @@
 """Figure 6 of the paper: errors against the frame number, one curve per batch size, for CC and for WC.
 
 The scene is the paper's own: natural visibility, about 200 mm per frame, round-off noise. Beside the paper's curves
-stand the default estimator, the EKF, frame-to-frame concatenation, and the bound.
+stand the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
 """
 
 from concurrent.futures import Executor
@@ -23,6 +23,7 @@ METHODS = (
     *(Method("cross-frame-wc", b, f"wc_b{b}") for b in BATCHES),
     Method("cross-frame"),
     Method("ekf"),
+    Method("iterated-ekf"),
     Method("frame-to-frame"),
 )
 

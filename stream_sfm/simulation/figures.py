@@ -28,6 +28,7 @@ _BATCH_COLOURS = ("#9ecae1", "#4f97c8", "#2171b5", "#08306b")
 _OTHERS = {
     "frame-to-frame": ("frame to frame", "#d95f02", "-"),
     "ekf": ("EKF", "#7b3294", "--"),
+    "iterated-ekf": ("iterated EKF", "#c51b7d", "-."),
     "cross-frame": ("joint prior, b = 8", "#1b9e77", "-"),
     "bound": ("Cramér–Rao bound", "black", ":"),
 }

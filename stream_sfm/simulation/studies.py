@@ -36,7 +36,10 @@ class Condition:
 
 
 ALL = tuple(Method(name) for name in METHODS)
-_MAIN = tuple(Method(name) for name in (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "frame-to-frame"))
+_MAIN = tuple(
+    Method(name)
+    for name in (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "frame-to-frame")
+)
 NOMINAL = Condition("nominal", Scene(track_length=8), ALL, tuple(range(10, 31)))
 NOISY = Condition(
     "noise_1.155px", Scene(track_length=8, std_px=1.155, round_off=False), ALL, tuple(range(10, 31)), share=0.5

@@ -21,7 +21,7 @@ from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
 from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
 from ..motion_model import MotionModel
-from ..triangulation import triangulate, usable_births
+from ..triangulation import counted_cov, triangulate, usable_births
 
 # The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
@@ -60,7 +60,7 @@ class Ekf:
         world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
-        nis, dof = self._update(obs.z_px[rows], obs.cov_px[rows], found.accepted, free)
+        nis, dof = self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
         self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
