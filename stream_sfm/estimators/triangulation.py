@@ -56,4 +56,4 @@ def counted_cov(observations: Observations, rows: NDArray[np.intp]) -> Array:
     if observations.inflation is None:
         return cov
     root = np.repeat(np.sqrt(observations.inflation[rows]), 2, axis=1)
-    return cov * root[:, :, None] * root[:, None, :]
+    return np.asarray(cov * root[:, :, None] * root[:, None, :])

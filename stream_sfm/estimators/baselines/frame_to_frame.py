@@ -1,7 +1,7 @@
 """Baseline: the motion between two frames, concatenated. Each pair is solved to its maximum likelihood.
 
 Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated, eq.
-(5); the covariance is composed as if pairs were independent, though neighbours share a frame.
+(5). Neighbours share a frame, whose noise moves both motions: what that cancels or adds is part of the covariance.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from ...config import Config
 from ...geometry import se3
+from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
@@ -19,7 +20,14 @@ from ..initial_motion import initial_motion
 from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
 from ..motion_model import MotionModel
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
-from .bundle_adjustment import Covariances, NormalEquations, WeightedViews, adjust
+from .bundle_adjustment import (
+    Covariances,
+    NormalEquations,
+    Reduced,
+    WeightedViews,
+    adjust,
+    residuals_and_jacobians,
+)
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
 _MAX_ITERATIONS = 10  # measured: five to eight are needed with 1 px of noise
@@ -39,6 +47,20 @@ class _Shared(NamedTuple):
     cov_points: Array
 
 
+class _Gains(NamedTuple):
+    """What the noise of views does to a pair's estimates, to first order; of points by id (n,), ascending.
+
+    `of_previous`, `of_current` (n, 6, 4): ∂ξ/∂z of the motion by the views of either frame; `of_point` (n, 3, 4): ∂X/∂z
+    of a point by its own previous view, the motion held; `y` (n, 3, 6): the point moves by −y ξ with the motion.
+    """
+
+    ids: NDArray[np.int64]
+    of_previous: Array
+    of_current: Array
+    of_point: Array
+    y: Array
+
+
 class _Pair(NamedTuple):
     """The adjusted pair: the pose, which of the shared points are `kept` (n,), and those in the previous camera."""
 
@@ -46,6 +68,7 @@ class _Pair(NamedTuple):
     previous_from_cam: Array
     points: Array
     covariances: Covariances
+    gains: _Gains
     nis: float
     dof: int
     iterations: int
@@ -64,6 +87,7 @@ class FrameToFrame:
         self._world_from_previous = np.eye(4)
         self._cov_previous = np.zeros((6, 6))
         self._structure = WorldPoints.none()  # the last frame's points, in the world
+        self._gains: _Gains | None = None  # of the pair that ends with the previous frame
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -86,6 +110,7 @@ class FrameToFrame:
         if pair is None:
             reason = too_few_inliers(int(inliers.sum()), len(shared.ids), robust)
             ended, self._structure, self._previous = self._structure, WorldPoints.none(), None
+            self._gains = None
             return lost_solution(observations, reason, predicted, cov_predicted, ended)
         return self._report(self._previous, observations, shared, pair)
 
@@ -130,19 +155,28 @@ class FrameToFrame:
             kept = kept.copy()
             kept[np.flatnonzero(kept)[~good]] = False
         normal = NormalEquations.build(self._projection, poses, result.points, views)
-        covariances = Covariances.of(normal.eliminate_points(_FREE), _FREE)
+        reduced = normal.eliminate_points(_FREE)
+        covariances = Covariances.of(reduced, _FREE)
+        _, j_pose, j_point = residuals_and_jacobians(self._projection, poses, result.points, views)
+        gains = _gains(shared.ids[kept], covariances.cov_pose(1), reduced, j_pose, j_point, views.information)
         nis, nis_dof = float(chi2.sum()), int(dof.sum()) - 6
-        return _Pair(kept, poses[1], result.points, covariances, nis, nis_dof, result.iterations)
+        return _Pair(kept, poses[1], result.points, covariances, gains, nis, nis_dof, result.iterations)
 
     def _report(self, before: Observations, obs: Observations, shared: _Shared, pair: _Pair) -> Solution:
         """Concatenate the motion, join the pair's points with the new ones, and go on to the next pair."""
         previous_from_cam, covariances = pair.previous_from_cam, pair.covariances
         world_from_cam = se3.orthonormalise(self._world_from_previous @ previous_from_cam)
+        with_motion, with_points = self._shared_noise(pair.gains, shared.cov_px[0, pair.kept])
         cov_pose = compose_cov(self._cov_previous, previous_from_cam, covariances.cov_pose(1))
+        mixed = se3.adjoint(se3.inverse(previous_from_cam)) @ with_motion
+        cov_pose = symmetric(cov_pose + mixed + mixed.T)
         in_cam = se3.transform(se3.inverse(previous_from_cam), pair.points)
-        in_world = points_to_world(
+        points_in_world, cov_in_world = points_to_world(
             self._world_from_previous, self._cov_previous, pair.points, covariances.cov_points
         )
+        r = self._world_from_previous[:3, :3]
+        mixed = r @ -se3.point_in_source_jacobian(pair.points) @ with_points @ r.T
+        cov_in_world = symmetric(cov_in_world + mixed + np.swapaxes(mixed, 1, 2))
         births = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, shared.ids)
         new_in_cam, new_cov = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
         new_in_world = points_to_world(world_from_cam, cov_pose, new_in_cam, new_cov)
@@ -151,12 +185,12 @@ class FrameToFrame:
         cov_in_cam = covariances.cov_points_in_cam(1, previous_from_cam, in_cam)
         now = WorldPoints(
             ids[order],
-            np.concatenate([in_world[0], new_in_world[0]])[order],
-            np.concatenate([in_world[1], new_in_world[1]])[order],
+            np.concatenate([points_in_world, new_in_world[0]])[order],
+            np.concatenate([cov_in_world, new_in_world[1]])[order],
         )
         window = np.stack([self._world_from_previous, world_from_cam])
         self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
-        self._previous = obs
+        self._previous, self._gains = obs, pair.gains
         self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
         status, reason = frame_status(int(pair.kept.sum()), obs.note, self._config.robust)
         ended = self._hand_over(obs, now)
@@ -181,6 +215,20 @@ class FrameToFrame:
             nis_dof=pair.dof,
         )
 
+    def _shared_noise(self, now: _Gains, cov_px: Array) -> tuple[Array, Array]:
+        """Return the covariances of the previous pose with this pair's motion (6, 6) and points (n, 6, 3).
+
+        The previous pose was moved by the same noise, `cov_px` (n, 4, 4), of the views in the previous frame.
+        """
+        with_points = np.zeros((len(now.ids), 6, 3))
+        if self._gains is None:
+            return np.zeros((6, 6)), with_points
+        _, before, rows = np.intersect1d(self._gains.ids, now.ids, return_indices=True)
+        moved = self._gains.of_current[before] @ np.nan_to_num(cov_px[rows])
+        with_motion = (moved @ np.swapaxes(now.of_previous[rows], 1, 2)).sum(axis=0)
+        with_points[rows] = moved @ np.swapaxes(now.of_point[rows], 1, 2)
+        return with_motion, with_points - with_motion @ np.swapaxes(now.y, 1, 2)
+
     def _hand_over(self, obs: Observations, now: WorldPoints) -> WorldPoints:
         """Keep the structure as of this frame, and return the points that are no longer tracked."""
         old = self._structure
@@ -189,3 +237,20 @@ class FrameToFrame:
             [now, old.select(tracked & ~refreshed)]  # rejected in this frame: it may come back
         )
         return old.select(~tracked)
+
+
+def _gains(
+    ids: NDArray[np.int64], cov_motion: Array, reduced: Reduced, j_pose: Array, j_point: Array, information: Array
+) -> _Gains:
+    """Differentiate the least-squares estimates of a pair; Jacobians (2n, 4, …) and information by point and frame."""
+    n = len(ids)
+    by_point = (np.swapaxes(j_point, 1, 2) @ information).reshape(n, 2, 3, 4)
+    by_pose = (np.swapaxes(j_pose, 1, 2) @ information).reshape(n, 2, 6, 4)[:, 1]
+    through_points = np.swapaxes(reduced.y, 1, 2)
+    return _Gains(
+        ids,
+        of_previous=-cov_motion @ through_points @ by_point[:, 0],
+        of_current=cov_motion @ (by_pose - through_points @ by_point[:, 1]),
+        of_point=reduced.v_inv @ by_point[:, 0],
+        y=reduced.y,
+    )
