@@ -82,6 +82,7 @@ __all__ = [
     "import_euroc",
     "import_images",
     "import_kitti",
+    "import_video",
     "inspect",
     "open_log",
     "open_viewer",
@@ -140,6 +141,7 @@ _HOMES = {
     "geometry.stereo": ("StereoProjection",),
     "importers.copy": ("Imported",),
     "importers.data_sets": ("import_euroc", "import_images", "import_kitti"),
+    "importers.video": ("import_video",),
     "inspection.overview": ("inspect_log as inspect",),
     "pipeline.refine": ("RefinedRig", "calibrate"),
     "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
@@ -213,6 +215,7 @@ if TYPE_CHECKING:
     from .geometry.stereo import StereoProjection
     from .importers.copy import Imported
     from .importers.data_sets import import_euroc, import_images, import_kitti
+    from .importers.video import import_video
     from .inspection.overview import inspect_log as inspect
     from .pipeline.refine import RefinedRig, calibrate
     from .pipeline.replay import ReplayInterrupted, ReplayResult, replay

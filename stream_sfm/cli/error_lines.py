@@ -14,7 +14,9 @@ OPTIONS = {
     "right": "--right TOPIC",
     "overwrite": "--force",
     "ground_truth_frame": "--ground-truth-frame FRAME",
+    "layout": "--layout LAYOUT",
     "mono": "--mono",
+    "rate_hz": "--rate HZ",
     "rrd": "--rrd FILE",
 }
 COMMANDS = {

@@ -1,4 +1,4 @@
-"""`stream-sfm import`: data sets and folders of images to a log."""
+"""`stream-sfm import`: data sets, folders of images and videos to a log."""
 
 import argparse
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers,
         "import",
         None,
-        summary="convert a KITTI or EuRoC recording, or folders of images, to a log",
+        summary="convert a KITTI or EuRoC recording, folders of images, or video, to a log",
         description="Write a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged.",
         usage="KIND ... OUT.mcap [options]",
     )
@@ -24,6 +24,7 @@ def add_parser(subparsers: Any) -> None:
     _add_kitti(kinds)
     _add_euroc(kinds)
     _add_images(kinds)
+    _add_video(kinds)
     arguments.add_general(parser)
 
 
@@ -77,9 +78,43 @@ def _add_images(kinds: Any) -> None:
     group = parser.add_argument_group("images")
     group.add_argument("--left", metavar="FILES", nargs="+", required=True, help="the left images")
     group.add_argument("--right", metavar="FILES", nargs="+", required=True, help="the right images")
-    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair (TOML)")
+    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair")
     group.add_argument("--stamps", metavar="FILE", help="one time stamp per line: seconds, or integer nanoseconds")
-    group.add_argument("--rate", metavar="HZ", type=float, help="frames per second without stamps (default: 10)")
+    group.add_argument(
+        "--rate", dest="rate_hz", metavar="HZ", type=float, help="frames per second without stamps (default: 10)"
+    )
+    _add_general(parser)
+
+
+def _add_video(kinds: Any) -> None:
+    parser = arguments.add_command(
+        kinds,
+        "video",
+        _video,
+        summary="two videos, or one that holds both images, with a calibration",
+        description="Convert stereo video, whatever OpenCV decodes: one file per camera, or one file whose frames hold "
+        "both images, side by side or one above the other. The images are written as grey PNG.",
+        usage="(--left FILE --right FILE | --both FILE) --calibration FILE OUT.mcap [options]",
+        parent="import",
+    )
+    _add_out(parser)
+    group = parser.add_argument_group("video")
+    group.add_argument("--left", metavar="FILE", help="the video of the left camera")
+    group.add_argument("--right", metavar="FILE", help="the video of the right camera")
+    group.add_argument("--both", metavar="FILE", help="one video that holds both images")
+    group.add_argument(
+        "--layout",
+        choices=("left-right", "right-left", "top-bottom", "bottom-top"),
+        help="which image is where in the frames of --both (default: left-right or top-bottom, by the calibrated size)",
+    )
+    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair")
+    group.add_argument(
+        "--rate",
+        dest="rate_hz",
+        metavar="HZ",
+        type=float,
+        help="frames per second (default: the times that the file has)",
+    )
     _add_general(parser)
 
 
@@ -108,8 +143,20 @@ def _euroc(args: argparse.Namespace) -> int:
 def _images(args: argparse.Namespace) -> int:
     from ..importers import import_images
 
-    files = (args.left, args.right, args.calibration, args.out, args.stamps, args.rate)
+    files = (args.left, args.right, args.calibration, args.out, args.stamps, args.rate_hz)
     return _report(import_images(*files, overwrite=args.overwrite), args)
+
+
+def _video(args: argparse.Namespace) -> int:
+    from ..errors import ConfigError
+    from ..importers import import_video
+
+    pair = [name for name in (args.left, args.right) if name is not None]
+    if bool(args.both) == bool(pair) or len(pair) == 1:
+        raise ConfigError("give the video of each camera (--left, --right), or one that holds both images (--both)")
+    videos = [args.both] if args.both else pair
+    done = import_video(videos, args.calibration, args.out, args.rate_hz, args.layout, overwrite=args.overwrite)
+    return _report(done, args)
 
 
 def _report(imported: "Imported", args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Data sets and folders of images to logs in MCAP, image bytes unchanged; the profile is in docs/log-profile.md.
+"""Data sets, folders of images and videos to logs in MCAP; the profile is in docs/log-profile.md.
 
 The data sets themselves are read in `sources/`, which `open_log` uses too: an import is a copy of a source.
 """
@@ -11,13 +11,15 @@ _PUBLIC = {
     "import_euroc": "data_sets",
     "import_images": "data_sets",
     "import_kitti": "data_sets",
+    "import_video": "video",
 }
 
-__all__ = ["Imported", "import_euroc", "import_images", "import_kitti"]
+__all__ = ["Imported", "import_euroc", "import_images", "import_kitti", "import_video"]
 
 if TYPE_CHECKING:
     from .copy import Imported
     from .data_sets import import_euroc, import_images, import_kitti
+    from .video import import_video
 
 
 def __getattr__(name: str) -> Any:

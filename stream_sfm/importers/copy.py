@@ -1,5 +1,6 @@
 """Copies a source to a log: messages unchanged, an MCAP file that appears under its name when it is whole."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def copy_to_log(
     `overwrite`: a file that is there may be replaced, but no file of the source. `expects_poses`: the lack of ground
     truth is worth a warning. Raises InputError for an image that cannot be read, OutputError.
     """
-    _check_free(source, Path(out), overwrite)
+    check_free(Path(out), [source.path, *(image.path for side in source.images for image in side)], overwrite)
     damage = Damage()
     with MessageWriter(out) as log:
         for message in source.messages(damage):
@@ -45,13 +46,13 @@ def copy_to_log(
     return Imported(Path(out), len(left), len(right), len(source.poses), warnings)
 
 
-def _check_free(source: ImageFilesSource, out: Path, overwrite: bool) -> None:
+def check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
     """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
     if out.exists() and not overwrite:
         raise OutputError(
             f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
         )
-    refuse_overwriting([out], [source.path, *(image.path for side in source.images for image in side)])
+    refuse_overwriting([out], inputs)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -26,7 +26,7 @@ OF_COMMAND = {
     "surface": {"surface", "write_ply", "draw_mesh", "write_png", "write_surface_recording"},
     "simulate": {"simulate"},
     "inspect": {"inspect"},
-    "import": {"import_kitti", "import_euroc", "import_images"},
+    "import": {"import_kitti", "import_euroc", "import_images", "import_video"},
     "calibrate": {"calibrate"},
     "calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},

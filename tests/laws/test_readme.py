@@ -30,6 +30,7 @@ NOT_RUN = {
     "--view": "needs a display; tests/viewer/ writes files instead",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
     "import kitti": "needs a recording; tests/importers/ makes one",
+    "import video": "needs a recording; tests/importers/ makes one",
     "import euroc": "needs a recording; tests/importers/ makes one",
 }
 MENTION = re.compile(r"stream-sfm (replay|batch|compare|simulate|surface|inspect|import( \w+)?)")  # in a sentence

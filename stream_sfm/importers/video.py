@@ -1,0 +1,199 @@
+"""Stereo video to a log: two files, or one whose frames hold both images. Decoded by OpenCV, written as grey PNG."""
+
+import heapq
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.rig import StereoRig
+from ..errors import ConfigError, InputError
+from ..recording.log_writer import StereoLogWriter
+from .copy import Imported, check_free
+
+Layout: TypeAlias = Literal["left-right", "right-left", "top-bottom", "bottom-top"]
+Grey: TypeAlias = NDArray[np.uint8]
+_LAYOUTS: tuple[str, ...] = get_args(Layout)
+_FASTEST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+_MAX_RATE_HZ = 1e6
+
+
+def import_video(
+    videos: str | Path | Sequence[str | Path],
+    calibration: str | Path | Sequence[str | Path],
+    out: str | Path,
+    rate_hz: float | None = None,
+    layout: Layout | None = None,
+    *,
+    overwrite: bool = False,
+) -> Imported:
+    """Convert stereo video to a log at `out`.
+
+    `videos`: one file whose frames hold both images, or the files of left and right. `calibration` as in
+    `StereoRig.from_calibration`. `layout`: where the images are in a frame; without it left-right or top-bottom, as
+    the calibrated size tells. Stamps are those of the container; `rate_hz` puts frames that far apart instead.
+    `overwrite`: a file at `out` may be replaced. Raises InputError, ConfigError, OutputError.
+    """
+    paths = [Path(videos)] if isinstance(videos, str | Path) else [Path(path) for path in videos]
+    _check_arguments(paths, rate_hz, layout)
+    opened = [_Video(path) for path in paths]
+    rig = StereoRig.from_calibration(calibration, _image_size(opened, layout))
+    split = _splitter(opened, rig, layout)
+    check_free(Path(out), paths, overwrite)
+    counts = [0, 0]
+    with StereoLogWriter(out, rig) as log:
+        for stamp_ns, number, picture in _in_order(opened, rate_hz):
+            for side, image in enumerate(split(picture), start=number):
+                done, png = cv2.imencode(".png", image, _FASTEST_PNG)
+                assert done  # a grey image of the calibrated size
+                log.image(side, stamp_ns, png.tobytes(), "png")
+                counts[side] += 1
+        for video in opened:
+            video.check_complete()
+    notes = [note for video in opened for note in video.notes]
+    if counts[0] != counts[1]:
+        notes.append(f"there are {counts[0]} left and {counts[1]} right frames: they are paired by their times")
+    return Imported(Path(out), counts[0], counts[1], 0, notes)
+
+
+class _Video:
+    """One file: its size, and its frames with their times."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notes: list[str] = []
+        capture = self._open()
+        self.width = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+        self.height = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        self.rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
+        self.expected = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0))
+        self.read = 0
+        capture.release()
+
+    def _open(self) -> cv2.VideoCapture:
+        if not self.path.is_file():
+            raise InputError(f"cannot read {self.path}: there is no such file")
+        capture = cv2.VideoCapture(os.fspath(self.path))
+        if not capture.isOpened():
+            raise InputError(
+                f"{self.path} is not a video that OpenCV can decode: convert it, for example with "
+                "`ffmpeg -i IN -c:v ffv1 OUT.mkv`"
+            )
+        return capture
+
+    def frames(self, rate_hz: float | None) -> Iterator[tuple[int, Grey]]:
+        """Yield stamps and grey frames. Raises InputError where times do not grow and no rate is given."""
+        capture, last_ns = self._open(), -1
+        try:
+            while capture.grab():
+                stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+                if rate_hz is not None:
+                    stamp_ns = round(self.read * 1e9 / rate_hz)
+                elif stamp_ns <= last_ns:
+                    raise InputError(
+                        f"{self.path}: the times of frames {self.read - 1} and {self.read} do not grow: give the rate, "
+                        f"which may be {self.rate_hz:g} frames per second",
+                        hint=("rate_hz",),
+                    )
+                done, picture = capture.retrieve()
+                if not done:
+                    break
+                self.read, last_ns = self.read + 1, stamp_ns
+                yield stamp_ns, _grey(picture)
+        finally:
+            capture.release()
+
+    def check_complete(self) -> None:
+        """Note frames that the container announces and that could not be decoded. Raises InputError without any."""
+        if not self.read:
+            raise InputError(f"{self.path}: not one frame could be decoded")
+        if self.read < self.expected - 1:  # some containers count one too many
+            self.notes.append(f"{self.path}: {self.read} of {self.expected} frames could be decoded")
+
+
+@dataclass(frozen=True, slots=True)
+class _Whole:
+    """Frames that are one image."""
+
+    def __call__(self, picture: Grey) -> tuple[Grey, ...]:
+        return (picture,)
+
+
+@dataclass(frozen=True, slots=True)
+class _Halves:
+    """Frames that hold both images."""
+
+    layout: str
+
+    def __call__(self, picture: Grey) -> tuple[Grey, ...]:
+        axis = 1 if self.layout in ("left-right", "right-left") else 0
+        first, second = np.split(picture, 2, axis)
+        return (first, second) if self.layout in ("left-right", "top-bottom") else (second, first)
+
+
+def _splitter(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> _Whole | _Halves:
+    """What makes images of the calibrated size from frames. Raises InputError where their sizes do not fit."""
+    width, height = rig.left.width, rig.left.height
+    if len(videos) == 2:
+        for video in videos:
+            if (video.width, video.height) != (width, height):
+                raise InputError(
+                    f"{video.path} is {video.width}×{video.height}, the calibration is for {width}×{height}: give the "
+                    "calibration of this size",
+                    hint=("calibration",),
+                )
+        return _Whole()
+    video = videos[0]
+    sizes = {"left-right": (2 * width, height), "top-bottom": (width, 2 * height)}
+    sizes |= {"right-left": sizes["left-right"], "bottom-top": sizes["top-bottom"]}
+    chosen: str | None = layout or next(
+        (name for name, size in sizes.items() if size == (video.width, video.height)), None
+    )
+    if chosen is None or sizes[chosen] != (video.width, video.height):
+        raise InputError(
+            f"{video.path} is {video.width}×{video.height}; two images of the calibrated {width}×{height} side by side "
+            f"are {2 * width}×{height}, one above the other {width}×{2 * height}: give the calibration of this size",
+            hint=("calibration", "layout"),
+        )
+    return _Halves(chosen)
+
+
+def _image_size(videos: list[_Video], layout: Layout | None) -> tuple[int, int]:
+    """The size of one image, for calibrations that do not tell it; of one file it is a guess by its shape."""
+    width, height = videos[0].width, videos[0].height
+    if len(videos) == 2:
+        return width, height
+    beside = layout in ("left-right", "right-left") if layout else width > height
+    return (width // 2, height) if beside else (width, height // 2)
+
+
+def _in_order(videos: list[_Video], rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
+    """Yield stamp, number of the video, and frame, in order of time."""
+    numbered = [_numbered(number, video, rate_hz) for number, video in enumerate(videos)]
+    return heapq.merge(*numbered, key=lambda item: item[:2])
+
+
+def _numbered(number: int, video: _Video, rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
+    for stamp_ns, picture in video.frames(rate_hz):
+        yield stamp_ns, number, picture
+
+
+def _grey(picture: cv2.typing.MatLike) -> Grey:
+    return np.asarray(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def _check_arguments(paths: list[Path], rate_hz: float | None, layout: str | None) -> None:
+    if len(paths) not in (1, 2):
+        raise ConfigError(f"{len(paths)} videos were given: give one that holds both images, or left and right")
+    if rate_hz is not None and not (math.isfinite(rate_hz) and 0 < rate_hz < _MAX_RATE_HZ):
+        raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
+    if layout is not None and layout not in _LAYOUTS:
+        raise ConfigError(f"unknown layout {layout!r}; known are {', '.join(_LAYOUTS)}")
+    if layout is not None and len(paths) == 2:
+        raise ConfigError("a layout is for one video that holds both images: leave it out", hint=("layout",))
