@@ -48,6 +48,7 @@ __all__ = [
     "PreparedImages",
     "ReadStats",
     "RecordedFrame",
+    "Recovered",
     "RefinedRig",
     "Refinement",
     "RelativeMotions",
@@ -92,6 +93,7 @@ __all__ = [
     "read_results",
     "read_trajectory",
     "read_tum",
+    "recover",
     "replay",
     "replay_batch",
     "simulate",
@@ -144,6 +146,7 @@ _HOMES = {
     "importers.video": ("import_video",),
     "inspection.overview": ("inspect_log as inspect",),
     "pipeline.refine": ("RefinedRig", "calibrate"),
+    "mcap_file.recover": ("Recovered", "recover"),
     "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "recording.frames": ("RecordedFrame",),
     "recording.truth_file": ("GroundTruthFile",),
@@ -217,6 +220,7 @@ if TYPE_CHECKING:
     from .importers.data_sets import import_euroc, import_images, import_kitti
     from .importers.video import import_video
     from .inspection.overview import inspect_log as inspect
+    from .mcap_file.recover import Recovered, recover
     from .pipeline.refine import RefinedRig, calibrate
     from .pipeline.replay import ReplayInterrupted, ReplayResult, replay
     from .recording.frames import RecordedFrame

@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import TracebackType
 from typing import IO, Any
 
 import msgspec
@@ -19,11 +20,13 @@ class PartFile:
     If the process is killed, what was flushed is left under the temporary name. Raises OutputError naming the file if
     the disk refuses; the file then takes no more data and keeps its temporary name, so that a file under its final
     name never has a gap. The temporary file is always a new one: what an ended run has left there is removed, a link
-    is not followed, and where another run is writing it, an OutputError says so.
+    is not followed, and where another run is writing it, an OutputError says so. Without `keep`, for files of which a
+    part is of no use, a failure removes it.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, keep: bool = True) -> None:
         self.path = Path(path)
+        self._keep = keep
         self.part_path = self.path.with_name(self.path.name + ".part")
         self._failure: OutputError | None = None
         try:
@@ -58,6 +61,28 @@ class PartFile:
             with suppress(OSError):  # a second failure to flush the same bytes
                 self._file.close()
 
+    def discard(self) -> None:
+        """Remove what was written, unless it has its name already."""
+        if self._file.closed:
+            return
+        with suppress(OSError):
+            self._check_it_is_ours()
+            self.part_path.unlink()
+        with suppress(OSError):
+            self._file.close()
+
+    def __enter__(self) -> "PartFile":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file, or discard it where an error ends the context."""
+        if error is None:
+            self.close()
+        else:
+            self.discard()
+
     def _check_it_is_ours(self) -> None:
         ours, found = os.fstat(self._file.fileno()), os.lstat(self.part_path)
         if (ours.st_dev, ours.st_ino) != (found.st_dev, found.st_ino):
@@ -70,9 +95,10 @@ class PartFile:
         try:
             yield
         except OSError as error:
-            self._failure = OutputError(
-                f"cannot write {self.path}: {error.strerror}; what was written before is in {self.part_path}"
-            )
+            kept = f"; what was written before is in {self.part_path}" if self._keep else ""
+            self._failure = OutputError(f"cannot write {self.path}: {error.strerror}{kept}")
+            if not self._keep:
+                self.discard()
             raise self._failure from None
 
 

@@ -15,13 +15,13 @@ from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import sigterm_as_interrupt
 from ..wording import printable
-from . import batch, calibrate, calibration, compare, config, import_, inspect, replay, simulate, surface
+from . import batch, calibrate, calibration, compare, config, import_, inspect, recover, replay, simulate, surface
 from .arguments import add_debug
 from .completion import complete
 from .error_lines import hint, print_error
 from .parser import Parser
 
-COMMANDS = (replay, batch, compare, surface, inspect, import_, calibrate, calibration, simulate, config)
+COMMANDS = (replay, batch, compare, surface, inspect, import_, recover, calibrate, calibration, simulate, config)
 
 
 def build_parser() -> Parser:

@@ -12,11 +12,12 @@ from .records import BrokenRecord, RecordTooLarge, parse_record
 
 _MAX_ONE_BYTES = 8 * 2**20  # one schema or channel; those of ROS and Foxglove messages are kilobytes
 _MAX_ALL_BYTES = 64 * 2**20  # all of one file
+_MAX_METADATA = 64  # entries of a channel; rosbag2 writes two
 _OBJECT_BYTES = 256  # overhead of each in memory, measured; all 2·65535 that MCAP has numbers for still fit
 
 
 class Definitions:
-    """`schemas` and `channels` by id; the metadata of channels is dropped."""
+    """`schemas` and `channels` by id. Metadata of more entries than any recorder writes to a channel is dropped."""
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
@@ -45,10 +46,11 @@ class Definitions:
                 self.schemas[schema.id] = schema
         else:
             channel = parse_record(Channel.read, body)
-            channel.metadata = {}
+            if len(channel.metadata) > _MAX_METADATA:
+                channel.metadata = {}
             if (described := self.channels.get(channel.id)) != channel:
                 _check_new(described, replace)
-                self._charge(len(body))
+                self._charge(len(body) + _OBJECT_BYTES * len(channel.metadata))
                 self.channels[channel.id] = channel
 
     def add_missing(self, others: "Definitions") -> None:

@@ -5,6 +5,7 @@ finds the records that are whole, with the index or without it.
 """
 
 import os
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cached_property
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Schema
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from ..errors import LogError
 from ..inputs import open_regular
@@ -54,9 +55,10 @@ class LogFile:
                 start = stream.read(len(MAGIC))
                 if self.size == 0:
                     raise LogError(f"{self.path} is empty (0 bytes): nothing was recorded")
-                if start != MAGIC:
+                if start != MAGIC and not _ends_with_magic(stream):
                     version = " of this version" if start.startswith(MAGIC[:5]) else ""
                     raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
+                self._starts_damaged = start != MAGIC
                 self.index, self.index_problem = _read_index(stream)
             except OSError as error:
                 raise LogError(f"cannot read {self.path}: {error.strerror}") from None
@@ -73,6 +75,8 @@ class LogFile:
         With `topics` given, chunks in which the index lists none of them are not even opened.
         """
         read: Counter[int] = Counter()
+        if self._starts_damaged:
+            damage.note(f"{self.path}: its first bytes are not those of an MCAP file, its last ones are")
         if self.index_problem:
             verdict = "does not fit the file" if self.index else "is not used"
             damage.note(f"{self.path}: its index {verdict}: {self.index_problem}")
@@ -140,15 +144,33 @@ class LogFile:
         """Yield the attachments of at most `max_bytes`, in file order."""
         if self.index is not None and self.index.attachment_count == 0:
             return
+        for body, where in self._bodies(Opcode.ATTACHMENT, damage, max_bytes):
+            try:
+                attachment: Attachment = parse_record(Attachment.read, body)
+            except BrokenRecord as error:
+                damage.add(f"{where}: a damaged attachment was skipped: {error}")
+                continue
+            crc = int.from_bytes(body[-4:], "little")
+            if crc and crc != zlib.crc32(memoryview(body)[:-4]):  # some writers of old compute it differently
+                damage.note(f"{where}: the checksum of attachment {attachment.name!r} does not match its content")
+            yield attachment
+
+    def metadata(self, damage: Damage) -> Iterator[Metadata]:
+        """Yield the metadata records of at most 1 MiB, in file order."""
+        for body, where in self._bodies(Opcode.METADATA, damage, _MAX_ATTACHMENT_BYTES):
+            try:
+                record: Metadata = parse_record(Metadata.read, body)
+            except BrokenRecord as error:
+                damage.add(f"{where}: damaged metadata was skipped: {error}")
+                continue
+            yield record
+
+    def _bodies(self, opcode: int, damage: Damage, max_bytes: int) -> Iterator[tuple[bytes, str]]:
+        """The bodies of the records of one kind, each with its place."""
         with self._open() as stream:
             for record in self._walk(stream, damage, lambda _: False):
-                if record.opcode == Opcode.ATTACHMENT and record.length <= max_bytes:
-                    try:
-                        yield parse_record(Attachment.read, stream.read(record.length))
-                    except BrokenRecord as error:
-                        damage.add(
-                            f"{self.path} at byte {record.offset}: a damaged attachment was skipped: {error}"
-                        )
+                if record.opcode == opcode and record.length <= max_bytes:
+                    yield stream.read(record.length), f"{self.path} at byte {record.offset}"
 
     def header(self) -> Header | None:
         """The header record, or None where it is damaged."""
@@ -246,3 +268,10 @@ def _read_index(stream: IO[bytes]) -> tuple[Index | None, str]:
         return index, index.problem if index else ""
     except BrokenRecord as error:
         return None, str(error)
+
+
+def _ends_with_magic(stream: IO[bytes]) -> bool:
+    """Whether the last bytes are those of an MCAP file, so that it may be one whose first ones are damaged."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(size - len(MAGIC), 0))
+    return size >= 2 * len(MAGIC) and stream.read(len(MAGIC)) == MAGIC

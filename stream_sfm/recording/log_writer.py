@@ -2,13 +2,13 @@
 
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
 from .. import __version__
 from ..camera.rig import StereoRig
-from ..errors import OutputError
+from ..files import PartFile
 from ..geometry.se3 import Array
 from ..sources.profile import ProfileEncoder
 from ..sources.source import Channel, Message
@@ -23,26 +23,19 @@ class MessageWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._part = self.path.with_name(self.path.name + ".part")
         self._channels: dict[Channel, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        try:
-            self._stream: IO[bytes] = self._part.open("wb")
-        except OSError as error:
-            raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
+        self._file = PartFile(path, keep=False)
         # Images are compressed already; only the index of chunks is worth having.
-        self._writer = Writer(self._stream, compression=CompressionType.NONE)
+        self._writer = Writer(cast("IO[bytes]", self._file), compression=CompressionType.NONE)
         self._writer.start("", f"stream_sfm {__version__}")
 
     def write(self, message: Message) -> None:
         """Append one message."""
         channel, log_time_ns, data = message
-        try:
-            if channel not in self._channels:
-                self._channels[channel] = self._register(channel)
-            self._writer.add_message(self._channels[channel], log_time_ns, data, log_time_ns)
-        except OSError as error:
-            raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
+        if channel not in self._channels:
+            self._channels[channel] = self._register(channel)
+        self._writer.add_message(self._channels[channel], log_time_ns, data, log_time_ns)
 
     def _register(self, channel: Channel) -> int:
         schema = (channel.schema_name, channel.schema_encoding, channel.definition)
@@ -56,17 +49,11 @@ class MessageWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if error is None:
+        if error is not None:
+            self._file.discard()
+        else:
+            with self._file:
                 self._writer.finish()
-            self._stream.close()
-            if error is None:
-                self._part.replace(self.path)
-        except OSError as failure:
-            raise OutputError(f"cannot write {self.path}: {failure.strerror}") from None
-        finally:
-            self._stream.close()
-            self._part.unlink(missing_ok=True)
 
 
 class StereoLogWriter(MessageWriter):

@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 from ..errors import LogError
 from ..inputs import open_regular
@@ -63,6 +64,7 @@ def _open_file(path: Path) -> Source:
     try:
         with open_regular(path) as stream:
             start = stream.read(_START_BYTES)
+            end = _end(stream)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None
     for magic, source in _FILES:
@@ -70,12 +72,20 @@ def _open_file(path: Path) -> Source:
             return source(path)
     if path.name == METADATA:
         return _open_folder(path.parent)
+    if end == MCAP_MAGIC:  # whose start is damaged
+        return McapSource(path)
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
+
+
+def _end(stream: IO[bytes]) -> bytes:
+    """As many bytes as MCAP ends with."""
+    stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
+    return stream.read()
 
 
 def _open_folder(path: Path) -> Source:

@@ -32,6 +32,7 @@ ATTACKS = {
     "compare, its page": ("a/report.html", "compare {log} --out {d}/a"),
     "batch, its results": ("estimates/estimates.mcap", "batch {log} --out {d}"),
     "batch, its page": ("report.html", "batch {log} --out {d}"),
+    "recover, its log": ("x.mcap", "recover {log} {log} --force"),
     "surface, its mesh": ("x.ply", "surface {log} --out {log}"),
     "surface, its picture": ("x.png", "surface {log} --out {d}/y.ply --preview {log}"),
 }  # fmt: skip

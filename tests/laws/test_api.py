@@ -28,6 +28,7 @@ OF_COMMAND = {
     "inspect": {"inspect"},
     "import": {"import_kitti", "import_euroc", "import_images", "import_video"},
     "calibrate": {"calibrate"},
+    "recover": {"recover"},
     "calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},
 }
