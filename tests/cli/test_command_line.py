@@ -176,7 +176,7 @@ def test_the_program_alone_prints_its_help(capsys):
 @pytest.mark.parametrize(
     "line, words",
     [
-        ("stream-sfm re", {"replay "}),
+        ("stream-sfm rep", {"replay "}),
         ("stream-sfm replay --there", {"--there-and-back "}),
         ("stream-sfm replay --method ekf", {"ekf", "ekf-cv"}),
         ("stream-sfm import k", {"kitti "}),
