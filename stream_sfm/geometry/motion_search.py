@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import se3
-from .linear import matvec
+from .linear import damped_solve, matvec
 from .point_views import PointViews
 from .se3 import Array
 from .stereo import clamp_depth
@@ -29,7 +29,6 @@ _MAX_ROTATION_STEP_RAD = 0.3
 # The extent decides where history does not: it makes a factor of .56 at the least, since a background may be seen
 # through a gap between bodies.
 _EXTENT_POWER, _MIN_EXTENT = 0.25, 0.1
-_DAMPING = 1e-9  # of the scaled information: a direction that a sample does not see stays where it is
 
 
 def search_motion(views: PointViews, start: Array, weights: Array) -> Array:
@@ -106,9 +105,7 @@ def _fit(
         r = matvec(root, z - views.projection.project_homogeneous(in_cam))
         jt = np.swapaxes((j * weights[..., None, None]).reshape(len(motions), -1, 6), 1, 2)
         h = jt @ j.reshape(len(motions), -1, 6)
-        scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", h), 1e-12))  # an unseen direction has a zero there
-        scaled = h * scale[:, :, None] * scale[:, None, :] + _DAMPING * np.eye(6)
-        delta = scale * np.linalg.solve(scaled, scale[..., None] * (jt @ r.reshape(len(motions), -1, 1)))[..., 0]
+        delta = damped_solve(h, matvec(jt, r.reshape(len(motions), -1)))
         delta = np.where(np.isfinite(delta), delta, 0.0)
         angle = np.linalg.norm(delta[:, 3:], axis=1, keepdims=True)
         motions = se3.exp(delta * np.minimum(1.0, _MAX_ROTATION_STEP_RAD / np.maximum(angle, 1e-12))) @ motions

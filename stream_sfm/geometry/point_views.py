@@ -62,7 +62,7 @@ class PointViews:
         in_cam = clamp_depth(self.points @ cam_from_ref.T)
         j = self.projection.jacobian_homogeneous(in_cam)
         if self.cov_points is not None:
-            by_point = j @ cam_from_ref
+            by_point = (j.reshape(-1, 4) @ cam_from_ref).reshape(j.shape)
             predicted = by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
             placed = np.trace(predicted, axis1=-2, axis2=-1) < _MAX_PREDICTED_STD_PX**2
             root = whitening_of_views(self.z_px, self.cov_px + np.where(placed[:, None, None], predicted, 0.0))
