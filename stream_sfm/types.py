@@ -134,6 +134,8 @@ class Observations:
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
       None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
+    - `doubtful`: the views may show another motion than the camera's, because the images do not fit each other or the
+      calibration; `note` says why.
     - `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen
       from a changing direction; None where points are exact.
     - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
@@ -150,6 +152,7 @@ class Observations:
     cov_px: Array
     cam_from_previous: Array | None = None
     note: str = ""
+    doubtful: bool = False
     n_new: int = 0
     std_drift_px: Array | None = None
     inflation: Array | None = None
@@ -262,7 +265,7 @@ class FrameEstimate:
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
     - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
-      the method has no joint covariance of them.
+      the method has no joint covariance of them, or left and right do not fit each other.
     - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
     """
 

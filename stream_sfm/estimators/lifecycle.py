@@ -1,12 +1,14 @@
 """How a map begins and ends, alike for all estimators: the first Solution, the status, the answer while lost."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RobustConfig
+from ..geometry import se3
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -66,6 +68,23 @@ def _doubts(motion: Resection) -> list[str]:
     if motion.spread > _DEGRADED_SPREAD:
         reasons.append(f"the views scatter by {np.sqrt(motion.spread):.1f} times their standard deviations")
     return reasons
+
+
+def recorded(motion: MotionModel, observations: Observations, solution: Solution) -> Solution:
+    """Give the pose of an estimated frame to the motion model, and return what is to be reported.
+
+    From doubtful observations the model learns nothing: until they end it says where the camera may be, too, and the
+    covariances of the pose and of the points in the world cover that; relative motions are not reported.
+    """
+    if not observations.doubtful:
+        motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
+        return solution
+    cov = motion.covering(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
+    j = se3.point_in_source_jacobian(solution.points_in_cam)
+    r = solution.world_from_cam[:3, :3]
+    of_points = r @ (j @ (cov - solution.cov_pose) @ np.swapaxes(j, 1, 2)) @ r.T
+    of_points += solution.cov_points_in_world
+    return replace(solution, cov_pose=cov, cov_points_in_world=of_points, relative=None)
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:

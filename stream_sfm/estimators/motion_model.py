@@ -46,6 +46,13 @@ class MotionModel:
         if self._known_at_ns is None:
             self._known_at_ns = stamp_ns
 
+    def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""
+        predicted, cov = self.predict(stamp_ns)
+        pose_from_predicted = se3.inverse(world_from_cam) @ predicted
+        ad, apart = se3.adjoint(pose_from_predicted), se3.log(pose_from_predicted)
+        return np.asarray(cov_pose + ad @ cov @ ad.T + np.outer(apart, apart))
+
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).
 

@@ -19,10 +19,11 @@ from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
 from .new_points import NewPoints, renews
+from .pair_check import PairCheck, PairFit
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .rig_effects import RigEffects
-from .tracker import Tracker
+from .tracker import Followed, Tracker
 
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
 
@@ -43,10 +44,12 @@ class StereoFrontEnd:
     ) -> None:
         self.config = config.frontend
         self._min_points = config.robust.min_inliers
+        self._gate_probability = config.robust.gate_probability
         self.aligners = TemplateAligners(self.config, valid)
         depth = StereoDepth(projection, self.config, self.aligners)
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
+        self.pair_check = PairCheck(depth.vertical_disparity, self.aligners.fine.noise)
         self.persistence = Persistence(config.estimate_every)
         self.rig_effects = RigEffects(projection, config.rig, refinement)
 
@@ -66,8 +69,10 @@ class StereoFrontEnd:
         """Observations of the next frame; indices count the frames from 0, stamps ascend."""
         tracker = self.tracker
         followed = tracker.follow(images, stamp_ns)
-        if followed is None:
-            return self._start_over(frame_index, stamp_ns, images)
+        fit = self._fit(followed)
+        start_anew = self.pair_check.judge(images, tracker.previous, fit, tracker.next_id)
+        if followed is None or start_anew:
+            return self._start_over(frame_index, stamp_ns, images, wait=not start_anew)
         drift_px = self.aligners.drift(tracker.tracks, followed.cam_from_previous)
         z_new, cov_new = self.new_points.add(images, frame_index)
         z_px = np.concatenate([followed.z_px, z_new])
@@ -81,10 +86,21 @@ class StereoFrontEnd:
             std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
         )
 
-    def _start_over(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
-        """Observations of a frame that could not be followed: new points only, or none, and then it is passed over."""
+    def _fit(self, followed: Followed | None) -> PairFit | None:
+        """How left and right fit each other, where tracks were followed."""
+        if followed is None or followed.found is None:
+            return None
+        return PairFit.of(followed.found, self.tracker.projection, self._gate_probability)
+
+    def _start_over(
+        self, frame_index: int, stamp_ns: int, images: PreparedImages, wait: bool = True
+    ) -> Observations:
+        """Observations of a frame that could not be followed: new points only, or none, and then it is passed over.
+
+        Where nothing is to `wait` for, the tracks are dropped at once.
+        """
         tracker = self.tracker
-        waits, nothing = tracker.may_wait(stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
+        waits, nothing = wait and tracker.may_wait(stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
         if waits and tracker.background_hidden:
             return self._observed(frame_index, stamp_ns, *nothing, _HIDDEN)
         before = tracker.tracks, tracker.velocity
@@ -106,7 +122,8 @@ class StereoFrontEnd:
             track_ids=ids,
             z_px=self.rig_effects.corrected(z_px),
             cov_px=cov_px,
-            note=note,
+            note=note or self.pair_check.doubt,
+            doubtful=bool(self.pair_check.doubt),
             std_drift_px=np.zeros(len(z_px)),
             rig_effects=self.rig_effects.of(z_px),
             inflation=self.persistence.inflation(ids, z_px, cov_px),

@@ -1,5 +1,7 @@
 """What is wrong with the images of a frame: black, white, frozen, covered, without texture."""
 
+import numpy as np
+
 from .prepared import Image, PreparedImages
 
 _FEW_POINTS = 8  # with fewer the images are looked at for the cause; as many as the default of `robust.min_inliers`
@@ -16,16 +18,27 @@ def image_note(images: PreparedImages, previous: PreparedImages | None, n_tracke
         for name, image in (("left", images.left), ("right", images.right)):
             if problem := _without_contrast(image):
                 return f"the {name} image is {problem}"
-    if previous is not None and images.equals(previous):
-        return "the images are those of the frame before, to the bit: are the cameras frozen?"
+    if problem := frozen(images, previous):
+        return problem
     if n_in_both >= _FEW_POINTS:
         return ""
+    if n_tracked >= _FEW_POINTS and previous is not None and np.array_equal(images.right, previous.right):
+        return "the right image is that of the frame before, to the bit: is the right camera frozen?"
     if n_tracked < _FEW_POINTS:
         return f"{n_tracked} points can be matched in the images: too little texture, or blurred"
     return (
         f"only {n_in_both} points are found in both images: is one camera covered, are left and right exchanged, or "
         "the images not of one moment?"
     )
+
+
+def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
+    """Say that the left image, or both, are those of the frame before; empty where that is not so."""
+    if previous is None or not np.array_equal(images.left, previous.left):
+        return ""
+    if np.array_equal(images.right, previous.right):
+        return "the images are those of the frame before, to the bit: are the cameras frozen?"
+    return "the left image is that of the frame before, to the bit: is the left camera frozen?"
 
 
 def _without_contrast(image: Image) -> str:

@@ -4,7 +4,7 @@ Track by flow, find the robust motion, align with the templates, resect all view
 noise. Depths come from a `DepthSource`: the right image, or the parallax of one camera.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from .alignment import AlignedViews, Candidates, TemplateAligners
 from .corners import detect
 from .depth_source import DepthSource
 from .flow import Flow
+from .pair_check import Found
 from .prepared import PreparedImages
 from .rough_motion import RoughMotion, RoughMotionFinder
 from .tracks import Tracks
@@ -43,15 +44,16 @@ _MAX_GAP_S = 1.0
 @dataclass(frozen=True, slots=True)
 class Followed:
     """What following gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px`
-    (n, 4, 4) of the tracks that live on, in the order of the tracker's table."""
+    (n, 4, 4) of the tracks that live on, in the order of the tracker's table; `found`: all that were found."""
 
     cam_from_previous: Array
     z_px: Array
     cov_px: Array
+    found: Found | None = None
 
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
         """The given rows."""
-        return Followed(self.cam_from_previous, self.z_px[rows], self.cov_px[rows])
+        return replace(self, z_px=self.z_px[rows], cov_px=self.cov_px[rows])
 
 
 class Tracker:
@@ -194,7 +196,15 @@ class Tracker:
         now = candidates.before.keep(rows).moved(motion.cam_from_ref)
         now = self.depth.update(now, z_px, cov_px, self.cam_from_start)
         self.tracks = now.judged(motion.accepted[kept])
-        return Followed(motion.cam_from_ref, z_px, cov_px)
+        return Followed(motion.cam_from_ref, z_px, cov_px, self._found(candidates, views, motion))
+
+    def _found(self, candidates: Candidates, views: AlignedViews, motion: Resection) -> Found:
+        """The tracks found, as they were before the frame."""
+        seen = views.found
+        before = candidates.before.keep(seen)
+        covs = before.cov_points(self._var_ray)
+        radius_px = before.scale * self.config.window_radius_px
+        return Found(before.ids, before.points, covs, views.z_px[seen], views.cov_px[seen], radius_px, motion)
 
     @property
     def _var_ray(self) -> float:

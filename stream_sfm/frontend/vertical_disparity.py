@@ -31,6 +31,8 @@ class VerticalDisparity:
         self._max_px = max_px
         self._centre = np.array([(projection.width - 1) / 2, (projection.height - 1) / 2])
         self._half = self._centre.max()
+        x, y = np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 2, 5))
+        self._grid = np.stack([x.ravel(), y.ravel()], axis=1) * self._centre
         self._information = np.eye(6) / _PRIOR_STD_PX**2
         self._weighted_sum = np.zeros(6)
         self._coefficients: Array = np.zeros(6)
@@ -41,6 +43,16 @@ class VerticalDisparity:
     def gate_px(self) -> float:
         """Largest deviation of a match that is accepted."""
         return min(max(_GATE * self._std_px, _LEAST_GATE_PX), self._max_px)
+
+    @property
+    def largest_px(self) -> float:
+        """The largest v_left − v_right of correct matches anywhere in the image."""
+        return float(np.abs(self.at(self._grid)).max())
+
+    @property
+    def scatter_px(self) -> float:
+        """σ of new matches around `at`, over the last frames."""
+        return self._std_px
 
     def at(self, left_px: Array) -> Array:
         """v_left − v_right (n,) of correct matches at left positions (n, 2), px."""

@@ -139,7 +139,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "both images frozen": lambda: Fault(
         sides(lambda n: seen(9 if at_fault(n) else n).left, lambda n: seen(9 if at_fault(n) else n).right),
-        "io{9}d{4}o{10}", "frozen", off_m=0.12,
+        "io{9}d{4}o{10}", "frozen",
     ),
     "right image frozen": lambda: Fault(
         sides(lambda n: seen(n).left, lambda n: seen(9 if at_fault(n) else n).right), "io{9}[od]{4}o{10}"
@@ -172,7 +172,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
         sides(
             lambda n: seen(n).left if n < 10 else seen(n).right, lambda n: seen(n).right if n < 10 else seen(n).left
         ),
-        "io{9}[dl]{14}", "exchanged", off_m=0.21,
+        "io{9}[dl]{14}", "exchanged",
     ),
     "a turn by 90° in three frames": turned,
     "covered, then uncovered elsewhere": covered_and_carried,

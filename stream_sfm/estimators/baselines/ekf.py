@@ -19,7 +19,7 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from ..triangulation import counted_cov, triangulate, usable_births
 
@@ -61,11 +61,10 @@ class Ekf:
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
         nis, dof = self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
-        self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
         status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return self._solution(obs, status, reason, ended, rejected, nis, dof)
+        return recorded(self._motion, obs, self._solution(obs, status, reason, ended, rejected, nis, dof))
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
         return resected

@@ -17,7 +17,7 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .bundle_adjustment import (
@@ -189,12 +189,11 @@ class FrameToFrame:
             np.concatenate([cov_in_world, new_in_world[1]])[order],
         )
         window = np.stack([self._world_from_previous, world_from_cam])
-        self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
         self._previous, self._gains = obs, pair.gains
         self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
         status, reason = frame_status(int(pair.kept.sum()), obs.note, self._config.robust)
         ended = self._hand_over(obs, now)
-        return Solution(
+        solution = Solution(
             status=status,
             reason=reason,
             world_from_cam=world_from_cam,
@@ -214,6 +213,7 @@ class FrameToFrame:
             nis=pair.nis,
             nis_dof=pair.dof,
         )
+        return recorded(self._motion, obs, solution)
 
     def _shared_noise(self, now: _Gains, cov_px: Array) -> tuple[Array, Array]:
         """Return the covariances of the previous pose with this pair's motion (6, 6) and points (n, 6, 3).

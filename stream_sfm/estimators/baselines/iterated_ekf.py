@@ -31,7 +31,7 @@ from ..cross_frame.inverse_depth import (
     q_of_views,
 )
 from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from ..triangulation import counted_cov
 
@@ -87,11 +87,10 @@ class IteratedEkf:
         used = np.flatnonzero(found.accepted)
         update = self._update(obs.z_px[rows[used]], counted_cov(obs, rows[used]), used, found.cam_from_ref)
         self._carry_over(update)
-        self._motion.record(obs.stamp_ns, self._world_from_cam, self._cov[:6, :6].copy())
         rejected = self._ids[~found.accepted]
         self._add(obs)
         status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return self._solution(obs, (status, reason), ended, rejected, update)
+        return recorded(self._motion, obs, self._solution(obs, (status, reason), ended, rejected, update))
 
     def _start(self, obs: Observations) -> Solution:
         solution = first_solution(self._projection, self._config.robust, self._motion, obs)

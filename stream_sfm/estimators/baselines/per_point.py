@@ -24,7 +24,7 @@ from ...geometry import se3
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, too_few_inliers
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from .bundle_adjustment import Adjustment
 from .per_point_map import PerPointMap
@@ -99,12 +99,11 @@ class _PerPointWindow:
     ) -> Solution:
         """Read the Solution off the window, and give the pose to the motion model."""
         world_from_cam, cov_pose = current.newest_pose()
-        self._motion.record(obs.stamp_ns, world_from_cam, cov_pose)
         status, reason = frame_status(inliers, obs.note, self._config.robust)
         in_cam, cov_in_cam = current.points_in_newest_camera()
         in_world = current.points_in_world()
         now = np.isin(current.ids, current.window[-1].ids)
-        return Solution(
+        solution = Solution(
             status=status,
             reason=reason,
             world_from_cam=world_from_cam,
@@ -124,6 +123,7 @@ class _PerPointWindow:
             nis=result.cost,
             nis_dof=current.degrees_of_freedom(),
         )
+        return recorded(self._motion, obs, solution)
 
 
 class CrossFrameWC(_PerPointWindow):

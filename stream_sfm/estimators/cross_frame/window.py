@@ -18,14 +18,14 @@ from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution
 from ..ids import among
 from ..initial_motion import initial_motion
-from ..lifecycle import first_solution, frame_status, lost_solution, too_few_inliers
+from ..lifecycle import first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from .absorb import absorb_oldest_frame
 from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
 from .relative import relative_motions
-from .rig_knowledge import RigKnowledge
+from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame
 
 _NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
@@ -47,6 +47,7 @@ class CrossFrame:
         self.map: Map | None = None
         self.rig: RigKnowledge | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
+        self._rig_doubt = ""  # why the calibration cannot be right; once said, it stays
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -145,12 +146,14 @@ class CrossFrame:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         before, now = current.marginals, current.update_marginals()
         current.judge_rig()
-        self.motion.record(observations.stamp_ns, now.world_from_cam, now.cov_pose)
+        rig = current.rig_estimate()
+        self._rig_doubt = self._rig_doubt or impossible(rig)
+        observations = _with_doubt(observations, self._rig_doubt)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
         shown = among(now.ids, newest.ids[newest.used]) & now.finite
-        return Solution(
+        solution = Solution(
             status=status,
             reason=reason,
             world_from_cam=now.world_from_cam,
@@ -169,9 +172,19 @@ class CrossFrame:
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
-            rig=current.rig_estimate(),
+            rig=rig,
             relative=relative_motions(current),
         )
+        return recorded(self.motion, observations, solution)
+
+
+def _with_doubt(observations: Observations, doubt: str) -> Observations:
+    """Return the observations, doubtful for one more reason if there is one."""
+    if not doubt:
+        return observations
+    return replace(
+        observations, doubtful=True, note=f"{observations.note}; {doubt}" if observations.note else doubt
+    )
 
 
 def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:

@@ -1,0 +1,148 @@
+"""Whether left and right image, and the calibration, fit each other; while they do not, no motion is to be trusted.
+
+A frozen camera, one that was knocked, cameras exchanged or not triggered together: most of the left image may still
+move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Of the
+points whose left side agrees with the motion, nearly all should be found on the right, where their depth says. Where
+half of them are not, a doubt begins, which ends when points from before it are found in both images again, or when
+everything has long fitted together anew: then all tracks are dropped, and a new map begins.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.point_views import PointViews
+from ..geometry.resection import Resection
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection, clamp_depth
+from .image_checks import frozen
+from .noise import ViewNoise
+from .prepared import PreparedImages
+from .vertical_disparity import VerticalDisparity
+
+# Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
+# a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
+_FIT = 0.5
+_ENOUGH = 12  # points that the left image confirms: of fewer, no share is asked for
+_CONFIRMING = 8  # points from before a doubt, and half of those that are left, end it
+_GOOD_FRAMES = 20  # in a row that end it otherwise, where this share of all points found agree
+_GOOD_SHARE = 0.6
+# Of real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3.
+_MAX_ROWS_PX = 2.5
+_MAX_SCATTER_PX = 0.5
+# Variance of views over what their images explain: 1.2 at most on any sample log, 5 to 30 with a wrong calibration.
+_MAX_FACTOR = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The tracks `ids` (n,) that were found in a frame: `points` (n, 4) in the camera before with `cov_points`, their
+    views `z_px` (n, 4) with `cov_px`, half widths `radius_px` (n,) of their patches, and the `motion` that was found
+    from them."""
+
+    ids: NDArray[np.int64]
+    points: Array
+    cov_points: Array
+    z_px: Array
+    cov_px: Array
+    radius_px: NDArray[np.int64]
+    motion: Resection
+
+
+@dataclass(frozen=True, slots=True)
+class PairFit:
+    """Of the tracks `ids` (n,) that were found in a frame and should be in the right image, too: which agree with its
+    motion in the `left` image (n,), and which in `both` (n,)."""
+
+    ids: NDArray[np.int64]
+    left: NDArray[np.bool_]
+    both: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, found: "Found", projection: StereoProjection, gate_probability: float) -> "PairFit":
+        """Of what was found in a frame."""
+        motion = found.motion
+        right_px = projection.project_homogeneous(clamp_depth(found.points @ motion.cam_from_ref.T))[:, 2]
+        margin_px = 2 * found.radius_px
+        inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
+        both = motion.accepted & np.isfinite(found.z_px).all(axis=1)
+        left = motion.accepted.copy()
+        if both[inside].sum() < _GOOD_SHARE * inside.sum():
+            left_px = found.z_px.copy()
+            left_px[:, 2:] = np.nan
+            views = PointViews(projection, found.points, found.cov_points, left_px, found.cov_px, gate_probability)
+            root, _ = views.linearise(motion.cam_from_ref)
+            left |= views.residuals(motion.cam_from_ref, root)[1] < motion.spread * views.gate
+        return cls(found.ids[inside], left[inside], both[inside])
+
+
+class PairCheck:
+    """Judges frame after frame; `doubt` says what is wrong, or is empty."""
+
+    def __init__(self, vertical_disparity: VerticalDisparity, noise: ViewNoise) -> None:
+        self.vertical_disparity = vertical_disparity
+        self.noise = noise
+        self.doubt = ""
+        self._first_id: int | None = None  # of the tracks that began in doubt
+        self._good_frames = 0
+
+    def judge(
+        self, images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None, next_id: int
+    ) -> bool:
+        """Take in a frame: its images, those before, and how its tracks fit (None: none were followed).
+
+        Tracks that begin in this frame have ids from `next_id` on. Returns whether a doubt has ended without any
+        point from before it, so that all tracks are to be dropped.
+        """
+        problem = self._problem(images, previous, fit)
+        if problem:
+            self.doubt, self._good_frames = problem, 0
+            if self._first_id is None:
+                self._first_id = next_id
+            return False
+        if self._first_id is None or fit is None:
+            return False
+        if self._confirmed(fit):
+            self._end()
+            return False
+        self._good_frames = self._good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
+        if self._good_frames < _GOOD_FRAMES:
+            return False
+        self._end()
+        return True
+
+    def _end(self) -> None:
+        self.doubt, self._first_id, self._good_frames = "", None, 0
+
+    def _confirmed(self, fit: PairFit) -> bool:
+        """Whether points from before the doubt are seen in both images again."""
+        old = fit.ids < (self._first_id or 0)
+        return bool((old & fit.both).sum() >= max(_CONFIRMING, _FIT * (old & fit.left).sum()))
+
+    def _problem(self, images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None) -> str:
+        """What is wrong in this frame, with its likely cause, or nothing."""
+        rows_px, scatter_px = self.vertical_disparity.largest_px, self.vertical_disparity.scatter_px
+        if rows_px > _MAX_ROWS_PX:
+            return (
+                f"the rows of left and right differ by up to {rows_px:.1f} px: is the calibration of these cameras and "
+                "of this resolution, are left and right exchanged?"
+            )
+        if scatter_px > _MAX_SCATTER_PX:
+            return (
+                f"the rows of matches scatter by {scatter_px:.1f} px: are left and right exchanged, or the images not "
+                "of one moment?"
+            )
+        if self.noise.factor > _MAX_FACTOR:
+            return (
+                f"views are off by {np.sqrt(self.noise.factor):.1f} times what their images explain: is the "
+                "calibration of these cameras and of this resolution?"
+            )
+        if fit is not None and (problem := frozen(images, previous)):
+            return problem
+        if fit is None or fit.left.sum() < _ENOUGH or (fit.both & fit.left).sum() >= _FIT * fit.left.sum():
+            return ""
+        return (
+            f"of {fit.left.sum()} points that agree in the left image {fit.both.sum()} do in the right one: is one "
+            "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
+        )

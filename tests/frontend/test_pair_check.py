@@ -1,0 +1,112 @@
+"""When left and right count as fitting each other: doubts begin, are confirmed away, or end with a new start."""
+
+import numpy as np
+
+from stream_sfm.frontend.noise import ViewNoise
+from stream_sfm.frontend.pair_check import PairCheck, PairFit
+from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.frontend.vertical_disparity import VerticalDisparity
+from stream_sfm.geometry.stereo import StereoProjection
+
+PROJECTION = StereoProjection(300.0, 0.1, 160.0, 160.0, 120.0, 320, 240)
+
+
+def images(seed: int) -> PreparedImages:
+    rng = np.random.default_rng(seed)
+    left, right = rng.integers(0, 255, (2, 60, 80), dtype=np.uint8)
+    return PreparedImages.of(left, right, 0.0)
+
+
+def fit(first_id: int, left: int, both: int, n: int = 100) -> PairFit:
+    """Of n tracks the first ones agree."""
+    rows = np.arange(n)
+    return PairFit(first_id + rows, rows < left, rows < both)
+
+
+class Run:
+    """A check that is shown frame after frame, each with images of its own."""
+
+    def __init__(self) -> None:
+        self.vertical = VerticalDisparity(PROJECTION, 1.5)
+        self.noise = ViewNoise(1.0, 10)
+        self.check = PairCheck(self.vertical, self.noise)
+        self.frame = 0
+
+    def show(self, fitting: PairFit | None, next_id: int = 1000) -> bool:
+        self.frame += 1
+        return self.check.judge(images(self.frame), images(self.frame - 1), fitting, next_id)
+
+
+def test_a_good_pair_raises_no_doubt():
+    run = Run()
+    assert not any(run.show(fit(0, 95, both)) for both in (95, 80, 60))
+    assert run.check.doubt == ""
+
+
+def test_right_sides_that_are_missing_are_a_doubt_until_old_points_are_back():
+    run = Run()
+    run.show(fit(0, 95, 95))
+    run.show(fit(0, 95, 20))
+    assert "20 do in the right one" in run.check.doubt
+    run.show(None)
+    run.show(fit(0, 15, 7))  # too few to confirm anything
+    assert run.check.doubt
+    run.show(fit(1000, 95, 95))  # tracks that began in doubt do not confirm it away
+    assert run.check.doubt
+    assert not run.show(fit(0, 40, 35))
+    assert run.check.doubt == ""
+
+
+def test_few_points_are_no_evidence():
+    run = Run()
+    run.show(fit(0, 11, 0))
+    assert run.check.doubt == ""
+
+
+def test_a_doubt_without_old_points_ends_with_a_new_start():
+    run = Run()
+    run.show(fit(0, 95, 0), next_id=100)
+    ended = [run.show(fit(100, 95, 90), next_id=300) for _ in range(20)]
+    assert ended == [False] * 19 + [True]
+    assert run.check.doubt == ""
+    assert not run.show(fit(300, 95, 90))
+
+
+def test_what_hardly_fits_ends_no_doubt():
+    run = Run()
+    run.show(fit(0, 95, 0), next_id=100)
+    assert not any(run.show(fit(100, 60, 55)) for _ in range(40))
+    assert run.check.doubt
+
+
+def test_the_left_image_of_the_frame_before_is_a_doubt():
+    check = Run().check
+    check.judge(images(1), images(1), fit(0, 95, 95), 1000)
+    assert "are the cameras frozen" in check.doubt
+
+
+def test_rows_that_no_calibration_has_wrong_are_a_doubt():
+    run = Run()
+    x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
+    at = np.stack([x.ravel(), y.ravel()], axis=1)
+    for _ in range(10):
+        run.vertical.learn(at, 0.02 * (at[:, 0] - 160))
+    assert 3.0 < run.vertical.largest_px < 3.4
+    run.show(fit(0, 95, 95))
+    assert "the rows of left and right differ" in run.check.doubt
+
+
+def test_rows_that_scatter_are_a_doubt():
+    run = Run()
+    at = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
+    for seed in range(40):
+        run.vertical.learn(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
+    run.show(fit(0, 95, 95))
+    assert "not of one moment" in run.check.doubt
+
+
+def test_noise_that_no_image_explains_is_a_doubt():
+    run = Run()
+    run.noise.factor = 9.0
+    run.show(fit(0, 95, 95))
+    assert "3.0 times what their images explain" in run.check.doubt
