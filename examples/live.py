@@ -1,7 +1,9 @@
-"""Estimates live, with a display: from two OpenCV cameras, or from two folders that are being filled.
+"""Estimates live, with a display: from two OpenCV cameras, from video, or from two folders that are being filled.
 
     python examples/live.py calibration.toml --cameras 0 1
-    python examples/live.py calibration.toml --folders left right --rrd run.rrd --no-view
+    python examples/live.py calibration.toml --videos left.mp4 right.mp4
+    python examples/live.py calibration.toml --video side_by_side.mkv --rrd run.rrd --no-view
+    python examples/live.py calibration.toml --folders left right --no-view
 
 In folders, an image and its partner have the same name, and names are in the order of time. Ctrl-C ends the run.
 """
@@ -13,24 +15,24 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 import stream_sfm as sfm
 
-Image = NDArray[np.uint8]
 
+def from_captures(captures: list[cv2.VideoCapture], live: bool) -> Iterator[sfm.StereoFrame]:
+    """Yield frames, grabbed together, until one capture delivers nothing more; one alone holds both images.
 
-def from_cameras(left: int, right: int) -> Iterator[sfm.StereoFrame]:
-    """Yield grey frames, grabbed together, until a camera delivers nothing more."""
-    cameras = [cv2.VideoCapture(index) for index in (left, right)]
+    `live`: stamped by the clock, otherwise by the video.
+    """
     try:
-        while all([camera.grab() for camera in cameras]):
-            stamp_ns = time.time_ns()
-            left_image, right_image = (grey(camera.retrieve()[1]) for camera in cameras)
-            yield sfm.StereoFrame(stamp_ns, left_image, right_image)
+        while all([capture.grab() for capture in captures]):
+            stamp_ns = time.time_ns() if live else round(captures[0].get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+            images = [np.asarray(capture.retrieve()[1], np.uint8) for capture in captures]
+            left, right = images if len(images) == 2 else np.split(images[0], 2, axis=1)
+            yield sfm.StereoFrame(stamp_ns, left, right)
     finally:
-        for camera in cameras:
-            camera.release()
+        for capture in captures:
+            capture.release()
 
 
 def from_folders(left: Path, right: Path, timeout_s: float) -> Iterator[sfm.StereoFrame]:
@@ -38,50 +40,57 @@ def from_folders(left: Path, right: Path, timeout_s: float) -> Iterator[sfm.Ster
     last, since_s = "", time.monotonic()
     while time.monotonic() - since_s < timeout_s:
         for name in sorted(p.name for p in left.iterdir() if p.name > last and (right / p.name).exists()):
-            images = [cv2.imread(str(folder / name)) for folder in (left, right)]
+            images = [cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for folder in (left, right)]
             if images[0] is None or images[1] is None:
                 break  # still being written
             last, since_s = name, time.monotonic()
-            yield sfm.StereoFrame(time.time_ns(), grey(images[0]), grey(images[1]))
+            yield sfm.StereoFrame(time.time_ns(), np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8))
         time.sleep(0.01)
 
 
-def grey(image: cv2.typing.MatLike) -> Image:
-    """The image (h, w) uint8."""
-    return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
-def main() -> None:
-    """Step the engine with each frame and show the estimate."""
+def parsed() -> argparse.Namespace:
+    """The arguments of the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("calibration")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--cameras", nargs=2, type=int, metavar=("LEFT", "RIGHT"))
+    source.add_argument("--videos", nargs=2, metavar=("LEFT", "RIGHT"))
+    source.add_argument("--video", nargs=1, metavar="FILE", help="one that holds both images side by side")
     source.add_argument("--folders", nargs=2, type=Path, metavar=("LEFT", "RIGHT"))
     parser.add_argument(
         "--timeout", type=float, default=10.0, metavar="S", help="of folders: seconds without an image"
     )
     parser.add_argument("--rrd", metavar="FILE", help="write what is shown to this file")
     parser.add_argument("--no-view", action="store_true", help="open no window")
-    args = parser.parse_args()
+    return parser.parse_args()
 
+
+def main() -> None:
+    """Step the engine with each frame and show the estimate."""
+    args = parsed()
     rig = sfm.StereoRig.from_calibration(args.calibration)
     engine = sfm.Engine(rig)
-    viewer = sfm.open_viewer(rig, args.rrd, view=not args.no_view)
-    if args.cameras:
-        frames = from_cameras(*args.cameras)
-    else:
+    viewer = None if args.no_view and not args.rrd else sfm.open_viewer(rig, args.rrd, view=not args.no_view)
+    if args.folders:
         frames = from_folders(args.folders[0], args.folders[1], args.timeout)
+    else:
+        captures = [cv2.VideoCapture(given) for given in args.cameras or args.videos or args.video]
+        frames = from_captures(captures, live=bool(args.cameras))
     count = 0
     try:
         for frame in frames:
-            viewer.write(engine.step(frame), frame)
+            estimate = engine.step(frame)
+            if viewer is not None:
+                viewer.write(estimate, frame)
+            x, y, z = estimate.world_from_cam[:3, 3]
+            print(f"\r{estimate.status:12} x {x:8.3f}  y {y:8.3f}  z {z:8.3f} m", end="")
             count += 1
     except KeyboardInterrupt:
         pass
     finally:
-        viewer.close()
-    print(f"{count} frames")
+        if viewer is not None:
+            viewer.close()
+    print(f"\n{count} frames")
 
 
 if __name__ == "__main__":

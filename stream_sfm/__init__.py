@@ -175,7 +175,8 @@ _HOMES = {
         "StereoFrame",
         "Trajectory",
     ),
-    "viewer": ("open_viewer", "write_surface_recording"),
+    "viewer": ("open_viewer",),
+    "viewer.surface_recording": ("write_surface_recording",),
 }
 
 if TYPE_CHECKING:
@@ -250,7 +251,8 @@ if TYPE_CHECKING:
         StereoFrame,
         Trajectory,
     )
-    from .viewer import open_viewer, write_surface_recording
+    from .viewer import open_viewer
+    from .viewer.surface_recording import write_surface_recording
 
 
 def __getattr__(name: str) -> Any:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera.axes import RectifiedAxes
+from .camera.models import Camera
+from .camera.pixels import GreyScaler, image_problem, to_grey
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
 from .camera.scale_error import ScaleError
@@ -56,12 +58,17 @@ class Observer:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
         self._scale = ScaleError(0.0 if self.rig.unscaled or config.rig.exact else config.rig.std_baseline)
+        self._scaler = GreyScaler()
         self._next_index = 0
         self._last_stamp_ns: int | None = None
 
     def rectify(self, frame: Frame) -> list[Image]:
-        """Return the rectified images of the cameras that are used."""
-        return self.rectifier.rectify(*frame.images[: len(self.rig.cameras)])
+        """Return the rectified images of the cameras that are used, grey with 8 bits.
+
+        Images of 16 bits are scaled by the brightest ones so far: frames are given in order then.
+        """
+        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
+        return self.rectifier.rectify(*self._scaler.to_uint8(*images))
 
     def prepare(
         self,
@@ -187,21 +194,18 @@ class Observer:
         if len(images) < len(cameras):
             raise FrameError(f"{where}: one image only; give a StereoFrame, or estimate with Config(mono=True)")
         for (side, camera), image in zip(cameras.items(), images, strict=False):
-            if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-                kind = getattr(image, "dtype", type(image).__name__)
-                raise FrameError(f"{where}: the {side} image is {kind}; give a NumPy array of uint8 (grey, h × w)")
-            if image.shape != (camera.height, camera.width):
+            if problem := image_problem(image):
+                raise FrameError(f"{where}: the {side} image {problem}")
+            if image.shape[:2] != (camera.height, camera.width):
                 raise FrameError(
                     f"{where}: the {side} image has shape {image.shape}, the calibration says "
-                    f"({camera.height}, {camera.width}); give grey images of the calibrated size"
+                    f"({camera.height}, {camera.width}); {_size_fix(image.shape, camera)}"
                 )
 
     def _check_stamp(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the stamp is not an integer after that of the last frame."""
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
-            raise FrameError(
-                f"{where}: stamp_ns is {_described(frame.stamp_ns)}; give an integer number of nanoseconds"
-            )
+            raise FrameError(f"{where}: stamp_ns is {_described(frame.stamp_ns)}; {_stamp_fix(frame.stamp_ns)}")
         if not -INT64 <= frame.stamp_ns < INT64:
             raise FrameError(f"{where}: stamp_ns is beyond 64 bits; give an integer number of nanoseconds")
         if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
@@ -233,6 +237,30 @@ def _check_arguments(rig: object, config: object) -> None:
         raise ConfigError(
             f"the configuration is {_described(config)}; give a Config, such as read_config({example})"
         )
+
+
+def _stamp_fix(stamp: object) -> str:
+    """How a stamp of another kind becomes nanoseconds."""
+    fix = "give an integer number of nanoseconds"
+    if isinstance(stamp, float | np.floating):
+        return f"{fix}: of seconds, round(seconds * 1e9)"
+    if hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
+        return f"{fix}: stamp.sec * 10**9 + stamp.nanosec"
+    if isinstance(stamp, np.datetime64):
+        return f"{fix}: int(stamp.astype('datetime64[ns]').astype(int))"
+    if hasattr(stamp, "timestamp"):
+        return f"{fix}: round(stamp.timestamp() * 1e9)"
+    return fix
+
+
+def _size_fix(shape: tuple[int, ...], camera: Camera) -> str:
+    """What to do about an image of another size."""
+    height, width = shape[:2]
+    if (height, width) == (camera.width, camera.height):
+        return "give (h, w), not (w, h): image.T, or the calibration of a camera that stands upright"
+    if width * camera.height == height * camera.width:
+        return "give images of the calibrated size, or the calibration of this one (K scales with the images)"
+    return "give images of the calibrated size, not cropped, or the calibration of this one"
 
 
 def _described(value: object) -> str:

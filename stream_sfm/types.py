@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from .errors import ConfigError
 from .geometry.se3 import Array
 
-Picture = NDArray[np.uint8] | bytes  # (h, w) grey values, or a compressed image (PNG, JPEG, WebP)
+Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
+Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
 
 
 class Status(StrEnum):
@@ -29,18 +30,20 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoFrame:
-    """Two images of the same moment as the cameras deliver them: `stamp_ns` an integer, images (h, w) uint8.
+    """Two images of the same moment as the cameras deliver them: `stamp_ns` an integer.
+
+    Images are uint8 or uint16: grey (h, w) or (h, w, 1), or colour as OpenCV has it, blue first: (h, w, 3), (h, w, 4).
 
     `pictures`, if given, are what a viewer shows: the same images, for instance as the JPEG bytes they arrived in.
     """
 
     stamp_ns: int
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
+    left: Image
+    right: Image
     pictures: tuple[Picture, ...] = ()
 
     @property
-    def images(self) -> tuple[NDArray[np.uint8], ...]:
+    def images(self) -> tuple[Image, ...]:
         """Both images."""
         return self.left, self.right
 
@@ -53,11 +56,11 @@ class MonoFrame:
     """One image of a camera that has no partner; everything as in StereoFrame."""
 
     stamp_ns: int
-    left: NDArray[np.uint8]
+    left: Image
     pictures: tuple[Picture, ...] = ()
 
     @property
-    def images(self) -> tuple[NDArray[np.uint8], ...]:
+    def images(self) -> tuple[Image, ...]:
         """The one image."""
         return (self.left,)
 
@@ -326,7 +329,7 @@ class Trajectory:
         return f"<Trajectory {len(self)} poses in {duration_s:.2f} s>"
 
 
-def _size(image: NDArray[np.uint8]) -> str:
+def _size(image: Image) -> str:
     """Width × height of an image; the type of anything else, which only an engine refuses."""
     shape = getattr(image, "shape", ())
     return "×".join(map(str, [*shape[1::-1], *shape[2:]])) if len(shape) > 1 else type(image).__name__

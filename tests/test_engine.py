@@ -2,14 +2,17 @@
 
 import copy
 import dataclasses
+import datetime
 import pickle
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.camera.pixels import GreyScaler, to_grey
 from stream_sfm.frontend.disparity_bias import MIN_BIAS_PX
 from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
@@ -165,10 +168,31 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
         ((good.stamp_ns, good.left, good.right), "frame 1 is of type tuple; give a StereoFrame"),
         (None, "frame 1 is None; give a StereoFrame"),
         (sfm.MonoFrame(good.stamp_ns, good.left), "one image only; give a StereoFrame"),
-        (dataclasses.replace(good, left=good.left.astype(float)), "left image is float64"),
-        (dataclasses.replace(good, right=None), "right image is NoneType"),
-        (dataclasses.replace(good, right=good.right[:-1]), "calibration says"),
-        (dataclasses.replace(good, left=np.stack([good.left] * 3, axis=2)), "grey"),
+        (dataclasses.replace(good, stamp_ns=np.float32(2)), r"of seconds, round\(seconds \* 1e9\)"),
+        (
+            dataclasses.replace(good, stamp_ns=np.datetime64("2026-01-01")),
+            r"int\(stamp.astype\('datetime64\[ns\]'\)",
+        ),
+        (dataclasses.replace(good, stamp_ns=datetime.datetime(2026, 1, 1)), r"round\(stamp.timestamp\(\) \* 1e9\)"),
+        (dataclasses.replace(good, stamp_ns=SimpleNamespace(sec=1, nanosec=2)), r"stamp.sec \* 10\*\*9"),
+        (dataclasses.replace(good, left=good.left / 255), r"left image is float64; give .*255 \* image\)\.astype"),
+        (dataclasses.replace(good, left=good.left.astype(int)), r"is int64; give .* image.astype\(np.uint16\)"),
+        (dataclasses.replace(good, right=None), "right image is None; give a NumPy array"),
+        (
+            dataclasses.replace(good, right=good.right.tolist()),
+            r"of type list; give a NumPy array, such as np.asarray",
+        ),
+        (
+            dataclasses.replace(good, right=good.right[:-1]),
+            "calibration says .*; give images of the .*, not cropped",
+        ),
+        (dataclasses.replace(good, right=good.right[::2, ::2]), "K scales with the images"),
+        (dataclasses.replace(good, right=good.right.T), r"give \(h, w\), not \(w, h\): image.T"),
+        (
+            dataclasses.replace(good, left=np.stack([good.left] * 3)),
+            r"channels first; give image.transpose\(1, 2, 0\)",
+        ),
+        (dataclasses.replace(good, left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour as OpenCV"),
     ]
     for frame, message in wrong:
         with pytest.raises(sfm.FrameError, match=message):
@@ -180,6 +204,54 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     fresh = sfm.Engine(rig(0.03), sfm.Config())
     fresh.step(frames[0])
     assert _bytes(fresh.step(good)) == _bytes(engine.step(good))
+
+
+def coloured(image: np.ndarray, channels: int) -> np.ndarray:
+    """An image in colour that is `image` in grey, up to rounding."""
+    return np.stack([image] * 3 + [np.full_like(image, 255)] * (channels - 3), axis=2)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda image: image[:, :, None],
+        lambda image: coloured(image, 3),
+        lambda image: coloured(image, 4),
+        lambda image: np.hstack([image, image])[:, image.shape[1] :],
+        lambda image: image.astype(np.uint16) << 8,
+        lambda image: image.astype(np.uint16)[:, :, None] << 8,
+        lambda image: coloured(image.astype(np.uint16) << 8, 3),
+        lambda image: image[::-1].copy()[::-1],
+    ],
+    ids=[
+        "h w 1",
+        "BGR",
+        "BGRA",
+        "half of a wider one",
+        "16 bits",
+        "16 bits h w 1",
+        "BGR of 16 bits",
+        "reversed twice",
+    ],
+)
+def test_images_are_taken_in_the_forms_in_which_logs_have_them(frames, engine, form) -> None:
+    """The same pixels give the same estimates."""
+    plain = sfm.Engine(rig(0.03), sfm.Config())
+    for frame in frames[:4]:
+        other = sfm.StereoFrame(frame.stamp_ns, form(frame.left), form(frame.right))
+        assert _bytes(engine.step(other, engine.prepare(other))) == _bytes(plain.step(frame))
+
+
+def test_colour_is_blue_first() -> None:
+    blue = np.zeros((2, 2, 3), np.uint8)
+    blue[:, :, 0] = 200
+    assert to_grey(blue).tolist() == [[23, 23], [23, 23]]  # 0.114 of it; of red it would be 0.299
+
+
+def test_images_of_few_bits_are_made_bright() -> None:
+    """A camera of 12 bits in 16: divided by 256 it would be nearly black."""
+    scaler = GreyScaler()
+    assert scaler.to_uint8(np.array([[4095, 2048]], np.uint16))[0].tolist() == [[255, 128]]
 
 
 def test_prepare_refuses_what_step_refuses(frames, engine) -> None:
@@ -208,6 +280,40 @@ def test_prepare_refuses_what_step_refuses(frames, engine) -> None:
 def test_an_engine_of_something_else_says_what_was_given_and_what_is_wanted(arguments, message: str) -> None:
     with pytest.raises(sfm.ConfigError, match=message):
         sfm.Engine(*arguments)
+
+
+K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
+POSE = se3.exp([-0.1, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "make,message",
+    [
+        (
+            lambda: sfm.Camera(K, 320, 240),
+            r"the camera's size holds an array: give .* Camera\(width=640, height=480",
+        ),
+        (lambda: sfm.Camera(320.5, 240, K), r"the camera's size holds 320.5"),
+        (lambda: sfm.Camera(float("nan"), 240, K), r"the camera's size holds nan"),
+        (lambda: sfm.Camera(320, 240, "K.txt"), r"the camera's K is 'K.txt': give an array of numbers"),
+        (
+            lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE),
+            "the right camera is of type NoneType; give a",
+        ),
+        (lambda: sfm.StereoRig.from_calibration(None), "the calibration is None; give a file, the files of left"),
+        (lambda: sfm.StereoRig.from_calibration({}), "the calibration is of type dict; give a file"),
+        (lambda: sfm.StereoRig.from_calibration([]), "the calibration is of type list; give a file"),
+        (lambda: sfm.open_viewer("calibration.toml", "a.rrd"), "the rig is of type str; give a StereoRig"),
+    ],
+)
+def test_cameras_and_rigs_of_something_else_say_what_is_wanted(make, message: str) -> None:
+    with pytest.raises(sfm.ConfigError, match=message):
+        make()
+
+
+def test_sizes_are_whole_numbers_whatever_their_type() -> None:
+    camera = sfm.Camera(np.int64(320), 240.0, K)
+    assert (camera.width, camera.height) == (320, 240) and {type(camera.width), type(camera.height)} == {int}
 
 
 def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frames, engine) -> None:

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 import stream_sfm as sfm
@@ -43,6 +44,23 @@ def test_live(tmp_path: Path) -> None:
     folders = ("--folders", tmp_path / "left", tmp_path / "right", "--timeout", 0.5)
     said = run("live.py", tmp_path / "calibration.toml", *folders, "--no-view", "--rrd", tmp_path / "live.rrd")
     assert f"{FRAMES} frames" in said and (tmp_path / "live.rrd").stat().st_size > 1000
+    rate_hz, codec = 10, cv2.VideoWriter.fourcc(*"mp4v")
+    left, right, both = (str(tmp_path / name) for name in ("left.mp4", "right.mp4", "both.mp4"))
+    frames = list(log.frames(sfm.Selection(max_frames=FRAMES)))
+    for path, images in (
+        (left, [f.left for f in frames]),
+        (right, [f.right for f in frames]),
+        (both, [np.hstack(f.images) for f in frames]),
+    ):
+        writer = cv2.VideoWriter(path, codec, rate_hz, images[0].shape[::-1], False)
+        if not writer.isOpened():
+            pytest.skip("this OpenCV writes no such video")
+        for image in images:
+            writer.write(image)
+        writer.release()
+    for given in (("--videos", left, right), ("--video", both)):
+        said = run("live.py", tmp_path / "calibration.toml", *given, "--no-view")
+        assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2]
 
 
 def test_read_results(tmp_path: Path) -> None:

@@ -35,11 +35,10 @@ class Camera:
     distortion_model: str = "plumb_bob"
 
     def __post_init__(self) -> None:
-        k = np.array(self.K, dtype=float)
-        d = tuple(float(x) for x in np.ravel(np.asarray(self.D, dtype=float)))
-        object.__setattr__(self, "K", k)
-        object.__setattr__(self, "D", d)
-        edges = (self.width, self.height)
+        edges = (_pixels(self.width), _pixels(self.height))
+        k, d = _numbers("K", self.K), tuple(_numbers("D", self.D).ravel().tolist())
+        for name, value in (("width", edges[0]), ("height", edges[1]), ("K", k), ("D", d)):
+            object.__setattr__(self, name, value)
         if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
                 f"camera size {self.width:.6g}×{self.height:.6g}: give width and height in pixels, each from "
@@ -67,3 +66,20 @@ class Camera:
         (fx, _, cx), (_, fy, cy) = self.K[:2]
         lens = self.distortion_model if any(self.D) else "no distortion"
         return f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}>"
+
+
+def _pixels(edge: object) -> int:
+    """An edge of the image as a whole number. Raises ConfigError."""
+    if isinstance(edge, int | float | np.integer | np.floating) and edge == edge // 1:
+        return int(edge)
+    given = "an array" if isinstance(edge, np.ndarray | list | tuple) else repr(edge)
+    raise ConfigError(
+        f"the camera's size holds {given}: give whole numbers of pixels, as in Camera(width=640, height=480, K=...)"
+    )
+
+
+def _numbers(name: str, value: object) -> Array:
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigError(f"the camera's {name} is {value!r}: give an array of numbers") from None

@@ -34,6 +34,9 @@ class StereoRig:
     refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
+        for side, camera in (("left", self.left), ("right", self.right)):
+            if not isinstance(camera, Camera):
+                raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
         pose = np.array(self.right_from_left, dtype=float)
         if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
             raise ConfigError(f"right_from_left must be a 4×4 pose in metres, got {pose.tolist()}")

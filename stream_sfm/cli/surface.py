@@ -124,7 +124,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
 
         write_png(args.preview, preview(surface.mesh, *args.viewpoint))
     if args.rrd:
-        from ..viewer import write_surface_recording
+        from ..viewer.surface_recording import write_surface_recording
 
         write_surface_recording(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
 

@@ -108,7 +108,7 @@ def surface_of_frame(
     frame, read = _frame(log, number, selection)
     rectifier = Rectifier(log.stereo_rig)
     view = DenseView(rectifier, config)
-    found, picture = view.see(frame, rectifier.rectify(*frame.images))
+    found, picture = view.see(frame, rectifier.rectify(*(np.asarray(image, np.uint8) for image in frame.images)))
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))

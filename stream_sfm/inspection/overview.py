@@ -9,12 +9,13 @@ import numpy as np
 
 from ..camera.calibration.read import Where
 from ..camera.models import MAX_PIXELS
+from ..camera.pixels import GreyScaler
 from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..evaluation.truth_check import find_doubts, warnings_of
 from ..mcap_file.damage import Damage
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
-from ..recording.images import GreyScaler, UndecodableImage, decode_grey, image_size
+from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
 from ..recording.rig import baseline_warnings, check_rig

@@ -2,6 +2,8 @@
 
 import logging
 
+import numpy as np
+
 from ..inspection.calibration_check import Images
 from ..inspection.quick_check import quick_problems
 from ..recording import StereoLog
@@ -28,7 +30,7 @@ class CalibrationSink:
         """Check the first frame, and a few more if something is wrong with it."""
         if self._done:
             return
-        images = frame.images
+        images = [np.asarray(image, np.uint8) for image in frame.images]  # as a log's frames are
         self._frames.append((images[0], images[-1]))
         if len(self._frames) == 1:
             self._done = not self._check()

@@ -6,11 +6,12 @@ from contextlib import closing
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.pixels import GreyScaler
 from ..evaluation import path_length_m
 from ..geometry import se3
 from ..recording import RecordedFrame, StereoPair
 from ..recording.frames import recorded_frame
-from ..recording.images import GreyScaler, decode_grey
+from ..recording.images import decode_grey
 from ..types import Trajectory
 
 KEPT_LIMIT_BYTES = 256 * 2**20  # of recorded images

@@ -4,10 +4,11 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from ..camera.pixels import Grey, GreyScaler
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
 from .frames import RecordedFrame, recorded_frame
-from .images import Grey, GreyScaler, UndecodableImage, decode_grey, image_size
+from .images import UndecodableImage, decode_grey, image_size
 from .pair_reader import StereoPair
 
 _Pending = tuple[StereoPair, list[Future[Grey]]]

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.models import MAX_PIXELS
+from ..camera.pixels import Grey
 from ..errors import LogError
 from ..sources import image_header
 from .messages import ImageMessage
-
-Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
 # encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
 _PLAIN: dict[str, tuple[int, int, int | None]] = {
@@ -38,8 +37,6 @@ _TO_RGB = {
 # which of the two bytes of a pixel is the luma
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
-
-_FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
 
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
@@ -158,25 +155,3 @@ def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
         )
     data = np.frombuffer(message.data, np.uint8)
     return np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
-
-
-class GreyScaler:
-    """Scales 16-bit images to 8 bits by one shift for the whole log, so that brightness does not jump.
-
-    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The
-    shift follows the brightest value seen so far, in either camera.
-    """
-
-    def __init__(self) -> None:
-        self._bits = _FEWEST_BITS
-
-    def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
-        """Scale the images (h, w) of the next frame; frames come in order, because the shift is remembered."""
-        for image in images:
-            if image.dtype == np.uint16:
-                self._bits = max(self._bits, int(image.max(initial=0)).bit_length())
-        shift = self._bits - 8
-        return [
-            (i >> shift).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
-            for i in images
-        ]

@@ -41,6 +41,9 @@ SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, fol
 
 def open_source(path: str | Path) -> Source:
     """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording."""
+    if not isinstance(path, str | Path):
+        kind = "None" if path is None else f"of type {type(path).__name__}"
+        raise LogError(f"the log is {kind}; give the path of a file or a folder")
     path = Path(path)
     try:
         str(path).encode()

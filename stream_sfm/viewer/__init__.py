@@ -7,12 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..camera.rig import MonoRig, StereoRig
-from ..dense.mesh import Mesh
 from ..errors import ConfigError
-from ..geometry.se3 import Array
 from ..types import Sink, Trajectory
 
-__all__ = ["open_viewer", "require_rerun", "write_surface_recording"]
+__all__ = ["open_viewer", "require_rerun"]
 
 
 def require_rerun() -> None:
@@ -36,18 +34,9 @@ def open_viewer(
     of the recording in the viewer. Raises ConfigError where Rerun is not installed, no window can be opened or neither
     output is requested, OutputError where the file cannot be written.
     """
+    if not isinstance(rig, StereoRig | MonoRig):
+        raise ConfigError(f"the rig is of type {type(rig).__name__}; give a StereoRig or a MonoRig")
     require_rerun()
     from .sink import RerunSink
 
     return RerunSink(rig, rrd, view, ground_truth, name)
-
-
-def write_surface_recording(rrd: str | Path, mesh: Mesh, path: Array, name: str) -> None:
-    """Write a recording called `name` to the file `rrd`: the mesh, and the camera centres (n, 3) in its axes.
-
-    Raises ConfigError where Rerun is not installed, OutputError where the file cannot be written.
-    """
-    require_rerun()
-    from .surface import write_surface
-
-    write_surface(rrd, mesh, path, name)

@@ -222,7 +222,9 @@ def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
     if isinstance(picture, bytes):
         kind = image_format(picture)
         return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")
-    return rr.Image(picture, color_model="L")
+    if picture.ndim == 3 and picture.shape[2] > 1:
+        return rr.Image(picture, color_model="BGR" if picture.shape[2] == 3 else "BGRA")
+    return rr.Image(picture.reshape(picture.shape[:2]), color_model="L")
 
 
 def _transform(parent_from_child: Array) -> rr.Transform3D:

@@ -72,8 +72,11 @@ def _single(content: bytes, name: str | Path) -> Format:
 
 
 def _documents(where: Where) -> list[Document]:
-    if not isinstance(where, str | Path):
+    if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
         return [_read(Path(path)) for path in where]
+    if not isinstance(where, str | Path):
+        kind = "None" if where is None else f"of type {type(where).__name__}"
+        raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
     path = Path(where)
     return _in_folder(path) if os.path.isdir(path) else [_read(path)]
 

@@ -1,0 +1,69 @@
+"""Grey images of 8 bits (h, w), which everything works on, from the arrays that cameras and programs deliver."""
+
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
+
+_FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
+_TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
+
+
+class GreyScaler:
+    """Scales 16-bit images to 8 bits by one shift for the whole log, so that brightness does not jump.
+
+    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The
+    shift follows the brightest value seen so far, in either camera.
+    """
+
+    def __init__(self) -> None:
+        self._bits = _FEWEST_BITS
+
+    def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
+        """Scale the images (h, w) of the next frame; frames come in order, because the shift is remembered."""
+        for image in images:
+            if image.dtype == np.uint16:
+                self._bits = max(self._bits, int(image.max(initial=0)).bit_length())
+        shift = self._bits - 8
+        return [
+            (i >> shift).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
+            for i in images
+        ]
+
+
+def image_problem(image: object) -> str:
+    """Why an array cannot be taken for an image, with what to give instead; empty where it can."""
+    if not isinstance(image, np.ndarray):
+        return f"is {_kind(image)}; give a NumPy array, such as np.asarray(image)"
+    if image.dtype.kind == "f":
+        return (
+            f"is {image.dtype}; give uint8 or uint16, of values from 0 to 1 with "
+            "np.rint(255 * image).astype(np.uint8)"
+        )
+    if image.dtype not in (np.uint8, np.uint16):
+        return f"is {image.dtype}; give uint8, or uint16 with image.astype(np.uint16)"
+    if image.ndim == 3 and image.shape[0] in (1, 3, 4) and image.shape[2] not in (1, 3, 4):
+        return f"has shape {image.shape}, with the channels first; give image.transpose(1, 2, 0)"
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        return (
+            f"has shape {image.shape}; give (h, w), or colour as OpenCV has it: (h, w, 3) or (h, w, 4), blue first"
+        )
+    return ""
+
+
+def to_grey(image: NDArray[np.generic]) -> Grey:
+    """Grey (h, w) of an image without a problem: (h, w), (h, w, 1), or colour with blue first; 8 or 16 bits."""
+    pixels = np.asarray(image)
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    pixels = np.ascontiguousarray(pixels)  # such as one half of a wider image
+    if pixels.ndim == 3:
+        pixels = cv2.cvtColor(pixels, _TO_GREY[pixels.shape[2]])
+    return np.asarray(pixels)
+
+
+def _kind(value: object) -> str:
+    return "None" if value is None else f"of type {type(value).__name__}"
