@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import NoReturn
 
+from .blas import one_thread
 from .camera.rig import MonoRig, StereoRig
 from .config import Config
 from .errors import EngineBusyError
@@ -25,8 +26,9 @@ class Engine:
     """Estimates the camera's motion and the structure in view, frame by frame, in bounded time and memory.
 
     One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
-    thread. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a rig or configuration
-    that cannot work.
+    thread. Linear algebra is done in one thread meanwhile (`blas.py`), so that estimates are the same to the byte
+    whatever the environment sets. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a
+    rig or configuration that cannot work.
 
     `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
     """
@@ -38,9 +40,10 @@ class Engine:
         estimator: Callable[[StereoProjection, Config], Estimator] | None = None,
     ) -> None:
         self.config = Config() if config is None else config
-        self.observer = Observer(rig, self.config)
-        make = partial(make_estimator, self.config.method) if estimator is None else estimator
-        self.estimator = make(self.observer.projection, self.config)
+        with one_thread:
+            self.observer = Observer(rig, self.config)
+            make = partial(make_estimator, self.config.method) if estimator is None else estimator
+            self.estimator = make(self.observer.projection, self.config)
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
 
@@ -56,7 +59,8 @@ class Engine:
         also for frames that are never stepped. With the `frame_index` of the coming estimate (frames count from 0)
         more of the work is done here; the estimates are the same. Raises FrameError for images of the wrong kind.
         """
-        return self.observer.prepare(frame, frame_index)
+        with one_thread:
+            return self.observer.prepare(frame, frame_index)
 
     def step(self, frame: Frame, prepared: PreparedImages | None = None) -> FrameEstimate:
         """Return the estimate of the next frame; `prepared` is what `prepare` returned for it, if it was called.
@@ -64,7 +68,7 @@ class Engine:
         Raises FrameError for images of the wrong kind or a stamp that does not increase; the engine is then unchanged
         and takes the next frame. Raises EngineBusyError while another thread is in `step`.
         """
-        with self._exclusively():
+        with self._exclusively(), one_thread:
             observed = self.observer.observe(frame, prepared)
             self.observations = observed.observations
             began = time.perf_counter()

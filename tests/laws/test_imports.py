@@ -16,7 +16,7 @@ ROOT = Path(stream_sfm.__file__).parent
 LAYERS = (
     ("errors", "__version__"),
     ("inputs", "outputs"),
-    ("geometry", "files", "interrupts", "executors", "wording"),
+    ("geometry", "blas", "files", "interrupts", "executors", "wording"),
     ("camera",),
     ("types", "config"),
     ("frontend", "estimators", "evaluation", "mcap_file"),
@@ -49,6 +49,7 @@ HOMES = {
     "lz4": ("mcap_file", "sources"),
     "zstandard": ("mcap_file", "sources"),
     "distributed": ("executors.py",),
+    "threadpoolctl": ("blas.py",),
 }
 EVERYWHERE = {"stream_sfm", "numpy", "scipy", "msgspec"}
 

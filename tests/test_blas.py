@@ -1,0 +1,85 @@
+"""The bytes of the estimates do not depend on how many threads the environment grants to libraries."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from threadpoolctl import ThreadpoolController, threadpool_limits
+
+from stream_sfm.blas import OneThread
+from tests.helpers.places import ROOM
+
+_LIVE = """
+import hashlib, itertools, sys
+import stream_sfm as sfm
+log = sfm.open_log(sys.argv[1])
+engine, digest = sfm.Engine(log.rig, sfm.Config(method=sys.argv[2])), hashlib.sha256()
+for frame in itertools.islice(log.frames(), 25):
+    e = engine.step(frame)
+    for array in (e.world_from_cam, e.cov_pose, e.points_in_cam, e.cov_points, e.window_world_from_cam):
+        digest.update(array.tobytes())
+print(digest.hexdigest())
+"""
+_REPLAY = """
+import hashlib, sys
+import numpy as np
+import stream_sfm as sfm
+sfm.replay(sys.argv[1], sys.argv[3], sfm.Config(method=sys.argv[2]), selection=sfm.Selection(max_frames=25))
+digest = hashlib.sha256()
+for estimate in sfm.read_estimates(sys.argv[3] + "/estimates.mcap"):
+    digest.update(repr(estimate).encode())
+print(digest.hexdigest())
+"""
+
+
+def printed(program: str, threads: int, *arguments: str) -> str:
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+    environment = {**os.environ, **dict.fromkeys(names, str(threads))}
+    command = [sys.executable, "-c", program, str(ROOM), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("method", ["cross-frame", "ekf"])
+def test_live_estimates_do_not_depend_on_the_number_of_threads(method: str) -> None:
+    one, two = (printed(_LIVE, threads, method) for threads in (1, 2))
+    assert one == two
+
+
+def test_replayed_estimates_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
+    one, two = (printed(_REPLAY, n, "cross-frame", str(tmp_path / str(n))) for n in (1, 2))
+    assert one == two
+
+
+def blas_threads() -> set[int]:
+    return {pool["num_threads"] for pool in ThreadpoolController().info() if pool["user_api"] == "blas"}
+
+
+def test_the_number_is_restored_when_the_last_thread_leaves() -> None:
+    scipy.linalg.inv(np.linalg.inv(np.eye(3)))  # each loads its library
+    one_thread, inside, leave = OneThread(), threading.Event(), threading.Event()
+
+    def stay() -> None:
+        with one_thread:
+            inside.set()
+            assert leave.wait(30)
+
+    with threadpool_limits(2, user_api="blas"):
+        other = threading.Thread(target=stay)
+        with one_thread:
+            other.start()
+            assert inside.wait(30)
+            assert blas_threads() == {1}
+        assert blas_threads() == {1}
+        leave.set()
+        other.join()
+        assert blas_threads() == {2}
+        with pytest.raises(ZeroDivisionError), one_thread:
+            raise ZeroDivisionError
+        assert blas_threads() == {2}
