@@ -10,6 +10,7 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,10 +75,10 @@ def metric_jacobian(points: Array) -> Array:
 class WhitenedViews:
     """The views of a window as flat rows.
 
-    `frame` (V,) and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root` (V, 4, 4)
-    whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing; `weight` (V, 4):
-    the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects` (V, 4, m): px
-    per unit of the rig's errors, which are part of what a view shows.
+    `frame` (V,), ascending, and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root`
+    (V, 4, 4) whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing;
+    `weight` (V, 4): the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects`
+    (V, 4, m): px per unit of the rig's errors, which are part of what a view shows.
     """
 
     frame: NDArray[np.intp]
@@ -156,31 +157,31 @@ def linearise(
     frames, points, m = len(cams_from_ref), len(q), len(rig_error)
     in_cam, r = whitened_residuals(projection, cams_from_ref, ref_from_anchor, q, rig_error, views)
     by_cam = views.root @ projection.jacobian_homogeneous(in_cam)
-    j = np.empty(
-        (len(r), 4, 10 + m)
-    )  # whitened: derivatives by the pose (6), by the point (3), residual, by the rig
+    j = np.empty((len(r), 4, 10 + m))  # whitened: by the pose (6), by the point (3), residual, by the rig
     j[..., :6] = by_cam @ pose_jacobian(in_cam)
     j[..., 6:9] = (by_cam @ cams_from_ref[views.frame]) @ ref_from_anchor[:, :, Q_COLUMNS].take(views.point, axis=0)
     j[..., 9] = r
     j[..., 10:] = views.root @ views.rig_effects
-    products = np.swapaxes(j[..., :9], 1, 2) @ j
-    of_frame = np.zeros((frames, len(r)))
-    of_frame[views.frame, np.arange(len(r))] = 1.0
-    by_frame = (of_frame @ products.reshape(len(r), 9 * (10 + m))).reshape(frames, 9, 10 + m)
+    by_pose = np.empty((frames, 6, 10 + m))
+    for s, (first, last) in enumerate(pairwise(np.searchsorted(views.frame, np.arange(frames + 1)).tolist())):
+        of_frame = j[first:last].reshape(-1, 10 + m)
+        by_pose[s] = of_frame[:, :6].T @ of_frame
+    products = np.swapaxes(j[..., 6:9], 1, 2) @ j
     by_point = np.zeros((frames, points, 3, 4 + m))
-    by_point[views.frame, views.point] = products[:, 6:, 6:]
+    by_point[views.frame, views.point] = products[..., 6:]
     by_point = by_point.sum(0)
     w = np.zeros((points, 3, frames, 6))
-    w[views.point, :, views.frame] = products[:, 6:, :6]
-    by_rig = j[..., 10:].reshape(4 * len(r), m)
+    w[views.point, :, views.frame] = products[..., :6]
+    by_rig = j.reshape(-1, 10 + m)[:, 9:]
+    by_rig = by_rig.T @ by_rig
     return NormalBlocks(
-        u=by_frame[:, :6, :6],
+        u=by_pose[..., :6],
         v=by_point[..., :3],
         w=w.reshape(points, 3, 6 * frames),
-        g_pose=by_frame[:, :6, 9],
+        g_pose=by_pose[..., 9],
         g_point=by_point[..., 3],
-        rig=by_rig.T @ by_rig,
-        rig_pose=by_frame[:, :6, 10:].reshape(6 * frames, m),
+        rig=by_rig[1:, 1:],
+        rig_pose=by_pose[..., 10:].reshape(6 * frames, m),
         rig_point=by_point[..., 4:],
-        g_rig=by_rig.T @ r.ravel(),
+        g_rig=by_rig[1:, 0],
     )

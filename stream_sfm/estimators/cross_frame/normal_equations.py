@@ -48,7 +48,8 @@ class System:
         self.cross[known, :, self.poses :] = -self.pull
         self.cross[:, :, self.rig] += blocks.rig_point @ prior.rig.root
         self.cov_given = symmetric_inverse(v)  # of a point once poses and modes are given
-        self.gain = self.cov_given @ self.cross
+        self.std_given = np.asarray(np.linalg.cholesky(self.cov_given), np.float64)
+        self.reach = np.swapaxes(self.std_given, 1, 2) @ self.cross  # of the others, in units of it
         h = np.zeros((size, size))
         for s in range(frames):
             h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
@@ -57,7 +58,7 @@ class System:
         rig_pose = blocks.rig_pose @ prior.rig.root
         h[: self.poses, self.rig] += rig_pose
         h[self.rig, : self.poses] += rig_pose.T
-        h -= _flat(self.cross).T @ _flat(self.gain)
+        h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(symmetric(h))
         self.rig_offset = np.zeros(len(prior.rig))
 
@@ -72,12 +73,13 @@ class System:
         g_point[self.known] -= matvec(self.d_inv, away)
         g = np.concatenate([blocks.g_pose.ravel(), _flat(self.pull).T @ away.ravel() - amplitudes])
         g[self.rig] += self.prior.rig.root.T @ blocks.g_rig + self.prior.rig.offset
-        whitened = self.chol.root.T @ (g - _flat(self.gain).T @ g_point.ravel())
+        given = matvec(np.swapaxes(self.std_given, 1, 2), g_point)
+        whitened = self.chol.root.T @ (g - _flat(self.reach).T @ given.ravel())
         if not self.prior.rig.estimated:
             self.rig_offset = whitened[self.rig].copy()
             whitened[self.rig] = 0.0
         delta = self.chol.root @ whitened
-        dq = matvec(self.cov_given, g_point) - self.gain @ delta
+        dq = matvec(self.std_given, given - self.reach @ delta)
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
@@ -87,22 +89,28 @@ class System:
         Errors of the rig that are held at zero although their estimate is `rig_offset` count as if they were that
         much larger.
         """
-        root = self.chol.root
-        held = root[:, self.rig] @ self.rig_offset
-        return symmetric(root @ root.T) + np.outer(held, held)
+        root = self._root()
+        return np.asarray(root @ root.T)
+
+    def _root(self) -> Array:
+        """Return a root of `covariance`, with one column more than rows."""
+        held = self.chol.root[:, self.rig] @ self.rig_offset
+        return np.column_stack([self.chol.root, held])
 
     def covariances(self, frame: int) -> JointCovariance:
         """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""
-        sigma = self.covariance()
-        to_world = np.zeros((len(sigma), 6))
-        to_world[self.poses :] = self.prior.world_modes.T
-        to_pose = np.zeros((len(sigma), 6))
+        root = self._root()
+        to_both = np.zeros((len(root), 12))  # to the pose and to the world
         if frame >= 0:
-            to_pose[6 * frame : 6 * frame + 6] = np.eye(6)
-        cov_q = self.cov_given + (_flat(self.gain) @ sigma).reshape(self.gain.shape) @ np.swapaxes(self.gain, 1, 2)
-        to_both = sigma @ np.concatenate([to_pose, to_world], axis=1)
-        with_both = -self.gain @ to_both
-        cov_both = np.concatenate([to_pose, to_world], axis=1).T @ to_both
+            to_both[6 * frame : 6 * frame + 6, :6] = np.eye(6)
+        to_both[self.poses :, 6:] = self.prior.world_modes.T
+        both = root.T @ to_both
+        through = (_flat(self.reach) @ root).reshape(len(self.reach), 3, -1)
+        cov_q = (
+            self.std_given @ (np.eye(3) + through @ np.swapaxes(through, 1, 2)) @ np.swapaxes(self.std_given, 1, 2)
+        )
+        with_both = -self.std_given @ (through @ both)
+        cov_both = both.T @ both
         return JointCovariance(
             cov_q, with_both[..., :6], with_both[..., 6:], cov_both[:6, :6], cov_both[6:, 6:], cov_both[:6, 6:]
         )
