@@ -32,8 +32,8 @@ from .rig_knowledge import RigKnowledge
 # micrometre and a microradian are far below any estimate.
 _ORIGIN_VARIANCE = 1e-12
 # Variance of a common mode in units of the points' own noise, summed over the points, below which the mode is folded
-# away: it then correlates no two points by more than a thousandth. Trades the size of the system for that.
-_MIN_MODE_VARIANCE = 1e-3
+# away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
+_MIN_MODE_VARIANCE = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
