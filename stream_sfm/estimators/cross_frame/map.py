@@ -28,7 +28,8 @@ from .window_frame import WindowFrame
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point. `frames`: the window, oldest first;
+    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the
+    newest frame began a second time, by one view. `frames`: the window, oldest first;
     `reference_index`: which frame the reference camera is. `prior`, and the `amplitudes` (k,) of its modes. `system`:
     the latest normal equations, factored. `marginals`: of the latest frame.
     """
@@ -44,6 +45,7 @@ class Map:
         self.frames: list[WindowFrame] = []
         self.reference_index = frame.index
         self.rejections = RejectionCounts()
+        self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_in_doubt = 0
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
@@ -96,8 +98,10 @@ class Map:
         self._count_rejected(rejected)
         excluded = self.rejections.excluded(frame.ids)
         known = among(frame.ids, self.ids)
-        new = ~known & frame.stereo & ~excluded
-        frame.used = (known | new) & ~excluded & ~among(frame.ids, rejected)
+        new = ~known & frame.stereo & ~excluded & ~among(frame.ids, rejected)
+        again = among(self._dropped, frame.ids[new])
+        self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
+        frame.used = (known & ~among(frame.ids, rejected) | new) & ~excluded
         ref_from_cam = se3.inverse(frame.cam_from_ref)
         self.ids = np.concatenate([self.ids, frame.ids[new]])
         self.q = np.concatenate([self.q, q_of_views(self.projection, frame.corrected_px(self.rig_error)[new])])
@@ -110,18 +114,17 @@ class Map:
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
 
-        Of a track with one view in the map that one view may be the wrong one: the track is excluded, and the view
-        dropped.
+        Of a track with one view in the map that one view may be the wrong one, as well as the one rejected: the point
+        is dropped, and begins anew with the track's next view.
         """
-        seen = np.array([among(rejected, f.ids) for f in self.frames], int)
+        seen = np.array([among(rejected, f.ids[f.used]) for f in self.frames], int)
         young = (seen.sum(0) <= 1) & ~among(rejected, self.prior.ids)
-        for track_id, once in zip(rejected.tolist(), young.tolist(), strict=True):
-            if once:
-                self.rejections.exclude(track_id)
-            else:
-                self.rejections.add(track_id)
+        for track_id in rejected.tolist():
+            self.rejections.add(track_id)
         for f in self.frames:
             f.used &= ~among(f.ids, rejected[young])
+        self.select(~among(self.ids, rejected[young]))
+        self._dropped = np.union1d(self._dropped, rejected[young])
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.

@@ -18,10 +18,6 @@ class RejectionCounts:
         """Count one rejection."""
         self._counts[track_id] = self._counts.get(track_id, 0) + 1
 
-    def exclude(self, track_id: int) -> None:
-        """Exclude a track at once."""
-        self._counts[track_id] = _MAX_REJECTIONS
-
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
         return np.array([self._counts.get(int(i), 0) >= _MAX_REJECTIONS for i in ids], bool)

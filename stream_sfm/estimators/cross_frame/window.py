@@ -153,6 +153,7 @@ class CrossFrame:
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
         shown = among(now.ids, newest.ids[newest.used]) & now.finite
+        shown &= ~among(now.ids, current.begun_anew)
         solution = Solution(
             status=status,
             reason=reason,
