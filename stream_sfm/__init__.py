@@ -77,6 +77,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "compare",
+    "compare_many",
     "config_to_toml",
     "draw_mesh",
     "evaluate",
@@ -111,6 +112,7 @@ _HOMES = {
     "camera.refinement": ("Refinement",),
     "camera.rig": ("MonoRig", "StereoRig"),
     "comparison.compare": ("ComparisonResult", "compare"),
+    "comparison.many": ("compare_many",),
     "config": (
         "Config",
         "DenseConfig",
@@ -186,6 +188,7 @@ if TYPE_CHECKING:
     from .camera.refinement import Refinement
     from .camera.rig import MonoRig, StereoRig
     from .comparison.compare import ComparisonResult, compare
+    from .comparison.many import compare_many
     from .config import (
         Config,
         DenseConfig,

@@ -1,12 +1,15 @@
 """`stream-sfm batch`: many logs in parallel, one result folder per log, one table and one page."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import Any
 
 from ..errors import ExitCode
 from . import arguments
+
+COMPARE = "compare"  # in front of the logs: methods are compared on them
 
 
 def add_parser(subparsers: Any) -> None:
@@ -18,8 +21,10 @@ def add_parser(subparsers: Any) -> None:
         summary="replay many logs in parallel, with one table and one HTML page for all",
         description="Replay many logs in parallel, each in its own process: one that fails, crashes or hangs does not "
         "affect the others. Writes one result folder per log, as `replay` does, batch.json and report.html (a single "
-        "file). A second run processes only what is missing or has changed.",
-        usage="LOG... --out DIR [options]",
+        "file). A second run processes only what is missing or has changed. `batch compare LOG...` compares the "
+        "methods on every log instead, or on many starts of one: one table of ratios with intervals over logs, in "
+        "comparison.json and report.html.",
+        usage="[compare] LOG... --out DIR [options]",
     )
     parser.add_argument(
         "logs", nargs="+", metavar="LOG", help="recordings of any kind, folders of them, or patterns"
@@ -34,6 +39,14 @@ def add_parser(subparsers: Any) -> None:
         metavar="S",
         help="stop a log that delivers no frame for S seconds (default: 600)",
     )
+    compared = parser.add_argument_group("batch compare")
+    compared.add_argument(
+        "--starts", type=arguments.positive, default=1, metavar="N", help="run each log from N starts (default: 1)"
+    )
+    compared.add_argument(
+        "--start-step", type=arguments.seconds, default=1.0, metavar="S", help="seconds between starts (default: 1)"
+    )
+    compared.add_argument("--methods", metavar="NAME,…", help="the methods, separated by commas")
     arguments.add_cameras(parser)
     arguments.add_selection(parser)
     arguments.add_settings(parser)
@@ -42,6 +55,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay all logs, print a table, and return whether all of them were completed."""
+    if args.logs[0] == COMPARE and len(args.logs) > 1 and not os.path.exists(COMPARE):
+        return _compare(args)
     from ..batch.logs import find_logs
     from ..batch.replay_batch import replay_batch
     from .progress import counter
@@ -66,6 +81,42 @@ def run(args: argparse.Namespace) -> int:
     if content["interrupted"]:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if content["complete"] else ExitCode.INPUT
+
+
+def _compare(args: argparse.Namespace) -> int:
+    """Compare the methods on all logs, print the table, and return whether all of them were compared."""
+    from ..batch.logs import find_logs
+    from ..comparison.compare import COMPARED
+    from ..comparison.many import compare_many
+    from .batch_table import print_many
+    from .printing import cleaned, print_json
+    from .progress import counter
+
+    config, selection = arguments.read_settings(args), arguments.read_selection(args)
+    logs = list(find_logs(args.logs[1:]))
+    names = (name.strip() for name in args.methods.split(",")) if args.methods else COMPARED
+    with counter("compare", "runs", len(logs) * args.starts, args.quiet) as advance:
+        content = compare_many(
+            logs,
+            args.out,
+            config,
+            selection,
+            methods=tuple(dict.fromkeys(names)),
+            starts=args.starts,
+            start_step_s=args.start_step,
+            workers=int(args.workers),
+            scheduler=args.scheduler,
+            on_done=lambda name: advance(1, name),
+        )
+    if args.json:
+        print_json(content)
+    elif not args.quiet:
+        print_many(content)
+        print(content["conclusion"])
+    failed = [s for s in cleaned(content["samples"]) if s["failure"]]
+    for s in failed:
+        print(f"stream-sfm: {s['log']} from {s['start_s']:g} s: {s['failure']}", file=sys.stderr)
+    return ExitCode.INPUT if failed else ExitCode.DONE
 
 
 def _print(content: dict[str, Any], out: Path, args: argparse.Namespace) -> None:

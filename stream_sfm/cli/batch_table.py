@@ -29,3 +29,20 @@ def print_batch(content: dict[str, Any]) -> None:
         cells = (number(figure, ".3g") for figure in figures)
         table.add_row(escape(log["name"]), log["status"], str(frames["estimated"]), str(frames["lost"]), *cells)
     stdout_console(_PIPED_WIDTH).print(table)
+
+
+def print_many(content: dict[str, Any]) -> None:
+    """Print the ratios of comparison.json, one row per method."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("error over cross-frame", "position", "rotation", content["interval_over"]):
+        table.add_column(heading, no_wrap=True)
+    for key, found in content["error_over_cross_frame"].items():
+        cells = [_with_interval(found[quantity]) for quantity in ("position", "rotation")]
+        table.add_row(key.replace("_", "-"), *cells, str(found["position"]["samples"]))
+    stdout_console(_PIPED_WIDTH).print(table)
+
+
+def _with_interval(figure: dict[str, Any]) -> str:
+    low_high = figure["ci95"]
+    interval = "" if low_high is None else escape(f" [{low_high[0]:.2f}, {low_high[1]:.2f}]")
+    return f"{figure['value']:.2f}{interval}"

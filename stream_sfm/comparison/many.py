@@ -1,0 +1,177 @@
+"""Compares methods over many logs, or over many starts of one: the answer that one log cannot give.
+
+Each job compares the methods on one log from one start, in a process of its own. One log is one sample: its starts are
+averaged first, and the interval of a ratio is Student's over the logs (over the starts where there is one log only,
+which then says something about this log and no other).
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, as_completed
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from .. import __version__
+from ..config import Config, config_to_toml
+from ..errors import ConfigError, OutputError, StreamSfmError
+from ..estimators import METHODS
+from ..executors import cluster, processes
+from ..files import json_bytes, write_whole
+from ..report.many_page import conclusion_of_many, render_many
+from ..types import Selection
+from ..wording import unknown_name
+from .compare import COMPARED, compare
+
+SCHEMA_VERSION = 1
+RECORD, PAGE = "comparison.json", "report.html"
+REFERENCE = "cross-frame"
+QUANTITIES = ("position", "rotation")
+_CONFIDENCE = 0.95
+_MIN_SAMPLES = 3  # two know nothing about their spread
+
+
+class Start(NamedTuple):
+    """One sample: a log from `start_s` on."""
+
+    log: Path
+    start_s: float
+
+
+def compare_many(
+    logs: Sequence[str | Path],
+    out_dir: str | Path | None = None,
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    methods: Sequence[str] = COMPARED,
+    starts: int = 1,
+    start_step_s: float = 1.0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    on_done: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Compare methods on many logs and return the content of comparison.json, written to `out_dir` with a page.
+
+    `starts`: each log is run from so many starts, `start_step_s` apart. `workers` processes of this machine (None: one
+    per core), or those of the Dask `scheduler`. A log that cannot be compared is listed with its reason. `on_done` is
+    called with the name of each. Raises ConfigError, OutputError.
+    """
+    config, selection = config or Config(), selection or Selection()
+    config.needs_scale("compare")
+    for name in methods:
+        if name not in METHODS:
+            raise ConfigError(unknown_name("method", name, METHODS))
+    if REFERENCE not in methods:
+        raise ConfigError(f"ratios are over {REFERENCE}: name it among the methods")
+    if starts < 1 or start_step_s <= 0:
+        raise ConfigError(f"{starts} starts, {start_step_s:g} s apart: give at least one, and a distance above 0")
+    folder = None if out_dir is None else Path(out_dir)
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
+    first_s = selection.start_s or 0.0
+    jobs = [Start(Path(log), first_s + k * start_step_s) for log in logs for k in range(starts)]
+    run = partial(run_start, config=config, selection=selection, methods=tuple(methods))
+    with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
+        samples = _run_all(executor, run, jobs, on_done)
+    content = summarise_many(samples, methods) | {"configuration": config_to_toml(config)}
+    if folder is not None:
+        write_whole(folder / RECORD, json_bytes(content))
+        write_whole(folder / PAGE, render_many(content).encode())
+    return content
+
+
+def run_start(job: Start, config: Config, selection: Selection, methods: tuple[str, ...]) -> dict[str, Any]:
+    """Compare on one log from one start; a failure is a result, not an exception."""
+    sample: dict[str, Any] = {"log": str(job.log), "start_s": job.start_s, "failure": None, "ratios": {}}
+    selected = Selection(job.start_s, selection.end_s, selection.max_frames, selection.stride)
+    try:
+        report = compare(job.log, None, config, selected, methods=methods, there_and_back=False).report
+    except (StreamSfmError, ValueError) as error:
+        return sample | {"failure": str(error)}
+    ratios = {
+        key: {q: found[q]["value"] for q in QUANTITIES} for key, found in report["error_over_cross_frame"].items()
+    }
+    nees = {key: m["nees_pose_mean"] for key, m in report["methods"].items()}
+    failure = None if ratios else "no ratios: too few frames with ground truth in a row, or a method that stopped"
+    return sample | {
+        "failure": failure,
+        "ratios": ratios,
+        "nees_pose_mean": nees,
+        "frames": report["frames_with_ground_truth"],
+        "frames_in_doubt": report["frames_in_doubt"],
+    }
+
+
+def _run_all(
+    executor: Executor,
+    run: Callable[[Start], dict[str, Any]],
+    jobs: Sequence[Start],
+    on_done: Callable[[str], None] | None,
+) -> list[dict[str, Any]]:
+    """The samples in the order of the jobs; one whose process was lost is a failure."""
+    futures = {executor.submit(run, job): k for k, job in enumerate(jobs)}
+    samples: dict[int, dict[str, Any]] = {}
+    for future in as_completed(futures):
+        k = futures[future]
+        try:
+            samples[k] = future.result()
+        except Exception as error:
+            failure = f"{type(error).__name__}: {error}"
+            samples[k] = {"log": str(jobs[k].log), "start_s": jobs[k].start_s, "failure": failure, "ratios": {}}
+        if on_done is not None:
+            on_done(jobs[k].log.name)
+    return [samples[k] for k in range(len(jobs))]
+
+
+def summarise_many(samples: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[str, Any]:
+    """The content of comparison.json: the samples, and for each method ratios over all logs with intervals."""
+    good = [s for s in samples if s["ratios"]]
+    logs = list(dict.fromkeys(s["log"] for s in good))
+    over_logs = len(logs) > 1
+    overall: dict[str, Any] = {}
+    for name in methods:
+        key = name.replace("-", "_")
+        if name == REFERENCE or not any(key in s["ratios"] for s in good):
+            continue
+        overall[key] = {q: _interval(_values(good, logs, key, q, over_logs)) for q in QUANTITIES}
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "samples": list(samples),
+        "logs": len(logs),
+        "interval_over": "logs" if over_logs else "starts",
+        "error_over_cross_frame": overall,
+    }
+    return content | {"conclusion": conclusion_of_many(content)}
+
+
+def _values(
+    samples: Sequence[dict[str, Any]], logs: Sequence[str], key: str, quantity: str, over_logs: bool
+) -> list[float]:
+    """Logarithms of a ratio: the mean of each log, or those of all starts of one log."""
+    found = [(s["log"], float(np.log(s["ratios"][key][quantity]))) for s in samples if key in s["ratios"]]
+    if not over_logs:
+        return [value for _, value in found]
+    of_logs = [[value for log, value in found if log == wanted] for wanted in logs]
+    return [float(np.mean(values)) for values in of_logs if values]
+
+
+def _interval(logs_of_ratio: Sequence[float]) -> dict[str, Any]:
+    """The geometric mean, and its interval where there are samples enough.
+
+    Those of position and rotation hold together in 95 % of cases: each of them in 97.5 %.
+    """
+    x = np.array(logs_of_ratio)
+    result: dict[str, Any] = {"value": float(np.exp(x.mean())), "ci95": None, "samples": len(x)}
+    if len(x) >= _MIN_SAMPLES:
+        of_both = 1 - (1 - _CONFIDENCE) / 2
+        half = float(stdtrit(len(x) - 1, 0.5 + of_both / 2)) * float(x.std(ddof=1)) / np.sqrt(len(x))
+        result["ci95"] = [float(np.exp(x.mean() - half)), float(np.exp(x.mean() + half))]
+    return result

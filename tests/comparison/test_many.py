@@ -1,0 +1,84 @@
+"""Comparisons over many logs: intervals over logs, failures beside them, the same numbers as one comparison."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stream_sfm.cli.main import main
+from stream_sfm.comparison.compare import compare
+from stream_sfm.comparison.many import compare_many, summarise_many
+from stream_sfm.config import read_config
+from stream_sfm.errors import ConfigError
+from stream_sfm.types import Selection
+from tests.comparison.test_compare import FEW, spec
+from tests.helpers.stereo_logs import write_log
+
+METHODS = ("cross-frame", "frame-to-frame")
+
+
+def sample(log: str, start_s: float, position: float, rotation: float) -> dict[str, Any]:
+    ratios = {"ekf": {"position": position, "rotation": rotation}}
+    return {"log": log, "start_s": start_s, "failure": None, "ratios": ratios}
+
+
+def test_intervals_are_over_logs_and_starts_are_averaged_first() -> None:
+    """Four logs, one with many starts that all say the same: it counts once."""
+    samples = [sample("a", k, 4.0, 1.0) for k in range(50)]
+    samples += [sample(name, 0, 1.0, 1.0) for name in "bcd"]
+    found = summarise_many(samples, ("cross-frame", "ekf"))
+    position = found["error_over_cross_frame"]["ekf"]["position"]
+    assert position["value"] == pytest.approx(4 ** (1 / 4)) and position["samples"] == 4
+    assert position["ci95"][0] < 1 < position["ci95"][1] and found["interval_over"] == "logs"
+    assert "Over 4 logs, 53 starts:" in found["conclusion"] and "position not told apart" in found["conclusion"]
+
+
+def test_intervals_hold_in_95_percent() -> None:
+    """Both ratios of six logs, whose logarithms are Gaussian and independent, are in their intervals."""
+    rng = np.random.default_rng(1)
+    trials, inside = 1000, 0
+    for _ in range(trials):
+        values = np.exp(rng.normal(0.2, 0.3, (6, 2)))
+        found = summarise_many(
+            [sample(str(k), 0, *v) for k, v in enumerate(values.tolist())], ("cross-frame", "ekf")
+        )
+        ends = [f["ci95"] for f in found["error_over_cross_frame"]["ekf"].values()]
+        inside += all(low <= np.exp(0.2) <= high for low, high in ends)
+    assert inside / trials == pytest.approx(0.95, abs=3 * np.sqrt(0.95 * 0.05 / trials))
+
+
+def test_starts_of_one_log_are_not_logs() -> None:
+    found = summarise_many([sample("a", k, 1.1 + 0.01 * k, 1.0) for k in range(3)], ("cross-frame", "ekf"))
+    assert found["interval_over"] == "starts" and "Over 3 starts of one log:" in found["conclusion"]
+    assert "position larger" in found["conclusion"] and "holds for this log" in found["conclusion"]
+    two = summarise_many([sample("a", 0, 2.0, 1.0), sample("b", 0, 2.0, 1.0)], ("cross-frame", "ekf"))
+    assert two["error_over_cross_frame"]["ekf"]["position"]["ci95"] is None
+    assert "Intervals need three samples." in two["conclusion"]
+
+
+@pytest.mark.slow
+def test_the_numbers_are_those_of_one_comparison(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(range(46), truth=True))
+    short = write_log(tmp_path / "short.mcap", spec(range(6), truth=True))
+    out = tmp_path / "out"
+    arguments = ["batch", "compare", str(log), str(short), "--out", str(out), "--methods", ",".join(METHODS)]
+    assert main([*arguments, "--set", FEW, "--starts", "2", "--start-step", "0.1", "--workers", "1"]) == 3
+    content = json.loads((out / "comparison.json").read_text())
+    alone = compare(log, None, read_config(None, [FEW]), Selection(start_s=0.1), methods=METHODS).report
+    of_second = content["samples"][1]
+    assert of_second["start_s"] == 0.1
+    for quantity, found in alone["error_over_cross_frame"]["frame_to_frame"].items():
+        assert of_second["ratios"]["frame_to_frame"][quantity] == pytest.approx(found["value"], rel=1e-9)
+    assert all("too few frames" in s["failure"] for s in content["samples"][2:])
+    assert "short.mcap" in (out / "report.html").read_text()
+
+
+def test_what_cannot_be_compared_is_refused() -> None:
+    with pytest.raises(ConfigError, match="name it among the methods"):
+        compare_many([], methods=("ekf",))
+    with pytest.raises(ConfigError, match="unknown method"):
+        compare_many([], methods=("cross-frame", "magic"))
+    with pytest.raises(ConfigError, match="0 starts"):
+        compare_many([], starts=0)
