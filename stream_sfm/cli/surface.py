@@ -42,7 +42,11 @@ def add_parser(subparsers: Any) -> None:
 def _add_results(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
     results.add_argument("--out", metavar="FILE.ply", required=True, help="the mesh to write")
-    results.add_argument("--preview", metavar="FILE.png", help="also render a picture of the mesh")
+    results.add_argument(
+        "--preview",
+        metavar="FILE.png",
+        help="also render a picture of the mesh; of one frame, as far as σ lets shapes be seen",
+    )
     results.add_argument(
         "--viewpoint",
         nargs=2,
@@ -120,9 +124,10 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
     )
     write_ply(args.out, surface.mesh, f"{Path(args.log).name}: {axes}; x right, y down, z forward")
     if args.preview:
-        from ..dense.preview import preview, write_png
+        from ..dense.preview import near_part, preview, write_png
 
-        write_png(args.preview, preview(surface.mesh, *args.viewpoint))
+        shown = surface.mesh if args.all else near_part(surface.mesh)
+        write_png(args.preview, preview(shown, *args.viewpoint))
     if args.rrd:
         from ..viewer.surface_recording import write_surface_recording
 

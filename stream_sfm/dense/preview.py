@@ -14,6 +14,8 @@ from .mesh import Mesh
 
 _FIELD_OF_VIEW_RAD = np.deg2rad(45)
 _SHOWN_PERCENT = 99.8  # of the vertices lie in the picture: a few outliers must not make the rest small
+_MAX_RELATIVE_STD = 0.015  # chosen by eye: further away than where σ is this part of the distance, shapes are lost
+_GROUPS = 50  # of vertices of about one distance
 _MARGIN = 1.05  # of the distance at which the surface just fills the picture
 _OVERSAMPLING = 2  # per axis, against jagged edges
 _BACKGROUND = 255  # grey level: white
@@ -45,6 +47,26 @@ def preview(
     image = picture.reshape(size[1], size[0], 3)
     small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
     return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+
+
+def near_part(mesh: Mesh) -> Mesh:
+    """Of the mesh of one frame, in axes of its camera, what lies so near that its shape can be seen.
+
+    σ grows with the square of the distance: far surfaces are drawn out into shards, and a picture that holds them all
+    leaves nothing of what is near. The cut is at the distance where half of the vertices around it have a σ of more
+    than `_MAX_RELATIVE_STD`; if all are less certain than that, there is none.
+    """
+    distance = np.linalg.norm(mesh.vertices, axis=1)
+    order = np.argsort(distance)
+    groups = [group for group in np.array_split(order, _GROUPS) if len(group)]
+    certain = [np.median(mesh.std_m[group] / distance[group]) <= _MAX_RELATIVE_STD for group in groups]
+    if all(certain) or not any(certain):
+        return mesh
+    last = groups[max(number for number, good in enumerate(certain) if good)]
+    kept = distance <= distance[last[-1]]
+    faces = mesh.faces[kept[mesh.faces].all(axis=1)]
+    number = np.cumsum(kept, dtype=np.int32) - 1
+    return Mesh(mesh.vertices[kept], number[faces], mesh.normals[kept], mesh.colours[kept], mesh.std_m[kept])
 
 
 def write_png(path: str | Path, picture: NDArray[np.uint8]) -> None:

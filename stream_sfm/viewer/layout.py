@@ -13,6 +13,7 @@ CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
 ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
+TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
 ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
@@ -49,11 +50,15 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
     """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
-    `unit` is the unit of length that the labels name.
+    `unit` is the unit of length that the labels name. On both timelines the path is
+    shown as far as it goes then.
     """
-    whole_past = rrb.VisibleTimeRange(
-        "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-    )
+    whole_past = [
+        rrb.VisibleTimeRange(
+            timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+        )
+        for timeline in TIMELINES
+    ]
     space = rrb.Spatial3DView(
         name="estimate orange, ground truth green; points by σ: 0.1 % (blue) to 10 % (yellow) of the distance",
         origin="world",

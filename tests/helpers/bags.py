@@ -53,7 +53,7 @@ def write_bag2(
 
 def _add(writer: Any, messages: Sequence[LogMessage]) -> None:
     connections: dict[str, Any] = {}
-    for channel, schema, time_ns, data in messages:
+    for channel, schema, time_ns, data, *_ in messages:
         if channel.topic not in connections:
             more = {"rihs01": "RIHS01_" + "0" * 64} if isinstance(writer, Writer2) else {"md5sum": "0" * 32}
             name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")

@@ -1,5 +1,6 @@
 """The viewer takes what a replay gives it, and costs nothing where nobody looks."""
 
+import re
 import subprocess
 import sys
 
@@ -59,6 +60,17 @@ def test_the_recording_of_the_sample_log_verifies(tmp_path):
     arguments = ["--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
     assert main(["replay", str(ROOM), *arguments]) == 0
     _verify(rrd)
+
+
+def test_a_recording_is_written_in_few_pieces(tmp_path):
+    rrd = tmp_path / "room.rrd"
+    arguments = ["--max-frames", "12", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
+    assert main(["replay", str(ROOM), *arguments]) == 0
+    command = [sys.executable, "-m", "rerun", "rrd", "stats", rrd]
+    stats = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    pieces = dict(re.findall(r"^/(\S+): (\d+)$", stats, re.MULTILINE))
+    of_frames = [int(count) for path, count in pieces.items() if path.startswith(("world", "drift", "tracks"))]
+    assert len(of_frames) > 8 and max(of_frames) <= 2  # what does not change, and all frames
 
 
 @pytest.mark.parametrize("suffix,kind", [(".png", "image/png"), (".jpg", "image/jpeg"), (".webp", "image/webp")])
