@@ -7,7 +7,8 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 
-MAX_PIXELS = 2**25  # of an image: more is a damaged header, or hostile
+MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte
+MANY_PIXELS = 2**22  # of an image: nothing is done ahead of larger ones, for which there would be no memory
 _MIN_EDGE_PX = 16  # of an image: less holds no patch
 _MAX_EDGE_PX = 2**15 - 1  # of an image: OpenCV's maps count in 16 bits
 _MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a tenth of it
@@ -42,7 +43,8 @@ class Camera:
         if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
                 f"camera size {self.width:.6g}×{self.height:.6g}: give width and height in pixels, each from "
-                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, together at most {MAX_PIXELS / 1e6:.0f} megapixels"
+                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, together at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger "
+                "images"
             )
         if k.shape != (3, 3) or not np.isfinite(k).all():
             raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")

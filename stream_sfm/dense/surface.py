@@ -1,9 +1,10 @@
 """The surface that a log shows: dense stereo of one frame, or of all frames fused by the estimated poses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ..camera.rectification import Rectifier
@@ -14,6 +15,7 @@ from ..errors import ConfigError, InputError, LogError
 from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
 from ..interrupts import deferred_interrupts
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..recording.images import decode_rgb
@@ -23,6 +25,8 @@ from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
 
+# Memory, measured: of a run beside what it always takes, and of tracking and dense stereo per pixel of their images.
+_MEMORY_BYTES, _TRACKING_BYTES, _DENSE_BYTES = 800e6, 48, 320
 _NOTHING_SEEN = (
     "no surface was found: the images may be black, blurred or without texture, or the calibration may be that of "
     "other cameras"
@@ -52,23 +56,60 @@ class Surface:
 
 
 class DenseView:
-    """Computes the disparities and the rectified colour image of a stereo frame."""
+    """Computes the disparities and the rectified colour image of a stereo frame.
+
+    Large images are reduced by a whole factor, so that the memory stays bounded; `projection` is that of the reduced
+    ones.
+    """
 
     def __init__(self, rectifier: Rectifier, config: Config) -> None:
         self._rectifier = rectifier
-        self.projection = rectifier.projection
+        self._factor = _reduction(rectifier.projection.width * rectifier.projection.height)
+        self.projection = _reduced_projection(rectifier.projection, self._factor)
         self.cam_from_rect = se3.from_rotation_translation(rectifier.rect_from_cam.T, np.zeros(3))
-        self._stereo = DenseStereo(rectifier.projection, config.dense, rectifier.valid)
+        valid = self._reduced(rectifier.valid.astype(np.uint8)) == 1
+        self._stereo = DenseStereo(self.projection, config.dense, valid)
 
     def see(self, frame: RecordedFrame, rectified: Sequence[Image]) -> tuple[DisparityMap, Image]:
         """Disparities of a frame, given its rectified images; and its rectified left image in colour (h, w, 3)."""
-        left, right = rectified
+        left, right = (self._reduced(image) for image in rectified)
         rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
             picture = np.repeat(left[:, :, None], 3, axis=2)
         else:
-            picture = self._rectifier.rectify(rgb)[0]
+            picture = self._reduced(self._rectifier.rectify(rgb)[0])
         return self._stereo.match(left, right), picture
+
+    def _reduced(self, image: Image) -> Image:
+        """The mean of each block of pixels; what is left over at the right and at the bottom is cut off."""
+        if self._factor == 1:
+            return image
+        width, height = self.projection.width, self.projection.height
+        whole = image[: height * self._factor, : width * self._factor]
+        return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _reduction(pixels: int) -> int:
+    """By how much images of so many pixels are reduced: the memory is shared by tracking and dense stereo."""
+    granted = (_MEMORY_BYTES - pixels * _TRACKING_BYTES) / _DENSE_BYTES
+    return max(1, int(np.ceil(np.sqrt(pixels / granted))))
+
+
+def _reduced_projection(projection: StereoProjection, factor: int) -> StereoProjection:
+    """The projection of images whose pixels are `factor` times as wide; pixel 0 is centred on the first of them."""
+    cx_left, cx_right, cy = (
+        (centre + 0.5) / factor - 0.5
+        for centre in (projection.cx_left_px, projection.cx_right_px, projection.cy_px)
+    )
+    return replace(
+        projection,
+        f_px=projection.f_px / factor,
+        cx_left_px=cx_left,
+        cx_right_px=cx_right,
+        cy_px=cy,
+        width=projection.width // factor,
+        height=projection.height // factor,
+    )
 
 
 def surface(

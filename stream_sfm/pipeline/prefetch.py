@@ -4,6 +4,7 @@ from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 
+from ..camera.models import MANY_PIXELS
 from ..engine import Engine
 from ..errors import InputError
 from ..frontend.prepared import PreparedImages
@@ -16,8 +17,13 @@ PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, No
 def prepared_ahead(engine: Engine, frames: Frames) -> PreparedFrames:
     """Yield each frame with what `Engine.prepare` returned for it, or None if that failed: `Engine.step` says why.
 
-    If the log ends in an InputError, all frames that were read before it are yielded first.
+    Very large images are not prepared ahead: `Engine.step` does it. If the log ends in an InputError, all frames that
+    were read before it are yielded first.
     """
+    if any(camera.width * camera.height > MANY_PIXELS for camera in engine.rig.cameras.values()):
+        with closing(frames):
+            yield from ((frame, None) for frame in frames)
+        return
     current: tuple[RecordedFrame, Future[PreparedImages]] | None = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
         try:

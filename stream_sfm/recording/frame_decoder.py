@@ -1,9 +1,11 @@
-"""Decodes the pairs of a log to frames, left and right in parallel and one frame ahead of the consumer."""
+"""Decodes the pairs of a log to frames, left and right in parallel and one frame ahead unless images are very large."""
 
+from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from ..camera.models import MANY_PIXELS
 from ..camera.pixels import Grey, GreyScaler
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
@@ -31,16 +33,18 @@ class FrameDecoder:
     def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
         """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
-            pending: _Pending | None = None
+            pending: deque[_Pending] = deque()
+            ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
             for pair in pairs:
                 if not self._fits(pair):
                     continue
-                submitted = (pair, [pool.submit(decode_grey, m) for m in pair.images[: len(self._cameras)]])
-                if pending is not None and (frame := self._frame(*pending)) is not None:
+                images = pair.images[: len(self._cameras)]
+                pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
+                if len(pending) > ahead and (frame := self._frame(*pending.popleft())) is not None:
                     yield frame
-                pending = submitted
-            if pending is not None and (frame := self._frame(*pending)) is not None:
-                yield frame
+            while pending:
+                if (frame := self._frame(*pending.popleft())) is not None:
+                    yield frame
 
     def _fits(self, pair: StereoPair) -> bool:
         """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""

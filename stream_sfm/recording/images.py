@@ -38,6 +38,8 @@ _TO_RGB = {
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 
+_MAX_RAW_BYTES = 32 * 2**20  # several are in memory at a time: as recorded, decompressed, and as a message
+
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
 
@@ -57,6 +59,11 @@ def check_encoding(message: ImageMessage, path: object) -> None:
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
+        if len(message.data) > _MAX_RAW_BYTES:
+            raise LogError(
+                f"{where}: raw images of {len(message.data) / 2**20:.0f} MiB are not read, only those of up to "
+                f"{_MAX_RAW_BYTES // 2**20} MiB: record them in grey, compressed, or smaller"
+            )
         if name not in RAW_ENCODINGS:
             raise LogError(
                 f"{where}: image encoding {message.encoding!r} is not supported; supported are mono8, mono16, rgb8, "
@@ -123,6 +130,8 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
 
 
 def _decode_raw(message: ImageMessage) -> Grey:
+    if len(message.data) > _MAX_RAW_BYTES:
+        raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
     pixels, to_grey = _raw_pixels(message)
     grey: Grey = pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
     return grey

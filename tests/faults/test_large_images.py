@@ -1,0 +1,102 @@
+"""Images of the largest size that is accepted are replayed, and shown as a surface, within a gigabyte."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+
+import stream_sfm as sfm
+from stream_sfm.camera.models import MAX_PIXELS
+from stream_sfm.dense.surface import _reduced_projection, _reduction
+from stream_sfm.geometry.stereo import StereoProjection
+from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec
+
+_WIDTH, _HEIGHT = 4096, 3050
+_MEASURED = """
+import resource, sys
+from stream_sfm.cli.main import main
+code = main(sys.argv[1:])
+print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+sys.exit(code)
+"""
+
+
+def write_raw(path: Path, width: int, height: int, encoding: str, channels: int, frames: int = 3) -> Path:
+    """A textured wall that moves sideways, through lenses with distortion, in raw images."""
+    texture = np.random.default_rng(0).integers(0, 255, (height // 8 + 8, width // 8 + 40), np.uint8)
+    wall = cv2.resize(texture, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC)
+    f, deep = 0.8 * width, encoding.endswith("16")
+    log = LogWriter(path, chunk_size=1000)
+    for n in range(frames):
+        time_ns = START_NS + n * PERIOD_NS
+        for side, (topic, info) in enumerate(zip(Spec.topics, Spec.info_topics, strict=True)):
+            if n == 0:
+                k = [f, 0, width / 2, 0, f, height / 2, 0, 0, 1]
+                calibration = CameraCalibration(
+                    width=width, height=height, distortion_model="plumb_bob", D=[-0.05, 0.01, 0, 0, 0], K=k,
+                    R=np.eye(3).ravel(), P=[f, 0, k[2], -0.3 * f * side, 0, f, k[5], 0, 0, 0, 1, 0],
+                )  # fmt: skip
+                calibration.timestamp.FromNanoseconds(time_ns)
+                log.protobuf(info, calibration, time_ns)
+            start = 4 * n + (width // 40 if side else 0)
+            pixels = wall[:height, start : start + width].astype(np.uint16 if deep else np.uint8)
+            data = np.repeat(pixels[:, :, None], channels, axis=2) * (200 if deep else 1)
+            image = RawImage(width=width, height=height, encoding=encoding, data=data.tobytes())
+            image.step = width * channels * pixels.itemsize
+            image.timestamp.FromNanoseconds(time_ns)
+            log.protobuf(topic, image, time_ns)
+    log.close()
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("encoding", "channels", "command"),
+    [("mono16", 1, "replay {log} --out {out}"), ("mono8", 1, "surface {log} --all --out {out}.ply")],
+)
+def test_the_largest_images_take_less_than_a_gigabyte(
+    tmp_path: Path, encoding: str, channels: int, command: str
+) -> None:
+    assert 0.99 * MAX_PIXELS < _WIDTH * _HEIGHT <= MAX_PIXELS
+    log = write_raw(tmp_path / "log.mcap", _WIDTH, _HEIGHT, encoding, channels)
+    words = command.format(log=log, out=tmp_path / "out").split()
+    done = subprocess.run(
+        [sys.executable, "-c", _MEASURED, *words], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[-1]) < 1024
+
+
+def test_the_limits_are_named() -> None:
+    k = np.array([[4000.0, 0, 2000], [0, 4000, 2000], [0, 0, 1]])
+    with pytest.raises(sfm.ConfigError, match=r"at most 12\.5 megapixels; reduce larger images"):
+        sfm.Camera(4096, 3052, k)
+
+
+def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path: Path) -> None:
+    log = write_raw(tmp_path / "log.mcap", 2400, 1800, "rgba16", 4, frames=1)
+    with pytest.raises(sfm.LogError, match=r"raw images of 33 MiB are not read, only those of up to 32 MiB"):
+        list(sfm.open_log(log).frames())
+
+
+def test_images_that_are_not_prepared_ahead_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = write_raw(tmp_path / "log.mcap", 320, 240, "mono8", 1, frames=5)
+    ahead = sfm.replay(log, None).trajectory.world_from_cam
+    for module in ("recording.frame_decoder", "pipeline.prefetch"):
+        monkeypatch.setattr(f"stream_sfm.{module}.MANY_PIXELS", 1)
+    np.testing.assert_array_equal(sfm.replay(log, None).trajectory.world_from_cam, ahead)
+
+
+def test_reduced_images_show_the_same_points() -> None:
+    """A pixel of the reduced image looks along the mean of the rays of its block."""
+    whole = StereoProjection(700.0, 310.0, 330.0, 250.0, 0.2, 643, 482)
+    reduced = _reduced_projection(whole, 3)
+    assert (reduced.width, reduced.height) == (214, 160)
+    points = np.random.default_rng(1).uniform((-1, -1, 2), (1, 1, 9), (50, 3))
+    np.testing.assert_allclose(3 * reduced.project(points) + 1, whole.project(points), atol=1e-9)
+    assert [_reduction(int(n * 1e6)) for n in (0.3, 2, 4.2, 8.3, 12.5)] == [1, 1, 2, 3, 5]
