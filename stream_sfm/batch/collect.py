@@ -21,6 +21,7 @@ from ..report.batch_page import render_batch
 from ..wording import unknown_name
 from .job import FILES, Job, JobResult, read_summary, run_job
 from .logs import names_for
+from .truth import truth_files
 
 SCHEMA_VERSION = 1
 RECORD, PAGE = "batch.json", "report.html"
@@ -34,29 +35,32 @@ def run_batch(
     executor: Executor,
     *,
     options: Sequence[str] = (),
-    calibration: Path | None = None,
+    calibration: Sequence[Path] = (),
+    truth: Path | None = None,
     timeout_s: float = 600.0,
     skipped: Sequence[str] = (),
     on_done: Callable[[JobResult], None] | None = None,
 ) -> dict[str, Any]:
     """Replay each log into `out`/<name> and return the content of batch.json.
 
-    `logs` as `find_logs` returns them; `options` are further arguments of `replay`; a log that delivers no frame for
-    `timeout_s` is stopped; `skipped` says what was found but is not a log; `on_done` is called with the result of each
-    log. On the first Ctrl-C or SIGTERM the running replays end after their current frame, and no further one is
-    started. Raises ConfigError and OutputError before any replay is started.
+    `logs` as `find_logs` returns them; `options` are further arguments of `replay`; `truth` as in `truth_files`; a log
+    that delivers no frame for `timeout_s` is stopped; `skipped` says what was found but is not a log; `on_done` is
+    called with the result of each log. On the first Ctrl-C or SIGTERM the running replays end after their current
+    frame, and no further one is started. Raises ConfigError and OutputError before any replay is started.
     """
     if config.method not in METHODS:
         raise ConfigError(unknown_name("method", config.method, METHODS))
     out = out.resolve()
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml = config_to_toml(config)
+    names = names_for(logs, reserved=(RECORD, PAGE))
+    truths = {} if truth is None else truth_files(truth, names)
     jobs = [
-        Job(name, log, out / name, toml, tuple(options), calibration, timeout_s, stop)
-        for log, name in names_for(logs, reserved=(RECORD, PAGE)).items()
+        Job(name, log, out / name, toml, tuple(options), tuple(calibration), truths.get(log), timeout_s, stop)
+        for log, name in names.items()
     ]
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
-    refuse_overwriting(outputs, [*logs, *([calibration] if calibration else [])])
+    refuse_overwriting(outputs, [*logs, *calibration, *truths.values()])
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

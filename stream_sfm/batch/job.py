@@ -36,7 +36,8 @@ SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and i
 class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
-    `options` are further arguments of `replay`, `calibration` is a file or a folder. The replay is ended when no frame
+    `options` are further arguments of `replay`; `calibration` is a file, two files, or a folder; `truth` is the file
+    of the ground truth. The replay is ended when no frame
     has been written for `timeout_s`, or when the file `stop` appears.
     """
 
@@ -45,7 +46,8 @@ class Job:
     folder: Path
     config_toml: str
     options: tuple[str, ...]
-    calibration: Path | None
+    calibration: tuple[Path, ...]
+    truth: Path | None
     timeout_s: float
     stop: Path
 
@@ -116,8 +118,9 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 def _fingerprint(job: Job) -> tuple[str, str]:
     """SHA-256 of the log, and of everything that its results depend on."""
     log_sha256 = _sha256(job.log)
-    calibration = _sha256(job.calibration) if job.calibration else None
-    parts = [log_sha256, job.config_toml, job.options, calibration, __version__]
+    calibration = [_sha256(path) for path in job.calibration]
+    truth = _sha256(job.truth) if job.truth else None
+    parts = [log_sha256, job.config_toml, job.options, calibration, truth, __version__]
     return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 
 
@@ -152,7 +155,8 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
     """Status and reason of a replay in its own process."""
     config = job.folder / "config.toml"
     config.write_text(job.config_toml, encoding="utf-8")
-    options = [*job.options, *([f"--calibration={job.calibration}"] if job.calibration else [])]
+    options = [*job.options, *(f"--calibration={path}" for path in job.calibration)]
+    options += [f"--ground-truth={job.truth}"] if job.truth else []
     command = [sys.executable, "-m", "stream_sfm.cli.supervised", "replay", f"--config={config}", *options]
     command += [f"--out={job.folder}", "--quiet", "--debug", str(job.log)]
     errors = job.folder / _STDERR

@@ -6,9 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ..camera.calibration.read import Where
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..executors import cluster
+from ..recording.truth_file import GroundTruthFile
 from ..types import Selection
 from .collect import run_batch
 from .job import JobResult
@@ -25,7 +27,8 @@ def replay_batch(
     *,
     left: str | None = None,
     right: str | None = None,
-    calibration: str | Path | None = None,
+    calibration: Where | None = None,
+    ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     timeout_s: float = 600.0,
@@ -35,15 +38,17 @@ def replay_batch(
 
     `logs`: recordings of any kind, folders of them, patterns. `workers` processes of this machine (None: one per
     core), or those of the Dask `scheduler`. A log that delivers no frame for `timeout_s` is stopped; `on_done` is
-    called with the result of each. A second call processes only what is missing or has changed. Raises ConfigError,
-    LogError and OutputError before any log is started.
+    called with the result of each. `ground_truth`: a file for all logs, or a folder with files that are called as
+    the logs, instead of what the logs have. A second call processes only what is missing or has changed. Raises
+    ConfigError, LogError and OutputError before any log is started.
     """
     config = config or Config()
     config.needs_scale("a batch, which compares metres,")
-    calibration = None if calibration is None else Path(calibration).resolve()
+    calibrations = _paths(calibration)
     if calibration is not None:
         # A mistake in it is reported once, before any log is started; each log knows the size of its images.
         StereoRig.from_calibration(calibration, image_size=_ANY_SIZE)
+    truth = ground_truth if isinstance(ground_truth, GroundTruthFile | None) else GroundTruthFile(ground_truth)
     skipped: list[str] = []
     found = find_logs([str(log) for log in logs], skipped)
     # the threads only wait for the processes that replay
@@ -53,15 +58,24 @@ def replay_batch(
             Path(out_dir),
             config,
             executor,
-            options=_replay_options(left, right, selection or Selection()),
-            calibration=calibration,
+            options=_replay_options(left, right, selection or Selection(), truth),
+            calibration=calibrations,
+            truth=None if truth is None else Path(truth.path).resolve(),
             timeout_s=timeout_s,
             skipped=skipped,
             on_done=on_done,
         )
 
 
-def _replay_options(left: str | None, right: str | None, selection: Selection) -> list[str]:
+def _paths(calibration: Where | None) -> list[Path]:
+    if calibration is None:
+        return []
+    return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]
+
+
+def _replay_options(
+    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None
+) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
     chosen = {
         "left": left,
@@ -71,4 +85,14 @@ def _replay_options(left: str | None, right: str | None, selection: Selection) -
         "max-frames": selection.max_frames,
         "stride": None if selection.stride == 1 else selection.stride,
     }
+    if truth is not None:
+        chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
     return [f"--{name}={value}" for name, value in chosen.items() if value is not None]
+
+
+def _frame(truth: GroundTruthFile) -> str | None:
+    """The frame for a process in another folder: a file by its absolute path."""
+    if truth.frame is None:
+        return None
+    path = Path(truth.frame)
+    return str(path.resolve() if path.is_file() else truth.frame)

@@ -26,6 +26,19 @@ METHODS = (
 )
 
 
+class OneOrTwo(argparse.Action):
+    """Takes an option once, or twice for left and right: text, or a list of two texts."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Add one file."""
+        given = getattr(namespace, self.dest, None)
+        if isinstance(given, list):
+            raise argparse.ArgumentError(self, "give one file, or two: left and right")
+        setattr(namespace, self.dest, values if given is None else [given, values])
+
+
 def add_command(
     subparsers: Any,
     name: str,
@@ -87,8 +100,10 @@ def add_cameras(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     group.add_argument("--right", metavar="TOPIC", help="topic of the right images (default: found automatically)")
     group.add_argument(
         "--calibration",
+        action=OneOrTwo,
         metavar="FILE",
-        help="use this calibration instead of the log's own: a file or folder, ours (TOML) or of other tools",
+        help="use this calibration instead of the log's own: a file or folder, ours (TOML) or of other tools; or the "
+        "files of left and right, in this order",
     )
     return group
 
@@ -112,13 +127,14 @@ def add_self_test(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_ground_truth(parser: argparse.ArgumentParser) -> None:
-    """Ground truth that is not in the log."""
+def add_truth_file(parser: argparse.ArgumentParser, metavar: str) -> argparse._ArgumentGroup:
+    """Where ground truth is, if not in the log; with DIR in `metavar` a folder of such files will do."""
     group = parser.add_argument_group("ground truth")
+    of_logs = "; or of a folder, the file that is called as the log" if "DIR" in metavar else ""
     group.add_argument(
         "--ground-truth",
-        metavar="FILE",
-        help="use the poses in this file instead of the log's own: TUM, EuRoC's CSV, or KITTI with stamps",
+        metavar=metavar,
+        help=f"use the poses in this file instead of the log's own: TUM, EuRoC's CSV, or KITTI with stamps{of_logs}",
     )
     group.add_argument(
         "--ground-truth-frame",
@@ -128,6 +144,12 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--ground-truth-offset", metavar="S", type=float, default=0.0, help="add S seconds to their stamps"
     )
+    return group
+
+
+def add_ground_truth(parser: argparse.ArgumentParser) -> None:
+    """Ground truth that is not in the log, and what is known of it."""
+    group = add_truth_file(parser, "FILE")
     group.add_argument(
         "--ignore-ground-truth",
         metavar="A:B,…",
@@ -211,7 +233,9 @@ def protect_inputs(args: argparse.Namespace, outputs: Sequence[str | Path | None
     """Raise an OutputError where one of the outputs is an input of the command (None: no output)."""
     from ..outputs import refuse_overwriting
 
-    named = (getattr(args, name, None) for name in ("log", "calibration", "ground_truth", "config"))
+    named = [getattr(args, name, None) for name in ("log", "ground_truth", "config")]
+    calibration = getattr(args, "calibration", None)
+    named += calibration if isinstance(calibration, list) else [calibration]
     refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in named if path])
 
 

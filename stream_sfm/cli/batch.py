@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ..errors import ExitCode
+from ..errors import ConfigError, ExitCode
 from . import arguments
 
 COMPARE = "compare"  # in front of the logs: methods are compared on them
@@ -48,6 +48,7 @@ def add_parser(subparsers: Any) -> None:
     )
     compared.add_argument("--methods", metavar="NAME,…", help="the methods, separated by commas")
     arguments.add_cameras(parser)
+    arguments.add_truth_file(parser, "FILE|DIR")
     arguments.add_selection(parser)
     arguments.add_settings(parser)
     arguments.add_general(parser, json="batch.json", quiet=True)
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
     config = arguments.read_settings(args)
     selection = arguments.read_selection(args)
+    truth = arguments.read_ground_truth(args)
     with counter("batch", "logs", len(find_logs(args.logs)), args.quiet) as advance:
         content = replay_batch(
             args.logs,
@@ -72,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
             left=args.left,
             right=args.right,
             calibration=args.calibration,
+            ground_truth=truth,
             workers=args.workers,
             scheduler=args.scheduler,
             timeout_s=args.timeout,
@@ -92,6 +95,10 @@ def _compare(args: argparse.Namespace) -> int:
     from .printing import cleaned, print_json
     from .progress import counter
 
+    if args.ground_truth is not None or args.calibration is not None:
+        raise ConfigError(
+            "`batch compare` takes the ground truth and the calibration of each log: leave these options out"
+        )
     config, selection = arguments.read_settings(args), arguments.read_selection(args)
     logs = list(find_logs(args.logs[1:]))
     names = (name.strip() for name in args.methods.split(",")) if args.methods else COMPARED

@@ -27,7 +27,10 @@ def add_parser(subparsers: Any) -> None:
     arguments.add_selection(parser)
     cameras = parser.add_argument_group("cameras")
     cameras.add_argument(
-        "--calibration", metavar="FILE", help="refine this calibration instead of the one in the logs"
+        "--calibration",
+        action=arguments.OneOrTwo,
+        metavar="FILE",
+        help="refine this calibration instead of the one in the logs",
     )
     arguments.add_settings(parser, method=False)
     results = parser.add_argument_group("result")
@@ -42,7 +45,10 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline.refine import calibrate
     from .printing import print_json
 
-    inputs = [*args.logs, *([args.calibration] if args.calibration else [])]
+    inputs = [
+        *args.logs,
+        *(args.calibration if isinstance(args.calibration, list) else filter(None, [args.calibration])),
+    ]
     refuse_overwriting([Path(args.out)], [Path(path) for path in inputs])
     config, selection = arguments.read_settings(args), arguments.read_selection(args)
     refined = calibrate(args.logs, config, selection, calibration=args.calibration)

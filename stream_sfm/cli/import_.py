@@ -78,7 +78,7 @@ def _add_images(kinds: Any) -> None:
     group = parser.add_argument_group("images")
     group.add_argument("--left", metavar="FILES", nargs="+", required=True, help="the left images")
     group.add_argument("--right", metavar="FILES", nargs="+", required=True, help="the right images")
-    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair")
+    _add_calibration(group)
     group.add_argument("--stamps", metavar="FILE", help="one time stamp per line: seconds, or integer nanoseconds")
     group.add_argument(
         "--rate", dest="rate_hz", metavar="HZ", type=float, help="frames per second without stamps (default: 10)"
@@ -107,7 +107,7 @@ def _add_video(kinds: Any) -> None:
         choices=("left-right", "right-left", "top-bottom", "bottom-top"),
         help="which image is where in the frames of --both (default: left-right or top-bottom, by the calibrated size)",
     )
-    group.add_argument("--calibration", metavar="FILE", required=True, help="the calibration of the pair")
+    _add_calibration(group)
     group.add_argument(
         "--rate",
         dest="rate_hz",
@@ -116,6 +116,16 @@ def _add_video(kinds: Any) -> None:
         help="frames per second (default: the times that the file has)",
     )
     _add_general(parser)
+
+
+def _add_calibration(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--calibration",
+        action=arguments.OneOrTwo,
+        metavar="FILE",
+        required=True,
+        help="the calibration of the pair: a file, the files of left and right, or their folder",
+    )
 
 
 def _add_out(parser: argparse.ArgumentParser) -> None:

@@ -1,12 +1,27 @@
 """The argument parser: argparse with errors in the words of this package, and with suggestions for misspelt names."""
 
 import argparse
+import sys
 import textwrap
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ..errors import ExitCode
 from ..wording import did_you_mean, printable, unknown_name
+
+_PAIR = "--calibration"  # takes the files of left and right one after the other, too
+_OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt")
+
+
+def _repeated(arguments: Sequence[str]) -> list[str]:
+    """The arguments, with the option repeated where two calibrations follow it: argparse would take the log as well."""
+    found: list[str] = []
+    for at, text in enumerate(arguments):
+        after_one = at >= 2 and arguments[at - 2] == _PAIR and not text.startswith("-")
+        if after_one and all(name.lower().endswith(_OF_CALIBRATIONS) for name in arguments[at - 1 : at + 1]):
+            found.append(_PAIR)
+        found.append(text)
+    return found
 
 
 class Formatter(argparse.HelpFormatter):
@@ -39,7 +54,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse(self, arguments: Sequence[str] | None) -> argparse.Namespace:
         """Parse like `parse_args`; an unknown option is answered by the nearest one."""
-        parsed, rest = self.parse_known_args(arguments)
+        parsed, rest = self.parse_known_args(_repeated(sys.argv[1:] if arguments is None else arguments))
         if rest:
             parser = self.chosen(parsed)
             name = next((text for text in rest if text.startswith("-")), rest[0]).split("=")[0]

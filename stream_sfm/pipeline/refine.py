@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.calibration.read import Where
 from ..camera.refinement import TERMS, Refinement, combine, disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
@@ -40,7 +41,7 @@ def calibrate(
     config: Config | None = None,
     selection: Selection | None = None,
     *,
-    calibration: str | Path | StereoRig | None = None,
+    calibration: Where | StereoRig | None = None,
 ) -> RefinedRig:
     """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
 

@@ -71,7 +71,7 @@ def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, capsys: pytes
 
 
 def a_job(log: Path, out: Path, **changes: Any) -> Job:
-    plain = Job(log.stem, log, out / log.stem, config_to_toml(Config()), (), None, 600.0, out / "stop")
+    plain = Job(log.stem, log, out / log.stem, config_to_toml(Config()), (), (), None, 600.0, out / "stop")
     return replace(plain, **changes)
 
 

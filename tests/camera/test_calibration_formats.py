@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
+from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.geometry import se3
 from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
 
@@ -227,3 +228,11 @@ def test_two_formats_are_no_pair_and_a_folder_has_one(tmp_path):
         StereoRig.from_calibration(tmp_path)
     with pytest.raises(ConfigError, match="holds no calibration"):
         StereoRig.from_calibration(write(tmp_path / "empty" / "notes.txt", "nothing").parent)
+
+
+@pytest.mark.parametrize("model", ["none", "None"])
+def test_coefficients_of_no_model_are_not_dropped_in_silence(model):
+    k = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
+    with pytest.raises(ConfigError, match=r"'[nN]one' comes with the coefficients \[-0\.1, 0\.0\]: name the model"):
+        make_camera((320, 240), k, model, (-0.1, 0.0))
+    assert make_camera((320, 240), k, model, (0.0, 0.0)).distortion_model == "none"

@@ -113,6 +113,11 @@ def make_camera(size: Size, k: Array, model: str, coefficients: Sequence[float])
         raise ConfigError(
             f"distortion model {model!r} is not supported; supported are {', '.join(DISTORTION_MODELS)}"
         )
+    if known == "none" and any(coefficients):
+        raise ConfigError(
+            f"distortion model {model!r} comes with the coefficients {[float(c) for c in coefficients]}: name the "
+            "model that they are of, such as plumb_bob, or leave them out"
+        )
     if known == "plumb_bob" and any(coefficients[5:]):
         known = "rational_polynomial"  # some tools write eight coefficients under the older name
     # A fisheye lens whose coefficients are all zero is still a fisheye.
