@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from .errors import ConfigError
 
@@ -18,12 +18,22 @@ _WORKER_S = 30  # workers that have just been started need some seconds
 
 @contextmanager
 def processes(workers: int) -> Iterator[Executor]:
-    """Start new processes on this machine; what is submitted must be picklable."""
+    """Start new processes on this machine; what is submitted must be picklable.
+
+    Where an exception ends the context, as Ctrl-C does, the processes are ended in the middle of their work.
+    """
+    others = set(active_children())
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)  # inherited, and read when NumPy and OpenCV are loaded there
     try:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            yield pool
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for worker in set(active_children()) - others:
+                    worker.terminate()
+                raise
     finally:
         for name, value in before.items():
             if value is None:

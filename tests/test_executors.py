@@ -1,0 +1,29 @@
+"""Processes of this machine do what they are given, and end with the run that started them."""
+
+import time
+from multiprocessing import active_children
+
+import pytest
+
+from stream_sfm.executors import processes
+
+_LONG_S = 300
+
+
+def test_an_interrupted_run_waits_for_no_worker() -> None:
+    before = set(active_children())
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), processes(2) as pool:
+        running = [pool.submit(time.sleep, _LONG_S) for _ in range(3)]
+        while not any(future.running() for future in running):
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert time.monotonic() - start < _LONG_S / 3
+    for worker in set(active_children()) - before:
+        worker.join(30)
+    assert set(active_children()) <= before
+
+
+def test_work_is_done_in_order() -> None:
+    with processes(2) as pool:
+        assert list(pool.map(abs, range(-5, 0))) == [5, 4, 3, 2, 1]
