@@ -165,7 +165,7 @@ def _robust_fit(views: PointViews, cam_from_ref: Array) -> tuple[Array, Array, A
         if (k + 1) % _RELINEARISE_EVERY == 0:
             root, j = views.linearise(cam_from_ref)
         r, s2 = views.residuals(cam_from_ref, root)
-    if k > 0:  # a start that needed no second step was good enough to be linearised at
+    if k >= _RELINEARISE_EVERY:  # fewer steps come from a start that is good enough to be linearised at
         root, j = views.linearise(cam_from_ref)
     return cam_from_ref, root, j
 
