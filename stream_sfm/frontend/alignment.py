@@ -37,8 +37,8 @@ class Candidates:
     left_warps: Array
     right_warps: Array
 
-    def keep(self, rows: NDArray[Any]) -> "Candidates":
-        """The given rows (mask or indices)."""
+    def keep(self, rows: NDArray[Any] | slice) -> "Candidates":
+        """The given rows (mask, indices or slice)."""
         return Candidates(
             self.before.keep(rows),
             self.now.keep(rows),
@@ -131,11 +131,13 @@ class TemplateAligners:
         self.by_scale = {scale: TemplateAligner(config, valid, scale) for scale in scales}
         self.fine = self.by_scale[1]
 
-    def split(self, scale: NDArray[np.int64]) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_]]]:
-        """The aligners of tracks with that `scale` (n,), each with its rows (n,)."""
+    def split(self, scale: NDArray[np.int64]) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_] | slice]]:
+        """The aligners of tracks with that `scale` (n,), each with its rows: mask (n,), or a slice of all."""
         for size, aligner in self.by_scale.items():
             rows = scale == size
-            if rows.any():
+            if rows.all():
+                yield aligner, slice(None)
+            elif rows.any():
                 yield aligner, rows
 
     def visible(self, candidates: Candidates) -> Candidates:
@@ -156,7 +158,8 @@ class TemplateAligners:
         """Update each size's noise by the squared residuals of its accepted views; tracks (n,), views (n, 4)."""
         coordinates = np.isfinite(z_px).sum(axis=1)
         for aligner, rows in self.split(scale):
-            used = rows & motion.accepted
+            used = np.zeros(len(scale), bool)
+            used[rows] = motion.accepted[rows]
             n = int(coordinates[used].sum())
             fitted = round(6 * n / max(1, int(coordinates[motion.accepted].sum())))  # their share of the motion
             aligner.noise.learn(float(motion.squared_residuals[used].sum()), n - fitted)

@@ -106,10 +106,10 @@ def exposure_hypotheses(before: PreparedImages, now: PreparedImages) -> list[Ima
     Flow takes a change of grey values for motion. Where mean and contrast have changed, either the exposure has, or
     half of the view is covered: then the image as it was is tried too.
     """
-    coarse_before, coarse_now = before.left_half[::4, ::4], now.left_half[::4, ::4]
-    gain = (coarse_now.std() + 1) / (coarse_before.std() + 1)
-    offset = coarse_now.mean() - gain * coarse_before.mean()
-    level_change = abs(coarse_now.mean() - coarse_before.mean())
+    (mean_before, std_before), (mean_now, std_now) = before.exposure, now.exposure
+    gain = (std_now + 1) / (std_before + 1)
+    offset = mean_now - gain * mean_before
+    level_change = abs(mean_now - mean_before)
     if abs(gain - 1) < _SAME_GAIN and level_change < _SAME_LEVEL_GREY:
         return [before.left_half]
     exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)

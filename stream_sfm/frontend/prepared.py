@@ -63,6 +63,12 @@ class PreparedImages:
         local = left - cv2.GaussianBlur(left, (0, 0), _LOCAL_PX)
         return np.asarray(np.rint(_CONTRAST * local + 128).clip(0, 255), np.uint8)
 
+    @cached_property
+    def exposure(self) -> tuple[float, float]:
+        """Mean and standard deviation of the left image's grey values."""
+        some = self.left_half[::4, ::4]
+        return float(some.mean()), float(some.std())
+
     def grey(self, scale: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
         return (self.left_grey, self.right_grey) if scale == 1 else self.quarter_grey

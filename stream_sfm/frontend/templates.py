@@ -8,6 +8,7 @@ from frame to frame. What lies towards the rim counts less: there the warp is le
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -38,50 +39,70 @@ _MIN_AREA = 0.2
 
 
 @dataclass(frozen=True, slots=True)
+class Samples:
+    """Where a patch of 2 `radius_px` + 1 pixels is sampled: k × k pairs `u_px`, `v_px` (k²,) of offsets, `spacing_px`
+    apart, with `weights` (k²,) of mean 1."""
+
+    radius_px: int
+    spacing_px: int
+    u_px: Grey
+    v_px: Grey
+    weights: Grey
+
+    @classmethod
+    @cache
+    def of(cls, radius_px: int, spacing_px: int) -> "Samples":
+        """The samples of a radius and a spacing."""
+        offsets = np.arange(-radius_px, radius_px + 1, spacing_px, dtype=np.float32)
+        across = np.exp(-0.5 * (offsets / (_WIDTH * radius_px)) ** 2)
+        weights = np.outer(across, across).ravel() / across.mean() ** 2
+        k = len(offsets)
+        return cls(radius_px, spacing_px, np.tile(offsets, k), np.repeat(offsets, k), weights)
+
+
+@dataclass(frozen=True, slots=True)
 class Patches:
     """Warped templates (n), ready to be aligned with an image.
 
-    Of k × k samples at all pairs of `offsets_px` (k,), with `weights` (k²,) of mean 1: the weighted pseudo-inverse
-    `inverse` (n, 3, k²) of their slopes along u and v and of their grey values, each of mean zero; the products
-    `information` (n, 3, 3) of these three; and the mean grey value `level` (n,).
+    Of k × k `samples`: the weighted pseudo-inverse `inverse` (n, 3, k²) of their slopes along u and v and of their grey
+    values, each of mean zero; the products `information` (n, 3, 3) of these; and the mean grey value `level` (n,).
     """
 
     inverse: Grey
     information: Array
     level: Grey
-    offsets_px: Grey
-    weights: Grey
+    samples: Samples
 
     @classmethod
     def of_grey(cls, grey: Grey, spacing_px: int) -> "Patches":
         """Make patches of 2r + 1 pixels from grey values (n, 2r + 3, 2r + 3), one pixel apart."""
-        n, radius = len(grey), (grey.shape[1] - 3) // 2
-        offsets = np.arange(-radius, radius + 1, spacing_px, dtype=np.float32)
+        n, samples = len(grey), Samples.of((grey.shape[1] - 3) // 2, spacing_px)
         inner, before, after = slice(1, -1, spacing_px), slice(0, -2, spacing_px), slice(2, None, spacing_px)
-        square = np.empty((n, 3, len(offsets), len(offsets)), np.float32)
+        k = 2 * samples.radius_px // spacing_px + 1
+        square = np.empty((n, 3, k, k), np.float32)
         np.subtract(grey[:, inner, after], grey[:, inner, before], out=square[:, 0])
         np.subtract(grey[:, after, inner], grey[:, before, inner], out=square[:, 1])
         square[:, :2] *= 0.5
         square[:, 2] = grey[:, inner, inner]
-        columns = square.reshape(n, 3, len(offsets) ** 2)
-        across = np.exp(-0.5 * (offsets / (_WIDTH * radius)) ** 2)
-        weights = np.outer(across, across).ravel() / across.mean() ** 2
-        mean = columns @ (weights / len(weights))
+        columns = square.reshape(n, 3, k * k)
+        mean = columns @ (samples.weights / len(samples.weights))
         columns -= mean[:, :, None]
-        weighted = columns * weights
+        weighted = columns * samples.weights
         information = np.einsum("nkm,nlm->nkl", columns, weighted).astype(np.float64)
         information += (_RIDGE * np.trace(information, axis1=1, axis2=2) + _MIN_INFORMATION)[
             :, None, None
         ] * np.eye(3)
         inverse = np.linalg.inv(information).astype(np.float32) @ weighted
-        return cls(inverse, information, mean[:, 2], offsets, weights)
+        return cls(inverse, information, np.asarray(mean[:, 2], np.float32), samples)
 
     @property
     def gradients(self) -> Array:
         """Gradient matrices H (n, 2, 2), grey², eq. (14): information about position, gain and offset eliminated."""
-        i, spacing_px = self.information, self.offsets_px[1] - self.offsets_px[0]
+        i = self.information
         with_gain = i[:, :2, 2:]
-        return np.asarray(spacing_px**2 * (i[:, :2, :2] - with_gain @ np.swapaxes(with_gain, 1, 2) / i[:, 2:, 2:]))
+        return np.asarray(
+            self.samples.spacing_px**2 * (i[:, :2, :2] - with_gain @ np.swapaxes(with_gain, 1, 2) / i[:, 2:, 2:])
+        )
 
     def replaced(self, rows: NDArray[np.bool_], other: "Patches") -> "Patches":
         """These patches, but those of `other` in the given rows (n,)."""
@@ -100,18 +121,18 @@ class Patches:
         A position is found with the patch's own gain and offset. What it is worth is judged with those that all
         patches have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
         """
-        n, k = len(starts_px), len(self.offsets_px)
+        n, k2 = len(starts_px), len(self.samples.weights)
         at = np.array(starts_px, dtype=np.float32)
         fits, levels, totals = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         ok = np.zeros(n, bool)
         rows = np.flatnonzero(np.isfinite(at).all(axis=1))
-        before: Array | float = self.offsets_px[-1] / _MAX_STEP_RATIO
+        before: Array | float = self.samples.radius_px / _MAX_STEP_RATIO
         for _ in range(_MAX_STEPS):
             if not len(rows):
                 break
             there, level = self._samples(image, at[rows])
             fit = np.einsum("nkm,nm->nk", self.inverse[rows], there)  # gain × step along u, v; gain
-            fits[rows], levels[rows], totals[rows] = fit, level, (there * there) @ self.weights
+            fits[rows], levels[rows], totals[rows] = fit, level, (there * there) @ self.samples.weights
             step = fit[:, :2] / fit[:, 2:].clip(*_GAIN_RANGE)
             at[rows] -= step
             size = np.abs(step).max(axis=1)
@@ -126,17 +147,16 @@ class Patches:
             gain = float(np.median(gains[ok]))
             offsets = levels[ok] - gain * self.level[ok]
             own_gain = (gains[ok] - gain) ** 2 * self.information[ok, 2, 2]
-            own_offset = k * k * (offsets - np.median(offsets)) ** 2
-            error[ok] = np.sqrt((rest[ok] + own_gain + own_offset) / (k * k - _PARAMETERS)) / gain
+            own_offset = k2 * (offsets - np.median(offsets)) ** 2
+            error[ok] = np.sqrt((rest[ok] + own_gain + own_offset) / (k2 - _PARAMETERS)) / gain
         return at.astype(np.float64), ok, error
 
     def _samples(self, image: Grey, at: Grey) -> tuple[Grey, Grey]:
         """Grey values (n, k²) around positions (n, 2), each row of mean zero, and the means (n,)."""
-        k = len(self.offsets_px)
-        u = np.tile(at[:, :1] + self.offsets_px, (1, k))
-        v = np.repeat(at[:, 1:] + self.offsets_px, k, axis=1)
+        s = self.samples
+        u, v = at[:, :1] + s.u_px, at[:, 1:] + s.v_px
         grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        level = grey @ (self.weights / k**2)
+        level = grey @ (s.weights / len(s.weights))
         return np.asarray(grey - level[:, None]), np.asarray(level)
 
 
@@ -183,8 +203,8 @@ class TemplateAtlas:
         side = 2 * radius + 3
         if not len(slots):
             return np.zeros((0, side, side), np.float32)
-        steps = np.arange(-radius - 1, radius + 2, dtype=np.float32)
-        grid = np.stack([np.tile(steps, side), np.repeat(steps, side)])
+        pixels = Samples.of(radius + 1, 1)
+        grid = np.stack([pixels.u_px, pixels.v_px])
         w = anchor_from_now.astype(np.float32)
         centre = np.stack([slots % _COLUMNS, slots // _COLUMNS], axis=1) * self.side + self.half
         nearer = 1 + w[:, 2] @ grid
