@@ -20,6 +20,7 @@ OPTIONS = {
     "rrd": "--rrd FILE",
 }
 COMMANDS = {
+    "replay_batch": "`stream-sfm batch DIR` replays all of a folder",
     "config_to_toml": "`stream-sfm config` prints every setting",
     "import_images": "`stream-sfm import --help` lists what can be imported",
     "inspect": "`stream-sfm inspect LOG` checks the calibration against the images",

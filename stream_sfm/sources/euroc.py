@@ -13,6 +13,7 @@ from .image_files import ImageFile, ImageFilesSource
 from .pose_files import read_euroc
 from .text_files import check_ascending, read_table, read_text
 
+_FILES = ("sensor.yaml", "data.csv")  # of each camera
 _TRUTH = "state_groundtruth_estimate0/data.csv"
 
 
@@ -41,7 +42,10 @@ def open_euroc(folder: Path) -> ImageFilesSource:
 
 def _mav(folder: Path) -> Path | None:
     for mav in (folder / "mav0", folder):
-        if (mav / "cam0").is_dir() and (mav / "cam1").is_dir():
+        cameras = mav / "cam0", mav / "cam1"
+        # Folders of these names may hold images alone.
+        known = any((camera / name).is_file() for camera in cameras for name in _FILES)
+        if known and all(camera.is_dir() for camera in cameras):
             return mav
     return None
 

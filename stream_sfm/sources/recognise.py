@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -35,6 +36,7 @@ _OTHER_FILES = (
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _START_BYTES = 16
+_LISTED = 3  # recordings that a message names
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, folders of left and right images"
 
@@ -102,4 +104,16 @@ def _open_folder(path: Path) -> Source:
             return open_rosbag2(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None
+    if inside := _recordings_in(path):
+        raise LogError(
+            f"{path} holds several recordings or other files: give one of {inside}", hint=("replay_batch",)
+        )
     raise LogError(f"{path} is a folder without a recording ({SUPPORTED})", hint=("import_images",))
+
+
+def _recordings_in(folder: Path) -> str:
+    """Some paths of recordings in a folder, for people; empty where there is none."""
+    with suppress(OSError):
+        found = [str(p) for p in sorted(folder.iterdir()) if not p.name.startswith(".") and is_recording(p)]
+        return ", ".join(found[:_LISTED]) + (" …" if len(found) > _LISTED else "")
+    return ""

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
 from stream_sfm.inspection import inspect_log
-from tests.helpers.data_sets import camera_pair, write_euroc, write_image_folders, write_kitti
+from tests.helpers.data_sets import camera_pair, write_euroc, write_image_folders, write_kitti, write_picture
 
 
 def check_same(folder, imported):
@@ -103,3 +104,21 @@ def test_the_right_camera_is_where_the_calibration_puts_it(tmp_path):
     with pytest.raises(sfm.ConfigError, match="to the left of the left one") as caught:
         sfm.open_log(tmp_path)
     assert str(tmp_path) in str(caught.value)
+
+
+def test_folders_called_as_those_of_euroc_may_hold_images_alone(tmp_path):
+    for n in (1, 2):
+        for side in ("cam0", "cam1"):
+            write_picture(tmp_path / side / f"{n}.png")
+    log = sfm.open_log(tmp_path, calibration=camera_pair())
+    assert len(list(log.frames())) == 2
+
+
+def test_a_folder_of_recordings_names_them(tmp_path, capsys):
+    for name in ("a", "b"):
+        write_kitti(tmp_path / name)
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(sfm.LogError, match=r"give one of .*/a, .*/b$"):
+        sfm.open_log(tmp_path)
+    assert main(["inspect", str(tmp_path)]) == 3
+    assert "stream-sfm batch DIR" in capsys.readouterr().err
