@@ -119,18 +119,28 @@ class RigConfig(_Section, frozen=True, kw_only=True):
 
     # For rendered or simulated images, and to see what an estimate would be without the attempt to calibrate.
     exact: Annotated[bool, Meta(description="the calibration has no error")] = False
-    # Five real rigs are off by 0.05 to 0.6 px per term.
+    # Five real rigs are off by 0.05 to 1.1 px per term.
     std_disparity_px: Annotated[
         float, Meta(description="σ of each term of the disparity's error at the image's edge, pixels", gt=0, le=10)
-    ] = 0.3
-    # Of five real rigs two are off by 3 and 7 px in the corner, where no point is.
-    std_radial_px: Annotated[
-        float, Meta(description="σ of the lenses' common radial error in the image's corner, pixels", gt=0, le=50)
-    ] = 2.0
-    # Real drives with independent truth are 0.3 to 0.6 % too long or too short.
+    ] = 0.4
+    # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
+    std_lens_px: Annotated[
+        float,
+        Meta(description="σ of each error that both lenses share, in the image's corner, pixels", gt=0, le=50),
+    ] = 5.0
+    # Of five real rigs three differ by 0.4 to 1.2 px.
+    std_lens_difference_px: Annotated[
+        float,
+        Meta(description="σ of the difference of the lenses' radial errors in the corner, pixels", gt=0, le=50),
+    ] = 0.5
+    # A principal point that is off by a pixel is a milliradian and a half at usual focal lengths.
+    std_axes_rad: Annotated[
+        float, Meta(description="σ of the direction of the camera's axes, about x and about y, radians", ge=0, lt=1)
+    ] = 0.001
+    # Five real logs with independent truth are 0.2 to 1.2 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[
         float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, lt=1)
-    ] = 0.003
+    ] = 0.005
 
 
 class RosConfig(_Section, frozen=True, kw_only=True):

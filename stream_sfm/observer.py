@@ -16,7 +16,7 @@ from .camera.models import Camera
 from .camera.pixels import GreyScaler, image_problem, to_grey
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
-from .camera.scale_error import ScaleError
+from .camera.unseen_errors import UnseenErrors
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
@@ -57,7 +57,7 @@ class Observer:
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
-        self._scale = ScaleError(0.0 if self.rig.unscaled or config.rig.exact else config.rig.std_baseline)
+        self._unseen = _unseen_errors(self.rig, config)
         self._scaler = GreyScaler()
         self._next_index = 0
         self._last_stamp_ns: int | None = None
@@ -120,7 +120,7 @@ class Observer:
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
-        observations, axes, scale = observed.observations, self._axes, self._scale
+        observations, axes, unseen = observed.observations, self._axes, self._unseen
         n_old = len(observations.track_ids) - observations.n_new
         shown = ~np.isin(solution.track_ids, observations.track_ids[n_old:])
         in_cam, in_world = solution.points_in_cam[shown], solution.points_in_world[shown]
@@ -133,13 +133,13 @@ class Observer:
             status=solution.status,
             reason=solution.reason,
             world_from_cam=axes.poses(solution.world_from_cam),
-            cov_pose=axes.cov_pose(solution.cov_pose + scale.of_pose(solution.world_from_cam)),
+            cov_pose=axes.cov_pose(solution.cov_pose + unseen.of_pose(solution.world_from_cam)),
             track_ids=solution.track_ids[shown],
             points_in_cam=axes.points(in_cam),
-            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared + scale.of_lengths(in_cam)),
+            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared + unseen.of_points(in_cam)),
             points_in_world=axes.points(in_world),
             cov_points_in_world=axes.cov_points(
-                solution.cov_points_in_world[shown] + cov_shared_world + scale.of_lengths(in_world)
+                solution.cov_points_in_world[shown] + cov_shared_world + unseen.of_points(in_world)
             ),
             window_frame_indices=solution.window_frame_indices,
             window_world_from_cam=axes.poses(solution.window_world_from_cam),
@@ -161,11 +161,11 @@ class Observer:
         )
 
     def _relative(self, relative: RelativeMotions | None) -> RelativeMotions | None:
-        """Relative motions in axes of the physical camera, with the error of the scale."""
+        """Relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None
         poses = relative.frame_from_newest
-        cov = relative.cov + self._scale.of_pose(poses)
+        cov = relative.cov + self._unseen.of_pose(poses)
         return RelativeMotions(relative.frame_indices, self._axes.poses(poses), self._axes.cov_pose(cov))
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
@@ -183,7 +183,7 @@ class Observer:
         in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
         cov_shared = self._cov_shared(in_last, solution.ended_ids)
         cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
-        return cov + self._scale.of_lengths(solution.ended_points_in_world)
+        return cov + self._unseen.of_points(solution.ended_points_in_world)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""
@@ -222,6 +222,13 @@ def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoR
     if rig.unscaled:
         raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
     return rig
+
+
+def _unseen_errors(rig: StereoRig | MonoRig, config: Config) -> UnseenErrors:
+    """What the views cannot tell about the calibration; with one camera the same is true of all lengths anyway."""
+    if rig.unscaled or config.rig.exact:
+        return UnseenErrors(0.0, 0.0)
+    return UnseenErrors(config.rig.std_baseline, config.rig.std_axes_rad)
 
 
 def _check_arguments(rig: object, config: object) -> None:

@@ -1,4 +1,4 @@
-"""What replays have learnt about the errors of a stereo calibration: a smooth field of disparity and a radial error.
+"""What replays have learnt about the errors of a stereo calibration: a smooth field of disparity, and the lenses.
 
 A calibration with a refinement is used like any other: views are corrected by it before any estimator sees them, and
 what is left of its uncertainty goes on being considered. docs/mathematics.md, section 13.
@@ -12,13 +12,18 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 
-# x, y from the image's middle in half widths and half heights; the last one is radial, in pixels of the corner.
-TERMS = ("1", "x", "y", "xx", "xy", "yy", "radial")
+# Six of the disparity, x and y from the image's middle in half widths and half heights. Then what both lenses share, in
+# pixels as far from their middle as the corner: radial of third and of fifth order, principal point, tangential. Last,
+# how much more the right lens errs radially than the left one.
+TERMS = (
+    *("1", "x", "y", "xx", "xy", "yy"),
+    *("radial 3", "radial 5", "centre x", "centre y", "tangential x", "tangential y", "radial difference"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Refinement:
-    """Errors `error_px` (7,) of a calibration, by `TERMS`, with covariance `cov_px2` (7, 7).
+    """Errors `error_px` (m,) of a calibration, by the m `TERMS`, with covariance `cov_px2` (m, m).
 
     Raises ConfigError for numbers that are no errors with a covariance.
     """
@@ -40,7 +45,7 @@ class Refinement:
 
     @property
     def std_px(self) -> Array:
-        """Standard deviation (7,) of each error."""
+        """Standard deviation (m,) of each error."""
         return np.asarray(np.sqrt(np.diag(self.cov_px2)))
 
     def __repr__(self) -> str:
@@ -48,7 +53,7 @@ class Refinement:
 
 
 def combine(refinements: Sequence[Refinement], prior_std_px: Array) -> Refinement:
-    """The joint refinement of several independent runs that all began with errors of `prior_std_px` (7,) about zero."""
+    """The joint refinement of several independent runs that all began with errors of `prior_std_px` (m,) about zero."""
     prior = np.diag(prior_std_px**-2)
     information, weighted = prior.copy(), np.zeros(len(prior))
     for refinement in refinements:
@@ -60,7 +65,7 @@ def combine(refinements: Sequence[Refinement], prior_std_px: Array) -> Refinemen
 
 
 def disparity_rms_px(error_px: Array) -> float:
-    """Root mean square of the disparity's error over the image, without the radial term."""
+    """Root mean square of the disparity's error over the image, without what the lenses add."""
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
     field = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ error_px[:6]
     return float(np.sqrt((field**2).mean()))

@@ -1,14 +1,17 @@
-"""What an error of the calibration does to a view: a smooth field of disparity, and a radial error of both lenses.
+"""What an error of the calibration does to a view: a smooth field of disparity, and errors that both lenses share.
 
 Relative rotation, principal points, focal lengths and distortion of the two cameras err together; what they do to the
-disparity is a polynomial of the place in the image, eq. (70). Rows err too, and are corrected as they are measured
-(`vertical_disparity.py`): they depend on nothing else. The baseline is no part of it: if it is wrong, everything is too
-large or too small, and no view shows it.
+disparity is a polynomial of the place in the image, eq. (70), and the difference of two radial distortions. What both
+lenses have wrong alike moves both sides of a view. Rows are not told apart: whatever left and right row differ by has
+been taken out of the right one as it was measured (`vertical_disparity.py`), so the right row errs with the left one.
+A principal point that is off by δ moves all of the image, which is a rotation of the camera's axes by δ/f: no view
+shows that (`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y, is a term here.
+The baseline is no part of it: if it is wrong, everything is too large or too small, and no view shows it.
 """
 
 import numpy as np
 
-from ..camera.refinement import Refinement
+from ..camera.refinement import TERMS, Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -24,13 +27,13 @@ class RigEffects:
     def __init__(self, projection: StereoProjection, config: RigConfig, refinement: Refinement | None) -> None:
         self._projection = p = projection
         self._error_px: Array | None = None if refinement is None else refinement.error_px
-        self._root: Array = np.zeros((7, 0))
+        self._root: Array = np.zeros((len(TERMS), 0))
         if not config.exact:
             cov_px2 = refinement.cov_px2 if refinement is not None else np.diag(prior_std_px(config) ** 2)
             self._root = np.asarray(np.linalg.cholesky(cov_px2), np.float64)
         self._centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
         corner = np.hypot(max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)) / p.f_px
-        self._radial_scale = corner**-3  # 1 px in the corner that is farthest from the lens's middle
+        self._corner = float(corner)  # the one that is farthest from the lens's middle, as the slope of its ray
 
     def of(self, z_px: Array) -> Array:
         """(n, 4, m) px per σ of each error, for views (n, 4); zero for a side that was not found."""
@@ -49,17 +52,39 @@ class RigEffects:
         return RigEstimate(error_px, self._root @ estimate.cov @ self._root.T, estimate.applied)
 
     def _per_pixel(self, z_px: Array) -> Array:
-        """(n, 4, 7) px per pixel of each term, for views (n, 4)."""
+        """(n, 4, m) px per pixel of each term, for views (n, 4)."""
         p = self._projection
         x, y = ((z_px[:, :2] - self._centre) / self._centre).T
-        effects = np.zeros((len(z_px), 4, 7))
+        effects = np.zeros((len(z_px), 4, len(TERMS)))
         effects[:, 2, :6] = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
         rays = (z_px - (p.cx_left_px, p.cy_px, p.cx_right_px, p.cy_px)) / p.f_px
-        squared = (rays.reshape(-1, 2, 2) ** 2).sum(axis=2)
-        effects[:, :, 6] = rays * np.repeat(squared, 2, axis=1) * self._radial_scale
+        for side in (0, 2):
+            ray = rays[:, side : side + 2]
+            effects[:, side : side + 2, 6:12] = _of_lens(ray / self._corner)
+            effects[:, side : side + 2, 8:10] = -ray[:, :, None] * rays[:, None, :2]
+        effects[:, 2, 12] = effects[:, 2, 6]
+        effects[:, 3] = effects[:, 1]
         return effects
 
 
+def _of_lens(rays: Array) -> Array:
+    """(n, 2, 6) px per pixel of each error of a lens, for rays (n, 2) in units of the corner's slope.
+
+    Those of the principal point are left 0: they depend on the other side, too.
+    """
+    x, y = rays.T
+    squared = x * x + y * y
+    effects = np.zeros((len(rays), 2, 6))
+    effects[..., 0] = rays * squared[:, None]
+    effects[..., 1] = effects[..., 0] * squared[:, None]
+    effects[:, 0, 4], effects[:, 1, 4] = (squared + 2 * x * x) / 3, 2 * x * y / 3  # 1 px in the corner's direction
+    effects[:, 0, 5], effects[:, 1, 5] = 2 * x * y / 3, (squared + 2 * y * y) / 3
+    return effects
+
+
 def prior_std_px(config: RigConfig) -> Array:
-    """σ (7,) of each term of a calibration that nothing more is known about."""
-    return np.array([config.std_disparity_px] * 6 + [config.std_radial_px])
+    """σ (m,) of each term of a calibration that nothing more is known about."""
+    std_px = {"radial difference": config.std_lens_difference_px} | dict.fromkeys(
+        TERMS[:6], config.std_disparity_px
+    )
+    return np.array([std_px.get(term, config.std_lens_px) for term in TERMS])

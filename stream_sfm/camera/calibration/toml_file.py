@@ -19,8 +19,8 @@
     translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
 
     [refinement]                    # written by `stream-sfm calibrate`; may be left out
-    error_px = [0.14, …]            # seven errors of the calibration (`camera/refinement.py`)
-    covariance_px2 = [[…], …]       # 7×7
+    error_px = [0.14, …]            # thirteen errors of the calibration (`camera/refinement.py`)
+    covariance_px2 = [[…], …]       # 13×13
 
 Instead of [right_from_left], `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
 one camera (`Config.mono`) the first section is enough.
@@ -76,7 +76,7 @@ def text(
         lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
     if refinement is not None:
         lines += ["", f"[refinement]  # terms: {', '.join(TERMS)}", f"error_px = {refinement.error_px.tolist()}"]
-        lines += [f"covariance_px2 = {refinement.cov_px2.tolist()}"]
+        lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
     return "\n".join(lines) + "\n"
 
 
