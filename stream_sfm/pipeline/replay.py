@@ -16,11 +16,12 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import FrameError, InputError, LogError
-from ..evaluation.association import checked_ranges
+from ..evaluation.association import checked_ranges, without_frames
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording import RecordedFrame, StereoLog, open_log
+from ..report.run_page import render_run
 from ..results.folder import ResultFolder, close_all
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
@@ -142,6 +143,7 @@ class _Run:
         self.ignored: list[tuple[int, int]] = []
         self.self_test: SelfTest | None = None
         self.std_truth = (0.0, 0.0)
+        self.compared_truth: Trajectory | None = None
         self.warnings: list[str] = []
         self.complete = True
 
@@ -194,6 +196,9 @@ class _Run:
         if self.folder is not None:
             try:
                 self.folder.write_summary(summary)
+                there = len(trajectory) - summary["frames"]["backwards"]
+                if there:
+                    self.folder.write_page(render_run(summary, self.statistics.columns(there), self.compared_truth))
             except Exception as error:
                 failure = failure or error
         if failure is not None and problem is None:
@@ -219,6 +224,8 @@ class _Run:
             truth = self.log.ground_truth() if len(trajectory) else None
         except InputError as error:
             self.warnings.append(f"ground truth is not compared: {error}")
+        if truth is not None and not self.config.mono:
+            self.compared_truth = without_frames(truth, trajectory.stamps_ns, self.ignored)
         if self.depth.problem:
             self.warnings.append(self.depth.problem)
         if self.statistics.rig is not None:

@@ -12,9 +12,12 @@ from ..errors import FrameError
 from ..evaluation import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..geometry.se3 import Array
+from ..report.run_page import RunColumns
 from ..types import Frame, FrameEstimate, RigEstimate, Status, Trajectory
 
 STAGES = ("decode", "frontend", "estimator", "total")
+COUNTS = ("tracked", "new", "used", "rejected")
+_STATUSES = list(Status)
 T = TypeVar("T")
 
 
@@ -53,6 +56,9 @@ class RunStatistics:
         self._covs = array("d")
         self._times_ms = {stage: array("d") for stage in STAGES}
         self._tracked = array("b")
+        self._status = array("b")  # its place in Status
+        self._counts = {name: array("i") for name in COUNTS}
+        self._nis = array("d")  # per degree of freedom
         self.statuses = dict.fromkeys((s.value for s in Status), 0)
         self.refused = 0
         self.first_refusal: FrameError | None = None
@@ -75,6 +81,10 @@ class RunStatistics:
         self._times_ms["estimator"].append(timings.get("estimator", 0.0))
         self._times_ms["total"].append(total_ms)
         self._tracked.append(estimate.status != Status.LOST)
+        self._status.append(_STATUSES.index(estimate.status))
+        for name in COUNTS:
+            self._counts[name].append(estimate.counts[name])
+        self._nis.append(estimate.nis / estimate.nis_dof if estimate.nis_dof > 0 else float("nan"))
         self.statuses[str(estimate.status)] += 1
         self.rig = estimate.rig or self.rig
         self.relative.add(estimate)
@@ -100,6 +110,16 @@ class RunStatistics:
     def tracked(self, frames: int | None = None) -> NDArray[np.bool_]:
         """Return for the first `frames` frames (None: all) whether they were estimated from images."""
         return np.array(self._tracked, dtype=bool)[:frames]
+
+    def columns(self, frames: int) -> RunColumns:
+        """Return what the page of a run shows of its first `frames` frames."""
+        return RunColumns(
+            self.trajectory(frames),
+            [_STATUSES[k] for k in self._status[:frames]],
+            {name: np.array(values[:frames], float) for name, values in self._counts.items()},
+            np.array(self._nis[:frames]),
+            {stage: np.array(times[:frames]) for stage, times in self._times_ms.items()},
+        )
 
     def warnings(self) -> list[str]:
         """Return sentences about frames that were refused or lost."""

@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..evaluation.segments import lengths_for_path, segment_errors
+from ..geometry.se3 import Array
 from .lengths import in_readable_unit
 from .methods import label, style
 from .records import MethodRun
@@ -14,12 +15,17 @@ from .svg import Chart, Series, draw
 from .traces import Trace, broken
 
 Traces = dict[str, Trace]
+_COINCIDE = 0.01  # of the path's extent: four pixels of a chart
 _AXES = ("x (right)", "y (down)", "z (forward)", "about x (pitch)", "about y (yaw)", "about z (roll)")
 _MOST_SIGMA = 12.0  # a band wider than this many times the largest error is clipped: it would flatten the curve
 
 
 def paths(runs: Iterable[MethodRun], traces: Traces) -> list[Markup]:
-    """The paths seen from above and from the side."""
+    """The paths seen from above and from the side; where they coincide, one path and how far the methods are off."""
+    apart_m = max((float(t.position_m.max()) for t in traces.values()), default=np.inf)
+    true = next(iter(traces.values())).truth if traces else np.empty((0, 4, 4))
+    if len(true) and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
+        return _deviations(true, traces, apart_m)
     charts = []
     for title, i, j, labels, flip in (
         ("Path seen from above", 0, 2, ("x, m (right)", "z, m (forward)"), False),
@@ -34,6 +40,41 @@ def paths(runs: Iterable[MethodRun], traces: Traces) -> list[Markup]:
             series.append(Series(label(run.name), poses[:, i, 3], poses[:, j, 3], style(run.name)))
         charts.append(draw(Chart(title, *labels, series, equal=True, flip_y=flip, height=340)))
     return charts
+
+
+def _deviations(true: Array, traces: Traces, apart_m: float) -> list[Markup]:
+    """The true path from above, then deviations to the side, upwards and along it, over the distance travelled."""
+    path = Chart(
+        "Path seen from above",
+        "x, m (right)",
+        "z, m (forward)",
+        [Series("ground truth", true[:, 0, 3], true[:, 2, 3], "m-truth")],
+        note=f"all methods coincide with it within {1e3 * apart_m:.2g} mm: their deviations are beside and below",
+        equal=True,
+        height=340,
+    )
+    charts = [draw(path)]
+    for title, axis in (("Deviation to the side", 0), ("Deviation downwards", 1), ("Deviation along the path", 2)):
+        series = []
+        for name, t in traces.items():
+            off = t.estimate[:, :3, 3] - t.truth[:, :3, 3]
+            y = np.einsum("ni,ni->n", off, _side_down_along(t.truth)[:, axis])
+            _, distance, y = broken(t.frames, t.distance_m, y)
+            series.append(Series(label(name), distance, 1e3 * y, style(name)))
+        charts.append(draw(Chart(title, "distance travelled, m", "mm", series, note="first poses aligned")))
+    return charts
+
+
+def _side_down_along(true: Array) -> Array:
+    """Unit vectors (n, 3, 3) of each frame, one per row: to the right of the path, downwards, and along it."""
+    along = np.gradient(true[:, :3, 3], axis=0)
+    standing = np.linalg.norm(along, axis=1) < 1e-9
+    along[standing] = true[standing, :3, 2]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    side = np.cross(true[:, :3, 1], along)  # the camera's own down
+    length = np.linalg.norm(side, axis=1, keepdims=True)
+    side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), true[:, :3, 0])
+    return np.stack([side, np.cross(along, side), along], axis=1)
 
 
 def errors(traces: Traces, gaps: Sequence[int]) -> list[Markup]:

@@ -52,6 +52,13 @@
       tip.style.top = `${event.pageY + 14}px`;
     });
   }
+  for (const key of document.querySelectorAll(".methods .key")) key.addEventListener("click", () => {
+    const off = key.toggleAttribute("data-off");
+    for (const g of document.querySelectorAll("figure.chart g[data-name]")) if (g.dataset.name === key.dataset.of) g.style.display = off ? "none" : "";
+  });
+  const narrow = () => document.querySelectorAll(".scroll").forEach((s) => s.classList.toggle("narrow", s.scrollWidth > s.clientWidth + 1));
+  narrow();
+  addEventListener("resize", narrow);
   let closed = [];  // printing shows everything
   addEventListener("beforeprint", () => { closed = [...document.querySelectorAll("details:not([open])")]; closed.forEach((d) => { d.open = true; }); });
   addEventListener("afterprint", () => closed.forEach((d) => { d.open = false; }));

@@ -57,7 +57,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
             "stereo": pictures.stereo_frames(c.front),
             "needles": pictures.needles(c.front),
             "lives": pictures.lives(c.front),
-            "timeline": pictures.timeline(c),
+            "timeline": pictures.timeline(c.runs, len(c.front.tracked), c.front.gaps),
         },
         stages=[*content["timing_ms"].items(), *((label(r.name), methods[r.key]["estimator_ms"]) for r in c.runs)],
         log_check=log_check,

@@ -8,8 +8,8 @@ from markupsafe import Markup, escape
 
 from ..types import Status
 from .methods import label
-from .records import Comparison, FrontRecord, MethodRun, Snapshot
-from .svg import WIDTH
+from .records import FrontRecord, MethodRun, Snapshot
+from .svg import WIDTH, round_numbers
 
 _MOST_LIVES = 1200  # lines; more cannot be told apart at the height of the figure
 _MOST_NEEDLES = 220  # more would cover the image
@@ -75,11 +75,11 @@ def lives(front: FrontRecord) -> Markup:
     )
     ticks = "".join(
         f'<text x="{left + f / n * w:.0f}" y="{height - 24}" class="tick mid">{f}</text>'
-        for f in sorted({round(n * k / 8) for k in range(9)})
+        for f in round_numbers(n, 8)
     )
     rows = "".join(
-        f'<text x="{left - 6}" y="{top + h * k / 4 + 4:.0f}" class="tick end">{round(len(spans) * k / 4)}</text>'
-        for k in range(5)
+        f'<text x="{left - 6}" y="{top + h * k / len(spans) + 4:.0f}" class="tick end">{k}</text>'
+        for k in round_numbers(len(spans), 4)
     )
     note = f"{len(spans)} points" + (f", every {_ordinal(every)} drawn" if every > 1 else "")
     return Markup(
@@ -94,34 +94,33 @@ def lives(front: FrontRecord) -> Markup:
     )  # fmt: skip
 
 
-def timeline(c: Comparison) -> Markup:
+def timeline(runs: Sequence[MethodRun], frames: int, gaps: Sequence[int]) -> Markup:
     """The status of every frame, one bar per method; time gaps are marked."""
-    n, row, left, w = max(len(c.front.tracked), 1), 22, 150, WIDTH * 2 - 162
+    n, row, left, w = max(frames, 1), 22, 150, WIDTH * 2 - 162
     out = []
-    for k, run in enumerate(c.runs):
+    for k, run in enumerate(runs):
         y = 4 + k * row
         out.append(f'<text x="{left - 8}" y="{y + 12}" class="tick end">{escape(label(run.name))}</text>')
         for status, first, last in _runs(run):
             x, width = left + first / n * w, max((last - first + 1) / n * w, 1.0)
-            title = f"{status}, frames {first} to {last}" + (
-                f": {run.reasons[first]}" if run.reasons[first] else ""
-            )
+            reason = run.reasons[first] if run.reasons else ""
+            title = f"{status}, frames {first} to {last}" + (f": {reason}" if reason else "")
             out.append(
                 f'<rect class="s-{status}" x="{x:.1f}" y="{y}" width="{width:.1f}" height="15">'
                 f"<title>{escape(title)}</title></rect>"
             )
-    height = 4 + len(c.runs) * row
-    out += [f'<path class="mark" d="M{left + g / n * w:.1f} 0V{height}"/>' for g in c.front.gaps]
-    out.append(f'<text x="{left}" y="{height + 14}" class="tick">0</text>')
-    out.append(f'<text x="{left + w}" y="{height + 14}" class="tick end">{n - 1}</text>')
-    out.append(f'<text x="{left + w // 2}" y="{height + 14}" class="label mid">frame</text>')
+    height = 4 + len(runs) * row
+    out += [f'<path class="mark" d="M{left + g / n * w:.1f} 0V{height}"/>' for g in gaps]
+    for f in round_numbers(n - 1, 8):
+        out.append(f'<text x="{left + f / n * w:.0f}" y="{height + 14}" class="tick mid">{f}</text>')
+    out.append(f'<text x="{left + w // 2}" y="{height + 29}" class="label mid">frame</text>')
     keys = Markup("").join(
         Markup('<span class="key"><i class="s-{}"></i>{}</span>').format(s.value, s.value) for s in Status
     )
     return Markup(
         '<figure class="wide"><figcaption><b>Status per frame</b></figcaption><div class="legend">{}</div>'
         '<svg viewBox="0 0 {} {}" role="img">{}</svg></figure>'
-    ).format(keys, WIDTH * 2, height + 20, Markup("".join(out)))
+    ).format(keys, WIDTH * 2, height + 34, Markup("".join(out)))
 
 
 def _runs(run: MethodRun) -> list[tuple[str, int, int]]:

@@ -15,10 +15,12 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from .methods import LABELS
 
 WIDTH, HEIGHT = 480, 270
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, 12, 12, 40
 MAX_POINTS = 500
+EXPLAINED = frozenset({"ground truth", *LABELS.values()})
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class Chart:
     zero: bool = False  # y begins at zero
     levels: Sequence[tuple[float, str]] = ()
     marks: Sequence[float] = ()
-    legend: bool = True
+    explained: frozenset[str] = EXPLAINED  # names whose lines the page explains once, for all charts
     width: int = WIDTH
     height: int = HEIGHT
     flip_y: bool = False
@@ -138,6 +140,12 @@ class _Axis:
         return [(v, f"{v:.4g}") for v in found[:: max(1, math.ceil(len(found) / most))]]
 
 
+def round_numbers(last: int, most: int) -> list[int]:
+    """Whole numbers from 0 to `last` at most, at a round distance, about `most` of them."""
+    step = max(1, round(_nice(max(last, 1) / most)))
+    return list(range(0, last + 1, step))
+
+
 def _nice(step: float) -> float:
     base = 10.0 ** math.floor(math.log10(step))
     return next(m * base for m in (1, 2, 5, 10) if m * base >= step * (1 - 1e-9))
@@ -170,7 +178,8 @@ def draw(chart: Chart) -> Markup:
     svg = Markup(
         '<svg viewBox="0 0 {} {}" role="img" aria-label="{}" data-scale="{}" data-box="{},{},{},{}">{}</svg>'
     ).format(width, height, chart.title, scale, _LEFT, width - _RIGHT, top, bottom, Markup("").join(parts))
-    legend = _legend(usable) if chart.legend and len(usable) > 1 else ""
+    known = all(s.name in chart.explained for s in usable)
+    legend = _legend(usable) if len(usable) > 1 and not known else ""
     return Markup('<figure class="chart">{}{}{}</figure>').format(head, legend, svg)
 
 
@@ -201,11 +210,15 @@ def _frame(chart: Chart, ax: _Axis, ay: _Axis, width: int, height: int) -> Marku
         out.append(f'<text x="{width - _RIGHT - 3}" y="{y - 4:.1f}" class="tick end">{escape(text)}</text>')
     out.append(f'<path class="axis" d="M{_LEFT} {bottom}H{width - _RIGHT}"/>')
     middle = (_LEFT + width - _RIGHT) / 2
-    out.append(f'<text x="{middle:.0f}" y="{height - 5}" class="label mid">{escape(chart.x_label)}</text>')
+    x_label, y_label = (
+        f"{text} (logarithmic)" if log else text
+        for text, log in ((chart.x_label, chart.log_x), (chart.y_label, chart.log_y))
+    )
+    out.append(f'<text x="{middle:.0f}" y="{height - 5}" class="label mid">{escape(x_label)}</text>')
     turn = (_TOP + bottom) / 2
     out.append(
         f'<text x="13" y="{turn:.0f}" transform="rotate(-90 13 {turn:.0f})" class="label mid">'
-        f"{escape(chart.y_label)}</text>"
+        f"{escape(y_label)}</text>"
     )
     return Markup("".join(out))
 

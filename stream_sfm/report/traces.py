@@ -44,7 +44,11 @@ class Trace:
 
 def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
     """The trace of a method; None where fewer than two frames have a ground truth."""
-    estimate = run.trajectory()
+    return trace_of(run.trajectory(), truth)
+
+
+def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
+    """The trace of a trajectory; None where fewer than two frames have a ground truth."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
         return None

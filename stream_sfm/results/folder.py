@@ -47,6 +47,12 @@ class ResultFolder:
             with only_writer(self.path):
                 write_whole(self.path / "summary.json", json_bytes(summary))
 
+    def write_page(self, html: str) -> None:
+        """Write report.html, if there was an estimate."""
+        if self._files:
+            with only_writer(self.path):
+                write_whole(self.path / "report.html", html.encode())
+
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
         try:

@@ -26,7 +26,10 @@ from tests.helpers.wall_log import write_wall_log
 FAST = sfm.Config(method="frame-to-frame")
 FRAMES = 60
 IN_A_SECOND = 20
-FILES = ("config.toml", "estimates.mcap", "summary.json", "trajectory.csv", "trajectory.kitti", "trajectory.tum")
+FILES = (
+    "config.toml", "estimates.mcap", "report.html", "summary.json",
+    "trajectory.csv", "trajectory.kitti", "trajectory.tum",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,9 @@ LAYERS = (
     ("observer", "sources"),
     ("engine", "recording"),
     ("results", "inspection", "importers", "simulation"),
+    ("report",),
     ("pipeline", "dense"),
-    ("report", "viewer"),
+    ("viewer",),
     ("comparison", "batch"),
     ("cli",),
 )

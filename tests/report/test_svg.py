@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.report.svg import Chart, Series, draw, thinned
+from stream_sfm.report.svg import Chart, Series, draw, round_numbers, thinned
 
 
 def test_thinning_keeps_extremes_and_ends() -> None:
@@ -37,3 +37,18 @@ def test_any_values_give_finite_coordinates(y: list[float], log: bool) -> None:
 def test_names_are_escaped() -> None:
     text = draw(Chart("<script>", "x<y", "&", [Series('"><script>', np.arange(2), np.arange(2.0), "m-ekf")]))
     assert "<script" not in text and "&lt;script" in text
+
+
+def test_numbers_on_whole_axes_are_round() -> None:
+    assert round_numbers(83, 8) == [0, 20, 40, 60, 80]
+    assert round_numbers(7, 8) == list(range(8))
+    assert round_numbers(1234, 4) == [0, 500, 1000]
+    assert round_numbers(0, 4) == [0]
+
+
+def test_what_the_page_explains_has_no_legend_of_its_own() -> None:
+    x = np.arange(3)
+    methods = [Series(name, x, x, "m-ekf") for name in ("cross-frame", "EKF")]
+    assert "legend" not in draw(Chart("t", "x", "y", methods))
+    assert "legend" in draw(Chart("t", "x", "y", [*methods, Series("new", x, x, "m-ekf")]))
+    assert "y (logarithmic)" in draw(Chart("t", "x", "y", [Series("a", x + 1, x + 1, "m")], log_y=True))

@@ -20,9 +20,7 @@ class IteratedEkf(Ekf):
 
     name = "iekf-wc"
 
-    def _update(
-        self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
-    ) -> tuple[float, int]:
+    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
         used = np.flatnonzero(accepted)
         seen = np.isfinite(z_px[used]).ravel()
         n, d = len(used), len(self._cov)
@@ -48,4 +46,3 @@ class IteratedEkf(Ekf):
         keep = np.eye(d) - gain @ h
         cov = keep @ prior @ keep.T + gain @ noise @ gain.T
         self._cov = (cov + cov.T) / 2
-        return float(residual @ np.linalg.solve(s, residual)), len(residual) - 6

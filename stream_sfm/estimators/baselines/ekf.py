@@ -60,11 +60,11 @@ class Ekf:
         world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
-        nis, dof = self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
+        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
         rejected = self._ids[~found.accepted]
         self._add(obs)
         status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return recorded(self._motion, obs, self._solution(obs, status, reason, ended, rejected, nis, dof))
+        return recorded(self._motion, obs, self._solution(obs, status, reason, ended, rejected, found))
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
         return resected
@@ -111,13 +111,8 @@ class Ekf:
         )
         return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
 
-    def _update(
-        self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array
-    ) -> tuple[float, int]:
-        """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50) and (51).
-
-        Returns the squared innovation and its degrees of freedom.
-        """
+    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
+        """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50), (51)."""
         used = np.flatnonzero(accepted)
         predicted_views, h = self._measurement(used)
         seen = np.isfinite(z_px[used]).ravel()
@@ -137,7 +132,6 @@ class Ekf:
         self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(kf.x[:6]))
         self._points = self._points + kf.x[6:].reshape(-1, 3)
         self._cov = symmetric(kf.P)
-        return float(kf.y @ kf.SI @ kf.y), len(innovation) - 6
 
     def _drift(self, drift_px: Array) -> Array:
         """Return process noise (3m, 3m) m² of patches that drifted by `drift_px` (m,), across the ray and in depth."""
@@ -196,8 +190,7 @@ class Ekf:
         reason: str,
         ended: WorldPoints,
         rejected: NDArray[np.int64],
-        nis: float,
-        dof: int,
+        found: Resection,
     ) -> Solution:
         in_cam, cov_points = self._local_structure()
         return Solution(
@@ -217,8 +210,8 @@ class Ekf:
             ended_points_in_world=ended.points,
             ended_cov_points_in_world=ended.cov_points,
             iterations=1,
-            nis=nis,
-            nis_dof=dof,
+            nis=found.chi2,
+            nis_dof=found.dof,
         )
 
 

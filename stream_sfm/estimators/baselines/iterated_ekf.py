@@ -41,7 +41,7 @@ _MIN_DEPTH_SIGMAS = 3.0  # an inverse depth known less well gives no Gaussian in
 
 
 class _Update(NamedTuple):
-    """The frame's motion, the state after its views, and what is left over: squared innovation, its dof, iterations.
+    """The frame's motion, and the state after its views.
 
     `x` (6 + 3m,): ω and q, with covariance `cov`; `cov_motion` (6, 6) of ξ in Exp(ξ) cam_from_previous, and `cross`
     (6 + 3m, 6) between both.
@@ -52,8 +52,6 @@ class _Update(NamedTuple):
     cov: Array
     cov_motion: Array
     cross: Array
-    nis: float
-    dof: int
     iterations: int
 
 
@@ -90,7 +88,9 @@ class IteratedEkf:
         rejected = self._ids[~found.accepted]
         self._add(obs)
         status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return recorded(self._motion, obs, self._solution(obs, (status, reason), ended, rejected, update))
+        return recorded(
+            self._motion, obs, self._solution(obs, (status, reason), ended, rejected, found, update.iterations)
+        )
 
     def _start(self, obs: Observations) -> Solution:
         solution = first_solution(self._projection, self._config.robust, self._motion, obs)
@@ -155,15 +155,12 @@ class IteratedEkf:
             far = float(step @ (white_j.T @ (white_j @ step))) > _CONVERGED
         cov_motion = motion.inverse()
         gain = white_views.T @ white_j
-        rest = white - white_j @ step
         return _Update(
             cam_from_previous,
             x,
             self._cov - white_views.T @ white_views + gain @ cov_motion @ gain.T,
             cov_motion,
             -gain @ cov_motion,
-            float(rest @ rest),
-            len(rest) - 6,
             iterations,
         )
 
@@ -236,7 +233,8 @@ class IteratedEkf:
         status: tuple[Status, str],
         ended: WorldPoints,
         rejected: NDArray[np.int64],
-        update: _Update,
+        found: Resection,
+        iterations: int,
     ) -> Solution:
         finite = self._finite()
         points, by_q = self._in_camera()
@@ -257,9 +255,9 @@ class IteratedEkf:
             ended_ids=ended.ids,
             ended_points_in_world=ended.points,
             ended_cov_points_in_world=ended.cov_points,
-            iterations=update.iterations,
-            nis=update.nis,
-            nis_dof=update.dof,
+            iterations=iterations,
+            nis=found.chi2,
+            nis_dof=found.dof,
         )
 
 
