@@ -23,6 +23,11 @@ def _tables(experiment: str, report: dict[str, Any]) -> Iterator[Table]:
         yield _growth(report)
         yield _drift_over_span(report["drift_over_span"])
         yield _structure_over_window(report["structure_over_window"])
+        over_span, over_window = report["estimators_over_span"], report["estimators_over_window"]
+        title = f"Variance of the estimators by track length L, over that at L = 2, {report['trials']} trials"
+        yield _of_estimators(title, "L", over_span["span_frames"], over_span["variance_relative"])
+        title = f"Variance of the estimators over the bound by window b, L = 8, {report['trials']} trials"
+        yield _of_estimators(title, "b", over_window["window_frames"], over_window["variance_over_bound"])
     elif experiment == "figure6":
         yield _errors_at_the_end(report)
     else:
@@ -76,12 +81,13 @@ def _growth(report: dict[str, Any]) -> Table:
             row["quantity"].replace("_", " "),
             f"{row['frames'][0]}–{row['frames'][1]}",
             row["paper"],
-            "n^ " + _interval(row["measured_exponent"]),
+            *("n^ " + _interval(found) for found in row["exponents"].values()),
             f"n^ {row['bound_exponent']:.2f}; {row['theory']}",
         ]
         for row in report["table"]
     ]
-    columns = ["sequence", "variance of", "frames", "paper", "measured", "exact theory (exponent of the bound)"]
+    estimators = [f"measured: {name}" for name in report["table"][0]["exponents"]]
+    columns = ["sequence", "variance of", "frames", "paper", *estimators, "exact theory (exponent of the bound)"]
     return _table(f"Table 1: growth of error variance, {report['trials']} trials", columns, rows)
 
 
@@ -97,6 +103,18 @@ def _structure_over_window(windows: dict[str, Any]) -> Table:
     rows = [[str(b), _interval(v), f"{t:.3f}"] for b, v, t in zip(*(windows[k] for k in names), strict=True)]
     title = "Local structure against window length b (bound), L = 16"
     return _table(title, ["b", "variance relative to one view", "(1/L)(H_b + (L−b)/b)"], rows)
+
+
+def _of_estimators(
+    title: str, heading: str, values: Sequence[int], found: dict[str, dict[str, list[dict[str, float]]]]
+) -> Table:
+    """One row per estimator and value, one column per quantity."""
+    rows = [
+        [name, str(value), *(_interval(of_quantity[q][k]) for q in _QUANTITIES)]
+        for name, of_quantity in found.items()
+        for k, value in enumerate(values)
+    ]
+    return _table(title, ["estimator", heading, *(q.replace("_", " ") for q in _QUANTITIES)], rows)
 
 
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:

@@ -1,4 +1,8 @@
-"""Figure 6 of the paper: errors against the frame number, one curve per batch size, for CC and for WC.
+"""Figure 6 of the paper: errors against the frame number, one curve per batch size, for CC (two ways) and for WC.
+
+Rotation errors are angles θ; the paper's norm of the difference of two rotation matrices is 2√2 sin(θ/2), √2 θ for
+small angles. CC is drawn as the paper writes it (literal) and with the joint covariance of prior and leaving view
+(anchored).
 
 The scene is the paper's own: natural visibility, about 200 mm per frame, round-off noise. Beside the paper's curves
 stand the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
@@ -20,6 +24,7 @@ FRAMES = tuple(range(1, 31))  # paper: 31 frames
 SCENE = Scene()
 METHODS = (
     *(Method("cross-frame-cc", b, f"cc_b{b}") for b in BATCHES),
+    *(Method("cross-frame-cc-literal", b, f"literal_b{b}") for b in BATCHES),
     *(Method("cross-frame-wc", b, f"wc_b{b}") for b in BATCHES),
     Method("cross-frame"),
     Method("ekf"),

@@ -33,6 +33,7 @@ _OTHERS = {
     "bound": ("Cramér–Rao bound", "black", ":"),
 }
 _ROWS = (
+    ("rotation", "pose: rotation, mrad", 1e3),
     ("position", "pose: position, mm", 1e3),
     ("global_structure", "global structure, mm", 1e3),
     ("local_structure", "local structure, mm", 1e3),
@@ -49,16 +50,17 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def figure6(report: dict[str, Any]) -> Figure:
-    """Draw six panels: CC left, WC right; pose, global and local structure against the frame number."""
+    """Draw twelve panels: CC anchored, CC literal, WC; pose, global and local structure against the frame number."""
     with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(3, 2, figsize=(8.2, 8.6), sharex=True, sharey="row", layout="constrained")
-        for column, (kind, title) in enumerate((("cc", "camera-centred (CC)"), ("wc", "world-centred (WC)"))):
+        figure, axes = plt.subplots(4, 3, figsize=(11.0, 10.4), sharex=True, sharey="row", layout="constrained")
+        kinds = (("cc", "CC, anchored"), ("literal", "CC, literal"), ("wc", "world-centred (WC)"))
+        for column, (kind, title) in enumerate(kinds):
             axes[0, column].set_title(title, fontweight="bold")
             for row, (quantity, label, scale) in enumerate(_ROWS):
                 _curves(axes[row, column], report, kind, quantity, scale)
                 if column == 0:
                     axes[row, column].set_ylabel(f"RMS error\n{label}")
-            axes[2, column].set_xlabel("frame number n")
+            axes[-1, column].set_xlabel("frame number n")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
         figure.suptitle(f"Errors of motion and structure, {report['trials']} random scenes", fontsize=11)

@@ -16,12 +16,15 @@ from ..geometry.se3 import Array
 from .measure import QUANTITIES, Method, measure, stacked
 from .motions import MOTIONS
 from .scenes import Scene
-from .statistics import Interval, exponent, mean
+from .statistics import Interval, exponent, mean, ratio
 from .trials import Progress, run_trials
 
 METHOD = Method("cross-frame")
+READINGS = (METHOD, Method("cross-frame-wc"), Method("cross-frame-cc"))  # the joint window; the paper's WC and CC
+BATCHES = (1, 2, 4, 8)  # b of the estimators, as in the paper's figure
 SPANS = (2, 4, 8, 16)  # L of the drift rates
 WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
+LAST_FRAMES = tuple(range(20, 31, 2))  # over which variances of the estimators are taken
 _DRIFT_FRAMES = (32, 96)  # between them drift is measured: twice the longest span and more from the start
 _BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little between scenes
 
@@ -80,10 +83,14 @@ _THEORY = {
 
 
 def rates(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
-    """Measure Table 1; see the module. Keys: `table` (rows), `drift_over_span`, `structure_over_window`."""
+    """Measure Table 1; see the module.
+
+    Keys: `table` (rows), `drift_over_span` and `structure_over_window` of the bound, `estimators_over_span` and
+    `estimators_over_window`: variances of the estimators themselves.
+    """
     table = []
     for name, run in RUNS.items():
-        job = partial(measure, scene=run.scene, methods=(METHOD,), frames=run.frames)
+        job = partial(measure, scene=run.scene, methods=READINGS, frames=run.frames)
         data = stacked(run_trials(job, trials, seed, executor, progress))
         kind = name.split("_")[0]  # non, simple or general
         for quantity in QUANTITIES:
@@ -95,6 +102,9 @@ def rates(trials: int, seed: int, executor: Executor | None, progress: Progress 
                     "frames": [run.frames[0], run.frames[-1]],
                     "paper": _PAPER[quantity][kind],
                     "measured_exponent": exponent(np.array(run.frames), data[METHOD.label][quantity]),
+                    "exponents": {
+                        m.label: exponent(np.array(run.frames), data[m.label][quantity]) for m in READINGS
+                    },
                     "bound_exponent": exponent(np.array(run.frames), data["bound"][quantity]).value,
                     "theory": _THEORY[quantity][kind],
                 }
@@ -110,7 +120,44 @@ def rates(trials: int, seed: int, executor: Executor | None, progress: Progress 
         "table": table,
         "drift_over_span": _spans_report(np.stack(spans), few),
         "structure_over_window": _windows_report(np.stack(windows), few),
+        "estimators_over_span": _estimators_over_span(trials, seed, executor, progress),
+        "estimators_over_window": _estimators_over_window(trials, seed, executor, progress),
     }
+
+
+def _estimators_over_span(
+    trials: int, seed: int, executor: Executor | None, progress: Progress | None
+) -> dict[str, Any]:
+    """Variances of the estimators at the end of 31 frames by track length, over those at L = 2 (same image support)."""
+    found: dict[str, dict[str, list[Interval]]] = {m.label: {q: [] for q in QUANTITIES} for m in READINGS}
+    base: dict[str, dict[str, Array]] = {}
+    for length in SPANS:
+        scene = Scene(motion=_SLOW, track_length=length, support_frames=max(SPANS))
+        job = partial(measure, scene=scene, methods=READINGS, frames=LAST_FRAMES, bound=False)
+        data = stacked(run_trials(job, trials, seed, executor, progress))
+        base = base or data
+        for label, of_quantity in found.items():
+            for quantity, values in of_quantity.items():
+                values.append(ratio(data[label][quantity], base[label][quantity]))
+    return {"span_frames": list(SPANS), "variance_relative": found}
+
+
+def _estimators_over_window(
+    trials: int, seed: int, executor: Executor | None, progress: Progress | None
+) -> dict[str, Any]:
+    """Variances of the estimators over the bound by the frames b in the window, at L = 8 and 200 mm per frame."""
+    methods = tuple(Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES)
+    scene = Scene(motion=_LATERAL, track_length=8)
+    job = partial(measure, scene=scene, methods=methods, frames=LAST_FRAMES)
+    data = stacked(run_trials(job, trials, seed, executor, progress))
+    found = {
+        m.label: {
+            q: [ratio(data[f"{m.name} b={b}"][q], data[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
+            for q in QUANTITIES
+        }
+        for m in READINGS
+    }
+    return {"window_frames": list(BATCHES), "variance_over_bound": found}
 
 
 def bound_trials(trials: int) -> int:
@@ -120,7 +167,7 @@ def bound_trials(trials: int) -> int:
 
 def total_trials(trials: int) -> int:
     """Return how many trials `rates` runs altogether."""
-    return len(RUNS) * trials + 2 * bound_trials(trials)
+    return (len(RUNS) + len(SPANS) + 1) * trials + 2 * bound_trials(trials)
 
 
 def drift_rates(seed: np.random.SeedSequence) -> Array:

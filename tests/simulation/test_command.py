@@ -30,6 +30,7 @@ def short(monkeypatch):
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     run_short = rates.Run("general", small, (3, 4, 5))
     monkeypatch.setattr(rates, "RUNS", {"general_slow": run_short})
+    monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
 
 
 @pytest.mark.parametrize("experiment", simulate.EXPLAINED)
@@ -58,6 +59,12 @@ def test_rates_prints_three_columns(short, tmp_path, capsys):
     assert "paper" in text
     assert "measured" in text
     assert "exact theory" in text
+    report = json.loads((tmp_path / "results.json").read_text())
+    assert set(report["table"][0]["exponents"]) == {"cross-frame", "cross-frame-wc", "cross-frame-cc"}
+    over_window = report["estimators_over_window"]["variance_over_bound"]["cross-frame-cc"]["rotation"]
+    assert len(over_window) == len(rates.BATCHES) and all(v["low"] <= v["value"] <= v["high"] for v in over_window)
+    over_span = report["estimators_over_span"]["variance_relative"]["cross-frame-wc"]["position"]
+    assert over_span[0]["value"] == pytest.approx(1) and len(over_span) == len(rates.SPANS)
 
 
 def test_a_program_gets_the_same_report_and_unknown_experiments_are_refused(short, tmp_path, capsys):
