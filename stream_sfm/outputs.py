@@ -24,6 +24,10 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     except in folders of results. An output that exists must be a regular file, since anything else is not replaced
     but written to.
     """
+    outputs = list(outputs)
+    for path in outputs:
+        if "\0" in str(path):
+            raise OutputError(f"cannot write {str(path)!r}: its name holds a NUL character")
     existing = [(path, found) for output in outputs for path in _names(output) if (found := _stat(path))]
     for path, found in existing:
         if not stat.S_ISREG(found.st_mode):

@@ -1,5 +1,6 @@
 """Copies a source to a log: messages unchanged, an MCAP file that appears under its name when it is whole."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,7 +49,7 @@ def copy_to_log(
 
 def check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
     """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
-    if out.exists() and not overwrite:
+    if os.path.lexists(out) and not overwrite:
         raise OutputError(
             f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
         )

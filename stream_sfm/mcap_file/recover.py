@@ -1,5 +1,6 @@
 """Copies what can be read of a damaged MCAP file into a new one."""
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,7 +46,7 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
     """
     out = Path(out)
     file = LogFile(log)
-    if out.exists() and not overwrite:
+    if os.path.lexists(out) and not overwrite:
         raise OutputError(
             f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
         )

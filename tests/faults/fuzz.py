@@ -1,4 +1,4 @@
-"""Damaged logs through the command line, in a worker that may hang, swell or die without taking the test along."""
+"""Hostile inputs through the command line, in a worker that may hang, swell or die without taking the test along."""
 
 import contextlib
 import io
@@ -10,6 +10,7 @@ import signal
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -17,12 +18,13 @@ from stream_sfm.cli.main import main
 from stream_sfm.results.trajectory_files import read_tum
 from tests.faults.mutations import FRAMES, make_base, mutate
 
-MAX_SECONDS = 5  # of CPU, a log: a busy machine is no failure
+MAX_SECONDS = 5.0  # of CPU, for a damaged log: a busy machine is no failure
 MAX_WAIT_S = 120  # of waiting for nothing
 MAX_RSS_MIB = 1024
 
 # (log, folder of results, stamps of the frames that are due, whether no loss can be hidden) -> (exit code, problem)
 Replay = Callable[[Path, Path, list[int], bool], tuple[int, str]]
+Trial = Callable[[int], tuple[int, int, str]]  # seed -> exit code, number of frames that were due, what is wrong
 
 
 @dataclass
@@ -57,22 +59,45 @@ def replay_and_check(log: Path, out: Path, due: list[int], checked: bool) -> tup
     return code, ""
 
 
-def fuzz(base: str, first: int, count: int, folder: Path, replay: Replay = replay_and_check) -> Outcome:
-    """Replay the logs of the seeds `first` … `first + count − 1`, made of one base.
+def damaged_logs(base_name: str, replay: Replay, folder: Path) -> Trial:
+    """Replays of one base, damaged by the seed."""
+    base = make_base(base_name, folder)
+    log = folder / "damaged.mcap"
 
-    A log that kills the worker is a failure; a new worker goes on with the next.
+    def trial(seed: int) -> tuple[int, int, str]:
+        kind, data = mutate(base, seed)
+        log.write_bytes(data)
+        due = base.leading(data)
+        code, problem = replay(log, folder / "out", due, base.checksummed and kind != "change_inside")
+        return code, len(due), problem and f"{kind}: {problem}"
+
+    return trial
+
+
+def fuzz_logs(base: str, first: int, count: int, folder: Path, replay: Replay = replay_and_check) -> Outcome:
+    """Replay the logs of the seeds `first` … `first + count − 1`, made of one base."""
+    return fuzz(partial(damaged_logs, base, replay), first, count, folder)
+
+
+def fuzz(
+    prepare: Callable[[Path], Trial], first: int, count: int, folder: Path, max_seconds: float = MAX_SECONDS
+) -> Outcome:
+    """Run the trial that `prepare` makes for the seeds `first` … `first + count − 1`.
+
+    A seed that kills the worker is a failure; a new worker goes on with the next. `prepare` must be picklable.
     """
     outcome = Outcome()
     at, end = first, first + count
     spawn = multiprocessing.get_context("spawn")  # not a fork: the memory measured is to be the worker's own
     while at < end:
         receive, send = spawn.Pipe(duplex=False)
-        worker = spawn.Process(target=_work, args=(send, base, at, end, folder, replay))
+        worker = spawn.Process(target=_work, args=(send, prepare, at, end, folder, max_seconds))
         worker.start()
         send.close()
         with receive, contextlib.suppress(EOFError):
             while True:
-                code, due, outcome.peak_rss_mib, problem = receive.recv()
+                code, due, rss_mib, problem = receive.recv()
+                outcome.peak_rss_mib = max(outcome.peak_rss_mib, rss_mib)
                 if problem:
                     outcome.failures[at] = problem
                 else:
@@ -89,20 +114,18 @@ def fuzz(base: str, first: int, count: int, folder: Path, replay: Replay = repla
     return outcome
 
 
-def _work(send: Connection, base_name: str, first: int, end: int, folder: Path, replay: Replay) -> None:
+def _work(
+    send: Connection, prepare: Callable[[Path], Trial], first: int, end: int, folder: Path, max_seconds: float
+) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # image libraries write there what they think of damaged images
-    log = folder / "damaged.mcap"
-    base = make_base(base_name, folder)
+    trial = prepare(folder)
     for seed in range(first, end):
-        kind, data = mutate(base, seed)
-        log.write_bytes(data)
-        due = base.leading(data)
         # The default of both signals ends the process, also inside a library that does not come back.
-        signal.setitimer(signal.ITIMER_PROF, MAX_SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, max_seconds)
         signal.alarm(MAX_WAIT_S)
-        code, problem = replay(log, folder / "out", due, base.checksummed and kind != "change_inside")
+        code, due, problem = trial(seed)
         signal.setitimer(signal.ITIMER_PROF, 0)
         rss_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         if rss_mib > MAX_RSS_MIB:
             problem = problem or f"{rss_mib:.0f} MiB"
-        send.send((code, len(due), rss_mib, problem and f"{kind}: {problem}"))
+        send.send((code, due, rss_mib, problem))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.fuzz import MAX_RSS_MIB, fuzz
+from tests.faults.fuzz import MAX_RSS_MIB, fuzz_logs
 from tests.faults.mutations import BASES, FRAMES
 
 pytestmark = pytest.mark.slow
@@ -19,7 +19,7 @@ LOGS = 2000 // len(BASES)
 
 @pytest.mark.parametrize("base", BASES)
 def test_damaged_logs_give_all_that_is_whole(base: str, tmp_path: Path):
-    outcome = fuzz(base, 0, LOGS, tmp_path)
+    outcome = fuzz_logs(base, 0, LOGS, tmp_path)
     assert outcome.failures == {}
     assert outcome.tried == LOGS and outcome.peak_rss_mib < MAX_RSS_MIB
     # the damage is neither so slight nor so bad that nothing is tested
@@ -41,7 +41,7 @@ def _sabotage(log: Path, out: Path, due: list[int], checked: bool) -> tuple[int,
 
 def test_what_hangs_or_dies_is_a_failure_and_the_rest_goes_on(tmp_path: Path):
     (tmp_path / "number").write_text("0")
-    outcome = fuzz("protobuf, unchunked", 0, 5, tmp_path, _sabotage)
+    outcome = fuzz_logs("protobuf, unchunked", 0, 5, tmp_path, _sabotage)
     assert outcome.tried == 5 and outcome.exit_codes == {0: 2}
     said = [outcome.failures[seed] for seed in (1, 2, 3)]
     assert "did not come back" in said[0] and "died (-9)" in said[1] and "a frame is missing" in said[2]

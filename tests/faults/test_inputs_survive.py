@@ -102,6 +102,13 @@ def test_the_files_of_a_folder_are_inputs_but_not_results_in_it(tmp_path: Path) 
         refuse_overwriting([tmp_path / "image_0/000.png"], [tmp_path])
 
 
+def test_a_name_with_a_nul_is_refused(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap")
+    for write in (sfm.replay, sfm.recover):
+        with pytest.raises(sfm.OutputError, match="NUL"):
+            write(log, tmp_path / "a\0b")  # type: ignore[operator]
+
+
 def write_whole_with_folder(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, b"content")

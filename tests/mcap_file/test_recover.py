@@ -113,6 +113,15 @@ def test_the_command_says_what_was_lost(path: Path, tmp_path: Path, capsys: pyte
     assert said.out == "" and "is cut off or damaged at byte" in said.err
 
 
+def test_a_link_to_nothing_is_not_replaced(path: Path, tmp_path: Path) -> None:
+    write_log(path, Spec())
+    out = tmp_path / "out.mcap"
+    out.symlink_to(tmp_path / "nothing")
+    with pytest.raises(sfm.OutputError, match="exists already"):
+        sfm.recover(path, out)
+    assert out.is_symlink() and not (tmp_path / "nothing").exists()
+
+
 def test_nothing_is_left_where_nothing_can_be_read(path: Path, tmp_path: Path) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream)

@@ -1,0 +1,398 @@
+"""Hostile inputs of many kinds, made by a seed: definitions, files, images, texts, names, outputs and damage.
+
+Each attack puts files into a folder and gives the words of a command. Whatever they are, the command ends with the
+exit code of a success or of a named error, prints nothing that a terminal obeys, and changes no file but its results.
+"""
+
+import contextlib
+import io
+import os
+import random
+import re
+import shutil
+import socket
+import string
+import struct
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from stream_sfm.cli.main import main
+from tests.faults.damage_kinds import INDEXES, KINDS, Whole, whole_log
+from tests.faults.fuzz import Trial
+from tests.faults.mutations import BASES, Base, make_base, mutate
+from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
+from tests.helpers.wall import rig
+
+_FAST = ["--method", "frame-to-frame", "--max-frames", "4"]
+_ODD_TEXTS = (
+    "\x1b[2J", "\x1b]0;owned\x07", "\0", "\r\n", "\u202e", "\x9b31m", "..", "/", "[bold]", "{0}", "%s", "-", "'", "é",
+    "\udcff",
+)  # fmt: skip
+_ODD_NUMBERS = (
+    "-1", "0", "1", "2147483648", "4294967295", "18446744073709551616", "9" * 400, "1e400", "0x" + "f" * 300, "nan",
+)  # fmt: skip
+_ENCODINGS = (
+    ("cdr", "ros2idl"), ("cdr", "ros2msg"), ("ros1", "ros1msg"), ("json", "jsonschema"), ("protobuf", "protobuf"),
+)  # fmt: skip
+_TYPES = (
+    "sensor_msgs/msg/Image", "sensor_msgs/Image", "foxglove.CompressedImage", "p/msg/T", "tf2_msgs/msg/TFMessage",
+)  # fmt: skip
+_REPLACED = ("folder", "empty", "noise", "dangling")  # what a user may name as an output
+_OTHER = b"a file of somebody else"
+
+
+@dataclass
+class Attack:
+    """A command, and what it may change: names in the folder, and everything below those that are folders."""
+
+    words: list[str]
+    results: tuple[str, ...] = ("out",)
+
+
+class Ammunition:
+    """What attacks are made of, prepared once."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self.log = write_log(folder / "log.mcap", Spec(left=tuple(range(4)), right=tuple(range(4))))
+        self.png = bytes(cv2.imencode(".png", self._picture)[1])
+        self.images = [self.png] + [
+            bytes(cv2.imencode(kind, self._picture, flags)[1])
+            for kind, flags in ((".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]), (".webp", []))
+        ]
+        self.calibration = rig().to_toml()
+
+    @property
+    def _picture(self) -> np.ndarray:
+        return np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8)
+
+    @cached_property
+    def wholes(self) -> list[Whole]:
+        """Undamaged logs, chunked."""
+        return [
+            whole_log(write_log(self._folder / "whole.mcap", Spec(), **CONTAINERS[name]))
+            for name in ("zstd", "lz4", "uncompressed chunks")
+        ]
+
+    @cached_property
+    def bases(self) -> list[Base]:
+        """Undamaged logs of all layouts."""
+        return [make_base(name, self._folder) for name in BASES]
+
+
+def _command(rng: random.Random, log: str, folder: Path) -> list[str]:
+    """A command that reads a log."""
+    out = str(folder / "out")
+    commands = (
+        ["inspect", log],
+        ["inspect", log, "--json"],
+        ["replay", log, "--out", out, *_FAST],
+        ["replay", log, "--out", out, *_FAST, "--json"],
+        ["recover", log, f"{out}/recovered.mcap"],
+        ["surface", log, "--out", f"{out}.ply", "--max-frames", "2"],
+        ["batch", log, "--out", out, *_FAST],
+    )
+    return rng.choices(commands, (8, 2, 8, 2, 4, 1, 0.02))[0]
+
+
+def definitions(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Schemas that a parser could choke on: brackets, products, lengths, modules, types of types."""
+    tokens = (
+        *_ODD_NUMBERS, *"()[]{}<>;=*+-,:", "<<", "::", "sequence<", "string<", "struct S {", "module m {", "]",
+        "const long A =", "long", "A", "A * A", "#", "//", "/*", '"', "\n", "string name", "Header header", "union",
+        "@default(value=", "uint8[] data\n", "uint8[", "uint32 height\n", "================\nMSG: ", "enum", " ",
+        "sensor_msgs/Image", "\t",
+    )  # fmt: skip
+    text = "".join(rng.choices(tokens, k=int(2 ** rng.uniform(1, 11))))
+    if rng.random() < 0.3:
+        text = rng.choice(("(", "[", "{", "sequence<", "module m {", "A * ")) * int(2 ** rng.uniform(2, 16)) + text
+    encodings, name = rng.choice(_ENCODINGS), rng.choice(_TYPES)
+    log = LogWriter(folder / "log.mcap")
+    for n in range(2):
+        for topic in (*Spec.topics, *Spec.info_topics):
+            log.add(topic, name, encodings, text.encode("utf-8", "replace"), START_NS + n, rng.randbytes(40))
+    log.close()
+    return Attack(_command(rng, str(folder / "log.mcap"), folder), ("out", "out.ply"))
+
+
+def files(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Pipes, sockets, devices, folders, dangling links and empty files where a file is wanted."""
+    odd = folder / "odd"
+    kind = rng.choice(("pipe", "socket", "zero", "null", "folder", "dangling", "loop", "empty", "noise", "stdin"))
+    if kind == "pipe":
+        os.mkfifo(odd)
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as s, contextlib.chdir(folder):
+            s.bind("odd")
+    elif kind in ("zero", "null"):
+        odd.symlink_to(f"/dev/{kind}")
+    elif kind == "folder":
+        (odd / "sub").mkdir(parents=True)
+    elif kind in ("dangling", "loop"):
+        odd.symlink_to(odd if kind == "loop" else folder / "nothing")
+    else:
+        odd.write_bytes(rng.randbytes(rng.choice((0, 1, 8, 5000))) if kind == "noise" else b"")
+    name = "-" if kind == "stdin" else str(odd)
+    log = str(shutil.copy(ammunition.log, folder / "log.mcap"))
+    out = str(folder / "out")
+    return Attack(
+        rng.choice(
+            [
+                _command(rng, name, folder),
+                ["replay", log, "--out", out, "--calibration", name, *_FAST],
+                ["replay", log, "--out", out, "--config", name, *_FAST],
+                ["replay", log, "--out", out, "--ground-truth", name, *_FAST],
+                ["replay", log, "--out", name, *_FAST],
+                ["replay", log, "--out", out, "--rrd", name, *_FAST],
+                ["surface", log, "--out", name],
+                ["recover", log, name],
+                ["import", "images", "--left", name, "--right", name, "--calibration", name, f"{out}.mcap"],
+                ["import", rng.choice(("kitti", "euroc")), name, f"{out}.mcap"],
+                ["calibration", "convert", name, "--out", f"{out}.toml"],
+            ]
+        ),
+        ("out", "out.ply", "out.mcap", "out.toml", "-", "nothing", *(["odd"] if kind in _REPLACED else [])),
+    )
+
+
+def _changed_image(rng: random.Random, image: bytes) -> bytes:
+    data = bytearray(image)
+    for _ in range(rng.randint(1, 3)):
+        at = rng.randrange(min(len(data), rng.choice((40, 200, len(data)))))
+        how = rng.randrange(5)
+        if how == 0:
+            data[at] = rng.randrange(256)
+        elif how == 1:
+            data[at : at + 4] = rng.choice((0, 1, 2**16, 2**27, 2**31 - 1, 2**32 - 1)).to_bytes(
+                4, rng.choice(("big", "little"))
+            )
+        elif how == 2:
+            del data[at:]
+            data = data or bytearray(b"x")
+        elif how == 3:
+            data[at:at] = data[at : at + rng.randrange(1, 60)] * rng.choice((1, 2, 5000))
+        else:
+            kind = rng.choice((b"IHDR", b"IDAT", b"PLTE", b"iCCP", b"zTXt", b"acTL", b"IEND", b"eXIf"))
+            content = rng.randbytes(rng.choice((0, 4, 13, 300)))
+            length = rng.choice((len(content), 2**31 - 1, 2**20))
+            crc = zlib.crc32(kind + content)
+            data[at:at] = struct.pack(">I", length) + kind + content + struct.pack(">I", crc)
+    return bytes(data)
+
+
+def images(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Compressed images whose chunks, segments and sizes are wrong, in a folder of images that is replayed."""
+    for side in ("left", "right"):
+        (folder / "log" / side).mkdir(parents=True)
+        for n in range(3):
+            image = rng.choice(ammunition.images) if rng.random() < 0.2 else ammunition.png
+            data = _changed_image(rng, image) if n == 1 or rng.random() < 0.1 else image
+            (folder / "log" / side / f"{n:03d}.png").write_bytes(data)
+    (folder / "log" / "calibration.toml").write_text(
+        ammunition.calibration.replace("width = 320", "width = 96")
+        .replace("height = 240", "height = 64")
+        .replace("260.0", "80.0")
+        .replace("159.5", "47.5")
+        .replace("119.5", "31.5")
+    )
+    return Attack(_command(rng, str(folder / "log"), folder), ("out", "out.ply"))
+
+
+def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Settings and calibrations of nested brackets, huge numbers, repeated keys and aliases."""
+    tokens = (
+        *_ODD_NUMBERS, "[", "]", "{", "}", "=", ".", ",", "\n", '"', "'", "#", "a", "[[", "]]", "[left]\n", "[right]\n",
+        "width = ", "K = ", "&a ", "*a", "<<: ", "- ", ": ", "  ", "%YAML:1.0\n---\n", "!!opencv-matrix", "<a>", "</a>",
+        "cam0:\n", "inf", "true", "null", "window.frames = ", "robust.min_inliers = ", "\ufeff", "\0", "é",
+    )  # fmt: skip
+    soup = "".join(rng.choices(tokens, k=int(2 ** rng.uniform(1, 12))))
+    if rng.random() < 0.3:
+        soup = rng.choice(("x = ", "")) + rng.choice(tokens) * int(2 ** rng.uniform(2, 17)) + soup
+    text = ammunition.calibration
+    if rng.random() < 0.5:
+        numbers = list(re.finditer(r"-?\d+(\.\d+)?", text))
+        for match in sorted(rng.sample(numbers, 2), key=lambda m: -m.start()):
+            text = text[: match.start()] + rng.choice(_ODD_NUMBERS) + text[match.end() :]
+        soup = text if rng.random() < 0.7 else text + soup
+    path = folder / rng.choice(("x.toml", "x.yaml", "x.xml", "calib.txt", "x.json"))
+    path.write_bytes(soup.encode("utf-8", "replace"))
+    log = str(shutil.copy(ammunition.log, folder / "log.mcap"))
+    out = str(folder / "out")
+    return Attack(
+        rng.choice(
+            [
+                ["replay", log, "--out", out, "--calibration", str(path), *_FAST],
+                ["inspect", log, "--calibration", str(path)],
+                ["replay", log, "--out", out, "--config", str(path), *_FAST],
+                ["config", "--set", soup[:20_000].replace("\0", "")],
+                ["calibration", "convert", str(path), "--out", f"{out}.toml"],
+                ["replay", log, "--out", out, "--ground-truth", str(path), *_FAST],
+            ]
+        ),
+        ("out", "out.toml"),
+    )
+
+
+def outputs(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Results whose names are those of the input, of its temporary file, or of a link to it."""
+    out = folder / "out"
+    out.mkdir()
+    name = rng.choice([*_result_names()[:6], "log.mcap", "x.ply", "report.html"])
+    log = out / name
+    shutil.copy(ammunition.log, log)
+    target = rng.choice((log, out / f"{name}.part", out / "link", out / "hard"))
+    if target.name == "link":
+        target.symlink_to(log)
+    elif target.name == "hard":
+        os.link(log, target)
+    given = str(rng.choice((log, target if target.exists() else log)))
+    words = rng.choice(
+        [
+            ["replay", given, "--out", str(out), *_FAST],
+            ["replay", given, "--out", str(folder / "new"), "--rrd", str(target), *_FAST],
+            ["compare", given, "--out", str(out), "--methods", "frame-to-frame", "--max-frames", "4"],
+            ["surface", given, "--out", str(target), "--max-frames", "1"],
+            ["surface", given, "--out", str(folder / "new.ply"), "--preview", str(target), "--max-frames", "1"],
+            ["recover", given, str(target), "--force"],
+            ["calibration", "convert", given, "--out", str(target)],
+        ]
+    )
+    # The log stays whatever the words are; only a run whose results have other names may write beside it.
+    results = ["new", "new.ply", *(f"out/{n}" for n in _result_names() if n != name)]
+    return Attack(words, tuple(results))
+
+
+def _result_names() -> list[str]:
+    files = [
+        "estimates.mcap",
+        "trajectory.tum",
+        "trajectory.kitti",
+        "trajectory.csv",
+        "summary.json",
+        "config.toml",
+    ]
+    pages = ["report.html", "report.json", "frame_to_frame", "log.mcap.part", "x.ply.part"]
+    return files + pages + [f"{name}.part" for name in files + pages[:2]]
+
+
+def names(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Logs and results called `..`, or with characters that a file system, a shell or a terminal could obey."""
+    stem = "".join(rng.choices([*_ODD_TEXTS, *string.ascii_letters], k=rng.choice((1, 2, 3, 8, 300))))
+    name = stem.replace("/", rng.choice(("", "_"))).replace("\0", "") + rng.choice((".mcap", "", ".bag", "."))
+    (folder / "logs").mkdir()
+    log = folder / "logs" / name
+    try:
+        shutil.copy(ammunition.log, log)
+    except OSError:
+        log = folder / "logs" / "...mcap"
+        shutil.copy(ammunition.log, log)
+    odd_out = folder / "out" / stem.replace("/", "_").replace("..", "__").replace("\0", "")
+    return Attack(
+        rng.choice(
+            [
+                _command(rng, str(log), folder),
+                ["replay", str(log), "--out", str(odd_out), *_FAST],
+                ["surface", str(log), "--out", f"{odd_out}.ply", "--max-frames", "1"],
+                ["recover", str(log), str(odd_out)],
+                ["replay", str(log), "--left", stem, "--right", stem, "--out", str(folder / "out")],
+            ]
+        ),
+        ("out", "out.ply"),
+    )
+
+
+def escapes(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Topics, encodings, frames and schemas called after commands of a terminal."""
+
+    def odd() -> str:
+        return "".join(rng.choices([t for t in _ODD_TEXTS if t != "\udcff"], k=rng.randint(1, 6)))
+
+    spec = Spec(topics=(f"/left{odd()}/image", f"/right{odd()}/image"))
+    path = write_log(folder / "log.mcap", spec) if rng.random() < 0.5 else folder / "log.mcap"
+    if not path.exists():
+        log = LogWriter(path)
+        for n in range(rng.randint(1, 5)):
+            kind = rng.choice((f"{odd()}/msg/{odd()}", "sensor_msgs/msg/Image", "foxglove.RawImage", odd()))
+            encoding = rng.choice((*_ENCODINGS, (odd(), odd())))
+            log.add(odd(), kind, encoding, odd().encode(), START_NS + n, odd().encode())
+        log.close()
+    return Attack(_command(rng, str(path), folder), ("out", "out.ply"))
+
+
+def damage(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Logs that are damaged, cut off, or changed with their checksums."""
+    path = folder / "log.mcap"
+    if rng.random() < 0.5:
+        whole = rng.choice(ammunition.wholes)
+        data = bytearray(INDEXES[rng.choice(list(INDEXES))](whole))
+        for kind in rng.sample(list(KINDS), rng.choice((1, 1, 3))):
+            with contextlib.suppress(IndexError):  # beyond the end that another one has cut off
+                KINDS[kind](rng, whole, data)
+        path.write_bytes(data)
+    else:
+        path.write_bytes(mutate(rng.choice(ammunition.bases), rng.randrange(2**31))[1])
+    return Attack(_command(rng, str(path), folder), ("out", "out.ply"))
+
+
+ATTACKS = {f.__name__: f for f in (definitions, files, images, texts, outputs, names, escapes, damage)}
+
+
+def attacked(kind: str, folder: Path) -> Trial:
+    """Commands under the attacks of one kind."""
+    ammunition = Ammunition(folder / "ammunition")
+    field = folder / "field"
+
+    def trial(seed: int) -> tuple[int, int, str]:
+        shutil.rmtree(field, ignore_errors=True)
+        field.mkdir()
+        (field / "other").write_bytes(_OTHER)
+        (folder / "beside").write_bytes(_OTHER)
+        attack = ATTACKS[kind](random.Random(f"{kind} {seed}"), ammunition, field)
+        code, problem = _run(attack, folder)
+        return code, 0, problem
+
+    return trial
+
+
+def _run(attack: Attack, folder: Path) -> tuple[int, str]:
+    """The exit code of a command, and what is wrong with what it has printed or changed."""
+    field = folder / "field"
+    before = _everything(folder, field, attack.results)
+    printed, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors), contextlib.chdir(field):
+        code = main(attack.words)
+    said = errors.getvalue()
+    if code not in (0, 2, 3) or "Traceback" in said or "defect" in said:
+        return code, f"exit code {code} of {attack.words}: {said[-500:]}"
+    if obeyed := {c for c in printed.getvalue() + said if not c.isprintable() and c != "\n"}:
+        return code, f"{attack.words} printed {obeyed}"
+    after = _everything(folder, field, attack.results)
+    if after != before:
+        changed = [name for name in before.keys() | after.keys() if before.get(name) != after.get(name)]
+        return code, f"{attack.words} changed {changed}"
+    return code, ""
+
+
+def _everything(folder: Path, field: Path, results: tuple[str, ...]) -> dict[str, object]:
+    """What every file is and holds, apart from results."""
+    free = [field / name for name in results]
+    found: dict[str, object] = {}
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not _below(Path(place, name), free)]
+        for name in (*folders, *files):
+            path = Path(place, name)
+            if not _below(path, free):
+                status = path.lstat()
+                content = path.read_bytes() if path.is_file() and not path.is_symlink() else b""
+                found[str(path)] = status.st_mode, zlib.crc32(content), len(content)
+    return found
+
+
+def _below(path: Path, free: list[Path]) -> bool:
+    return any(path in (place, place.with_name(place.name + ".part")) or place in path.parents for place in free)
