@@ -5,12 +5,14 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from ..types import FrameEstimate, RelativeMotions
+from ..camera.refinement import TERMS
+from ..types import FrameEstimate, RelativeMotions, RigEstimate
 
 SCHEMA_VERSION = 2
 Matrix = list[list[float]]
 Pose = Annotated[Matrix, Meta(extra={"shape": (4, 4)})]
 PoseCovariance = Annotated[Matrix, Meta(extra={"shape": (6, 6)})]
+RigCovariance = Annotated[Matrix, Meta(extra={"shape": (len(TERMS), len(TERMS))})]
 
 
 class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,6 +48,12 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
     relative_cov: Annotated[
         list[PoseCovariance], Meta(description="6×6 covariances of ξ in truth = frame_from_cam·Exp(ξ), as cov_pose")
     ] = []
+    rig_error_px: Annotated[
+        list[float],
+        Meta(description="errors of the calibration as known now, px; empty where it is taken for exact"),
+    ] = []
+    rig_cov_px2: Annotated[list[RigCovariance], Meta(description="their covariance, one matrix, or empty")] = []
+    rig_applied: Annotated[bool, Meta(description="whether they are taken out of the views")] = False
     unscaled: Annotated[
         bool, Meta(description="with one camera: lengths are in units of the first baseline, not in metres")
     ] = False
@@ -96,6 +104,7 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
         window_frame_indices=estimate.window_frame_indices.tolist(),
         window_world_from_cam=estimate.window_world_from_cam.tolist(),
         **_relative(estimate.relative),
+        **_rig(estimate.rig),
         counts={name: int(value) for name, value in estimate.counts.items()},
         unscaled=estimate.unscaled,
         nis=float(estimate.nis),
@@ -111,3 +120,9 @@ def _relative(relative: RelativeMotions | None) -> dict[str, Any]:
         "relative_frame_from_cam": relative.frame_from_newest.tolist(),
         "relative_cov": relative.cov.tolist(),
     }
+
+
+def _rig(rig: RigEstimate | None) -> dict[str, Any]:
+    if rig is None:
+        return {}
+    return {"rig_error_px": rig.mean.tolist(), "rig_cov_px2": [rig.cov.tolist()], "rig_applied": rig.applied}
