@@ -44,9 +44,11 @@ def scaled_inverse(information: Array) -> Array | None:
         return None
     scale = 1 / np.sqrt(diagonal)
     scaled = information * np.outer(scale, scale)
-    if np.linalg.cond(scaled) > _MAX_CONDITION:
+    values, vectors = np.linalg.eigh(scaled)
+    if values[0] * _MAX_CONDITION < values[-1]:
         return None
-    return symmetric(np.linalg.inv(scaled) * np.outer(scale, scale))
+    root = scale[:, None] * vectors / np.sqrt(values)
+    return np.asarray(root @ root.T)
 
 
 def damped_solve(information: Array, gradient: Array) -> Array:

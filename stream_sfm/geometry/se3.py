@@ -166,6 +166,8 @@ def orthonormalise(pose: ArrayLike) -> Array:
 def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
     """Return unit quaternions (…, 4) in the order x, y, z, w, with w ≥ 0, of rotation matrices (…, 3, 3)."""
     r = np.asarray(rotation_matrix, dtype=float)
+    if r.ndim == 2:
+        return _quat_of_one(r)
     trace = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
     # The 4×4 symmetric matrix 4·q·qᵀ: its row with the largest diagonal is the best conditioned.
     q2 = np.empty((*r.shape[:-2], 4, 4))
@@ -180,6 +182,20 @@ def quat_xyzw_from_matrix(rotation_matrix: ArrayLike) -> Array:
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     positive: Array = np.where(q[..., 3:] < 0, -q, q)
     return positive
+
+
+def _quat_of_one(rotation: Array) -> Array:
+    """`quat_xyzw_from_matrix` of one matrix (3, 3), written out: NumPy on so few numbers takes ten times as long."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    rows = (
+        (1 + a - e - i, b + d, c + g, h - f),
+        (b + d, 1 - a + e - i, f + h, c - g),
+        (c + g, f + h, 1 - a - e + i, d - b),
+        (h - f, c - g, d - b, 1 + a + e + i),
+    )
+    q = rows[max(range(4), key=lambda k: rows[k][k])]
+    norm = math.copysign(math.hypot(*q), q[3])
+    return np.array([x / norm for x in q])
 
 
 def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
