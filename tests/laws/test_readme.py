@@ -24,10 +24,12 @@ NOT_RUN = {
     "python3 -m venv": "makes the environment that this test runs in",
     "activate": "enters it",
     "pip install": "fills it",
+    "pip uninstall": "the same",
     "python -m pytest": "is this",
     "dask": "needs a cluster; tests/batch/test_cluster.py has one",
     "--scheduler": "needs a cluster",
     "--view": "needs a display; tests/viewer/ writes files instead",
+    "batch compare": "needs more frames for its ratios; tests/comparison/test_many.py runs it",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
     "import kitti": "needs a recording; tests/importers/ makes one",
     "import video": "needs a recording; tests/importers/ makes one",
@@ -43,6 +45,7 @@ PLACES = {
     "DIR": "out",
     "FILE": "out.rrd",
     "FILE.ply": "room.ply",
+    "K": "2",
 }
 
 
