@@ -16,9 +16,9 @@ from ...types import RigEstimate
 # Of χ², as standard deviations of a Gaussian. Six would take an exact calibration for a wrong one once in a thousand
 # million frames; but on exact rigs values have been seen that χ² has at three to four. Real rigs are found at dozens.
 _SIGNIFICANT = 8.0
-# Of the standard deviations assumed beforehand: no error of a calibration is larger. Real rigs have 2.3 at most, one
-# with the calibration of half the resolution 4 to 19.
-_IMPOSSIBLE = 4.0
+# Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
+# 1.8 to 5.2, one with the calibration of half the resolution 6 to 30. χ² says: longer once in ten million.
+_IMPOSSIBLE = 7.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +68,10 @@ class RigKnowledge:
 
 def impossible(rig: RigEstimate | None) -> str:
     """Say that the errors of the calibration are larger than those of any; empty where they are not, or not known."""
-    largest = 0.0 if rig is None else float(np.abs(rig.mean).max(initial=0.0))
-    if largest < _IMPOSSIBLE:
+    length = 0.0 if rig is None else float(np.linalg.norm(rig.mean))
+    if length < _IMPOSSIBLE:
         return ""
     return (
-        f"the calibration errs by {largest:.1f} times the σ assumed for it: is it of these cameras and of this "
-        "resolution, and has none of them moved?"
+        f"the errors of the calibration would be {length:.1f} times the σ assumed for them: is it of these cameras "
+        "and of this resolution, and has none of them moved?"
     )
