@@ -16,10 +16,11 @@ from ..errors import ConfigError, FrameError, InputError
 from ..estimators import METHODS
 from ..evaluation.association import checked_ranges, without_frames
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
+from ..frontend.rig_effects import RigEffects
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
-from ..pipeline.refine import refined_for_itself
+from ..pipeline.refine import describe, refined_for_itself
 from ..pipeline.self_test import SelfTest
 from ..pipeline.statistics import Stopwatch
 from ..pipeline.structure import TrueDepth
@@ -27,12 +28,14 @@ from ..pipeline.there_and_back import TOO_MANY, KeptFrames
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
-from ..report.records import Comparison, MethodRun
+from ..report.records import CalibrationError, Comparison, MethodRun
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink, Status, Trajectory
 from ..wording import unknown_name
 from .method import ComparedMethod
 from .recorder import Recorder
+
+_ROWS, _COLUMNS = 5, 9  # of the places in the image where the report gives the error of the calibration
 
 COMPARED = (
     "cross-frame",
@@ -194,6 +197,18 @@ class _Run:
         z_px = observed.observations.z_px - effects @ learnt.mean
         return replace(observed, observations=replace(observed.observations, z_px=z_px))
 
+    def _calibration(self) -> CalibrationError | None:
+        """What the methods have told about the calibration, in numbers and over the image."""
+        told = next((m.rig_px for m in self.methods if m.rig_px is not None), None)
+        if told is None:
+            return None
+        p = self.observer.projection
+        u, v = np.meshgrid(np.linspace(0, p.width - 1, _COLUMNS), np.linspace(0, p.height - 1, _ROWS))
+        effects = RigEffects(p, self.config.rig, None)
+        error_px, std_px = effects.disparity(told, np.stack([u.ravel(), v.ravel()], axis=1))
+        figures = describe(told, p.f_px * p.baseline_m, self.rig.refinement is not None)
+        return CalibrationError(figures, error_px.reshape(u.shape), std_px.reshape(u.shape))
+
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
         """Feed the frames backwards; return what the report says about it."""
         if self.problems:
@@ -234,6 +249,7 @@ class _Run:
             log=self.log.path.name,
             rig=self.rig,
             self_test=None if self.self_test is None else self.self_test.result(),
+            calibration=self._calibration(),
             config=self.config,
             runs=runs,
             front=self.recorder.front,

@@ -34,6 +34,7 @@ class ComparedMethod:
         self._config = msgspec.structs.replace(config, method=name)
         self._estimator = make_estimator(name, observer.projection, self._config)
         self.rig: RigEstimate | None = None  # what the method has told of the rig's errors, the latest
+        self.rig_px: RigEstimate | None = None  # the same in pixels
         self._structure = StructureSink(observer.rig.left, depth)
         self._folder = None
         if folder is not None:
@@ -47,7 +48,7 @@ class ComparedMethod:
         if solved is None:
             return None
         solution, estimate = solved
-        self.rig = solution.rig or self.rig
+        self.rig, self.rig_px = solution.rig or self.rig, estimate.rig or self.rig_px
         self.record.add(estimate)
         self.record.reprojection_px.append(self._reprojection_px(solution, observed.observations))
         for sink in self.sinks:

@@ -51,6 +51,14 @@ class RigEffects:
             error_px = error_px + self._error_px
         return RigEstimate(error_px, self._root @ estimate.cov @ self._root.T, estimate.applied)
 
+    def disparity(self, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
+        """Error (n,) of far points' disparity at left positions (n, 2), by an estimate in pixels, and its σ; px."""
+        p = self._projection
+        far = np.tile(left_px, 2) + np.array([0.0, 0.0, p.cx_right_px - p.cx_left_px, 0.0])
+        effects = self._per_pixel(far)
+        by_term = effects[:, 0] - effects[:, 2]
+        return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
+
     def _per_pixel(self, z_px: Array) -> Array:
         """(n, 4, m) px per pixel of each term, for views (n, 4)."""
         p = self._projection

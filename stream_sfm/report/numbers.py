@@ -83,6 +83,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "error_over_cross_frame": ratios,
         "there_and_back": c.return_note,
         "self_test": c.self_test,
+        "rig": None if c.calibration is None else c.calibration.numbers,
         "divergence_from_cross_frame_m": _divergence(c),
         "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.local_difference]),
         "tracks": _tracks(c),

@@ -5,7 +5,7 @@ from typing import Any
 
 from ..evaluation.truth_check import warnings_of
 from ..files import json_bytes, write_whole
-from . import accuracy_charts, consistency_charts, pictures
+from . import accuracy_charts, calibration_field, consistency_charts, pictures
 from .accuracy_charts import Traces
 from .conclusion import conclusion
 from .methods import label, style
@@ -45,7 +45,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         returned=returned,
         conclusion=conclusion(content),
         notes=_notes(c, content),
-        sections=_sections(truth, returned),
+        sections=_sections(truth, returned, c.calibration is not None),
         path_m=_path_length_m(traces, methods),
         lengths=_lengths(lengths),
         grown=any(m["growth_exponent"] is not None for m in methods.values()),
@@ -58,6 +58,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
             "needles": pictures.needles(c.front),
             "lives": pictures.lives(c.front),
             "timeline": pictures.timeline(c.runs, len(c.front.tracked), c.front.gaps),
+            "calibration": calibration_field.picture(c.calibration),
         },
         stages=[*content["timing_ms"].items(), *((label(r.name), methods[r.key]["estimator_ms"]) for r in c.runs)],
         log_check=log_check,
@@ -88,7 +89,7 @@ def _charts(c: Comparison, traces: Traces) -> dict[str, Any]:
     }
 
 
-def _sections(truth: bool, returned: bool) -> list[tuple[str, str]]:
+def _sections(truth: bool, returned: bool, calibration: bool) -> list[tuple[str, str]]:
     """Anchor and title of each section."""
     accuracy = [("errors", "Error"), ("drift", "Drift"), ("axes", "Axes")] if truth else []
     return [
@@ -98,6 +99,7 @@ def _sections(truth: bool, returned: bool) -> list[tuple[str, str]]:
         ("consistency", "Consistency"),
         ("agreement", "There and back" if returned else "Agreement"),
         ("structure", "Structure"),
+        *([("calibration", "Calibration")] if calibration else []),
         ("images", "Images"),
         ("work", "Status and time"),
         ("log-check", "Log check"),

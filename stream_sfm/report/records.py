@@ -135,6 +135,18 @@ class FrontRecord:
             self.snapshot_stride *= 2
 
 
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CalibrationError:
+    """What the images have told about the calibration: `numbers` as the section `rig` of summary.json.
+
+    `disparity_px` (rows, columns): the error of the disparity of far points over the left image, with `std_px`.
+    """
+
+    numbers: dict[str, Any]
+    disparity_px: Array
+    std_px: Array
+
+
 @dataclass(slots=True, eq=False, repr=False)
 class Comparison:
     """Everything that a report is made from.
@@ -142,7 +154,8 @@ class Comparison:
     `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
     WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
     not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth;
-    `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians.
+    `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians;
+    `calibration`: what the cross-frame window has found about that.
     """
 
     log: str
@@ -161,3 +174,4 @@ class Comparison:
     return_note: str = ""
     self_test: dict[str, list[dict[str, Any]]] | None = None
     std_truth: tuple[float, float] = (0.0, 0.0)
+    calibration: CalibrationError | None = None

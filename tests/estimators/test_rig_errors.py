@@ -116,3 +116,14 @@ def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_
         effects = per_px.of(p.project(points))[:, :, TERMS.index(term)] / config.std_lens_px
         left = p.project(points) + shift - turned - delta * effects
         assert np.abs(left[:, :3]).max() < 1e-2 * np.abs(delta * effects).max()
+
+
+def test_the_error_of_the_disparity_over_the_image_has_the_sigma_of_its_terms() -> None:
+    p = SCENE.sequence(np.random.SeedSequence(0)).projection
+    model = RigEffects(p, RigConfig(), None)
+    corner = np.array([[p.width - 1.0, p.height - 1.0]])
+    mean, cov = np.zeros(M), np.zeros((M, M))
+    mean[:2], cov[0, 0], cov[1, 1], cov[0, 1], cov[1, 0] = (0.2, 0.3), 0.04, 0.09, 0.02, 0.02
+    error_px, std_px = model.disparity(RigEstimate(mean, cov, True), np.repeat(corner, 2, axis=0) * [[1], [0]])
+    assert error_px == pytest.approx([-0.5, 0.1])  # right views further right: less disparity
+    assert std_px == pytest.approx(np.sqrt([0.17, 0.09]))
