@@ -12,6 +12,7 @@ from .errors import OutputError
 # What a result folder holds. A file of these names is written as `<name>.part` first.
 RESULTS = (
     "estimates.mcap", "trajectory.tum", "trajectory.kitti", "trajectory.csv", "summary.json", "config.toml",
+    "metadata.yaml",
     "report.html",
 )  # fmt: skip
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file

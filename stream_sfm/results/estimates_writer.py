@@ -23,6 +23,7 @@ file is moved to its name by `close`: a process that is killed leaves all but th
 which `read_estimates` reads.
 """
 
+from collections import Counter
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -38,6 +39,7 @@ from ..files import PartFile
 from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
 from . import ros_messages
+from .bag_metadata import bag_metadata
 from .covariances import fixed_axis_covariance
 from .frames import RosFrames
 from .path import PathSoFar
@@ -94,6 +96,8 @@ class EstimatesWriter:
         )
         self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
         self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", rig.to_toml().encode())
+        self._counts: Counter[str] = Counter()
+        self._times_ns = (0, 0)  # of the first and the last message
         self._channels = self._register()
         self._writer.flush()
         self._chunk_began_ns = 0
@@ -114,7 +118,7 @@ class EstimatesWriter:
                 topic,
                 MessageEncoding.CDR,
                 schemas[name],
-                {"offered_qos_profiles": _LATCHED if topic == "/tf_static" else ""},
+                {"offered_qos_profiles": _quality(topic)},
             )
             for topic, name in topics.items()
         }
@@ -156,6 +160,11 @@ class EstimatesWriter:
             self._file.close()  # raises the same error
             raise
         self._file.close()
+
+    def metadata(self) -> bytes:
+        """What metadata.yaml says of the file, so that its folder is a bag."""
+        topics = {topic: (_TOPICS[topic], _quality(topic), self._counts[topic]) for topic in self._channels}
+        return bag_metadata(self._file.path.name, topics, *self._times_ns)
 
     def _finish(self) -> None:
         if (last := self._last) is not None:
@@ -205,3 +214,10 @@ class EstimatesWriter:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
         data = ros_messages.encode(message)
         self._writer.add_message(self._channels[topic], stamp, data, stamp, estimate.frame_index)
+        first_ns, last_ns = self._times_ns if self._counts else (stamp, stamp)
+        self._times_ns = min(first_ns, stamp), max(last_ns, stamp)
+        self._counts[topic] += 1
+
+
+def _quality(topic: str) -> str:
+    return _LATCHED if topic == "/tf_static" else ""

@@ -13,6 +13,7 @@ from ..errors import OutputError
 from ..files import json_bytes, write_whole
 from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
+from . import bag_metadata
 from .estimates_writer import EstimatesWriter
 from .frame_table import CsvWriter
 from .trajectory_files import KittiWriter, TumWriter
@@ -22,7 +23,7 @@ _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits t
 
 
 class ResultFolder:
-    """A sink that writes estimates.mcap, trajectory.{tum,kitti,csv} and config.toml, and at last summary.json.
+    """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and at last summary.json.
 
     The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
     behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder.
@@ -57,10 +58,18 @@ class ResultFolder:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
         try:
             close_all(self._files)
+            self._write_metadata()
         finally:
             if self._lock is not None:
                 os.close(self._lock)
                 self._lock = None
+
+    def _write_metadata(self) -> None:
+        """Make the folder a bag, unless it is one already that is not ours."""
+        for file in self._files:
+            path = self.path / bag_metadata.NAME
+            if isinstance(file, EstimatesWriter) and bag_metadata.may_be_written(path, "estimates.mcap"):
+                write_whole(path, file.metadata())
 
     def _open(self) -> None:
         try:

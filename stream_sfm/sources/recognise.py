@@ -36,6 +36,7 @@ _OTHER_FILES = (
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _START_BYTES = 16
+_RESULT = "estimates.mcap"  # of a run
 _LISTED = 3  # recordings that a message names
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, folders of left and right images"
@@ -58,6 +59,8 @@ def is_recording(path: Path) -> bool:
     """Whether a file by its name, or a folder by what is in it, is a recording as a whole."""
     if not path.is_dir():
         return path.name.removesuffix(".zstd").endswith(SUFFIXES)
+    if (path / _RESULT).is_file():  # a bag as well, but of estimates
+        return False
     if (path / METADATA).is_file() or any(belongs(path) for belongs, _ in _FOLDERS):
         return True
     # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.

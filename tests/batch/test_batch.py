@@ -92,11 +92,16 @@ def test_done_means_the_same_log_configuration_selection_and_software(
     moved = tmp_path / "moved.mcap"
     moved.write_text("first")
     assert run_job(replace(job, log=moved)).reused
-    for change in ({"config_toml": "x"}, {"options": ("--stride=2",)}, {"calibration": calibration}):
+    for change in (
+        {"config_toml": "x"},
+        {"options": ("--stride=2",)},
+        {"calibration": (calibration,)},
+        {"truth": calibration},
+    ):
         changed = replace(job, **change)
         assert not run_job(changed).reused and run_job(changed).reused, change
     calibration.write_text("[right]")
-    assert not run_job(replace(job, calibration=calibration)).reused
+    assert not run_job(replace(job, calibration=(calibration,))).reused
     log.write_text("second")
     assert not run_job(job).reused and run_job(job).reused
     monkeypatch.setattr(jobs, "__version__", "9.9")

@@ -273,6 +273,7 @@ def _result_names() -> list[str]:
         "estimates.mcap",
         "trajectory.tum",
         "trajectory.kitti",
+        "metadata.yaml",
         "trajectory.csv",
         "summary.json",
         "config.toml",

@@ -28,7 +28,7 @@ FRAMES = 60
 IN_A_SECOND = 20
 FILES = (
     "config.toml", "estimates.mcap", "report.html", "summary.json",
-    "trajectory.csv", "trajectory.kitti", "trajectory.tum",
+    "metadata.yaml", "trajectory.csv", "trajectory.kitti", "trajectory.tum",
 )  # fmt: skip
 
 

@@ -187,6 +187,7 @@ def test_topics_never_become_paths(tmp_path: Path):
                 "config.toml",
                 "estimates.mcap",
                 "summary.json",
+                "metadata.yaml",
                 "trajectory.csv",
                 "trajectory.kitti",
                 "trajectory.tum",

@@ -26,7 +26,7 @@ from tests.helpers.sinks import Calling
 from tests.helpers.wall import PERIOD_NS
 from tests.helpers.wall_log import START_NS, write_wall_log
 
-FILES = {"estimates.mcap", "summary.json", "config.toml", "report.html"} | {
+FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml", "report.html"} | {
     f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")
 }
 FAST = sfm.Config(method="frame-to-frame")

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evo.tools import file_interface
+from rosbags.rosbag2 import Reader
 
 import stream_sfm as sfm
 from stream_sfm.results.folder import ResultFolder, close_all, new_run_folder, point_latest_to
+from stream_sfm.sources.recognise import is_recording
 from tests.helpers.wall import Wall, camera_path, rig
 
 
@@ -30,6 +33,7 @@ def test_live_estimates_are_written_as_those_of_a_replay(steps, tmp_path: Path) 
         "estimates.mcap",
         "trajectory.tum",
         "trajectory.kitti",
+        "metadata.yaml",
         "trajectory.csv",
         "config.toml",
         "summary.json",
@@ -78,3 +82,41 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
     for folder in (first, second):
         point_latest_to(folder)
         assert (tmp_path / "runs" / "latest").resolve() == folder.resolve()
+
+
+@pytest.mark.parametrize("base_frame", ["", "base_link"])
+def test_the_folder_is_a_bag(steps, tmp_path: Path, base_frame: str) -> None:
+    """Read by rosbags, and by evo as users call it."""
+    folder = ResultFolder(tmp_path / "run", rig(), sfm.Config(ros=sfm.RosConfig(base_frame=base_frame)))
+    for step in steps:
+        folder.write(*step)
+    folder.close()
+    with Reader(folder.path) as bag, Reader(folder.path / "estimates.mcap") as file:
+        assert bag.message_count == file.message_count == len(list(bag.messages()))
+        assert (bag.start_time, bag.end_time) == (file.start_time, file.end_time)
+        assert {c.topic: (c.msgtype, c.msgcount) for c in bag.connections} == {
+            c.topic: (c.msgtype, c.msgcount) for c in file.connections
+        }
+        durabilities = {c.topic: [q.durability.name for q in c.ext.offered_qos_profiles] for c in bag.connections}
+        assert durabilities.get("/tf_static", []) == (["TRANSIENT_LOCAL"] if base_frame else [])
+        read = file_interface.read_bag_trajectory(bag, "/stream_sfm/odometry")
+    if not base_frame:
+        assert np.allclose(read.poses_se3, [e.world_from_cam for e, _ in steps], atol=1e-12)
+    assert not is_recording(folder.path)  # a batch over a folder with results does not replay them
+
+
+def test_the_metadata_of_another_bag_is_left_as_it_is(steps, tmp_path: Path) -> None:
+    for text in ("rosbag2_bagfile_information:\n  relative_file_paths: [mine.db3]\n", "not yaml", "{}"):
+        (tmp_path / "metadata.yaml").write_text(text)
+        folder = ResultFolder(tmp_path, rig(), sfm.Config())
+        folder.write(*steps[0])
+        folder.close()
+        assert (tmp_path / "metadata.yaml").read_text() == text
+    (tmp_path / "metadata.yaml").unlink()
+    for frames in (1, 2):  # that of an earlier run is replaced
+        folder = ResultFolder(tmp_path, rig(), sfm.Config())
+        for step in steps[:frames]:
+            folder.write(*step)
+        folder.close()
+        with Reader(tmp_path) as bag:
+            assert next(c.msgcount for c in bag.connections if c.topic == "/tf") == frames

@@ -1,0 +1,52 @@
+"""`metadata.yaml`, which makes the folder of a run a ROS 2 bag: `ros2 bag play DIR`, and evo reads the folder."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+NAME = "metadata.yaml"
+_VERSION = 5  # of ROS 2 Humble; later ones read it
+
+
+def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns: int, last_ns: int) -> bytes:
+    """The content for one MCAP file; `topics`: type, quality of service and number of messages of each.
+
+    It is written as JSON, which is YAML as well.
+    """
+    starting, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
+    count = sum(messages for _, _, messages in topics.values())
+    information = {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        "relative_file_paths": [file],
+        "duration": duration,
+        "starting_time": starting,
+        "message_count": count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic,
+                    "type": kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": quality,
+                },
+                "message_count": messages,
+            }
+            for topic, (kind, quality, messages) in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "files": [{"path": file, "starting_time": starting, "duration": duration, "message_count": count}],
+    }
+    return (json.dumps({"rosbag2_bagfile_information": information}, indent=2) + "\n").encode()
+
+
+def may_be_written(path: Path, file: str) -> bool:
+    """Whether there is none at `path` yet, or one of an earlier run: that of another bag is left as it is."""
+    try:
+        content = json.loads(path.read_bytes())
+        return bool(content["rosbag2_bagfile_information"]["relative_file_paths"] == [file])
+    except FileNotFoundError:
+        return True
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
