@@ -3,10 +3,12 @@
     output    not a picture: what the first command of the README prints; its times are those of this machine
     viewer    logs/room.mcap in the Rerun viewer, without a window
     drift     the top of the report of `stream-sfm compare logs/room.mcap`
+    transitory  its figure of the tracks against the frames, as in the paper's Figure 1
     surface   `stream-sfm surface logs/room.mcap --all --preview`
     figure6   `stream-sfm simulate figure6`, 100 trials: some minutes
 
-`viewer` needs a Vulkan driver (Debian: mesa-vulkan-drivers draws without a graphics card), `drift` needs Chromium.
+`viewer` needs a Vulkan driver (Debian: mesa-vulkan-drivers draws without a graphics card), `drift` and `transitory`
+need Chromium.
 """
 
 import argparse
@@ -26,8 +28,9 @@ PICTURES = ROOT / "docs/pictures"
 VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
 VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
-REPORT_SIZE = (1280, 1225)
-REPORT_LEFT_OUT = "<style>nav, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
+REPORT_SIZE = (1280, 1245)
+TRANSITORY_SIZE = (1000, 490)
+REPORT_LEFT_OUT = "<style>.links, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
 
 
 def stream_sfm(*arguments: object) -> None:
@@ -67,19 +70,36 @@ def viewer(folder: Path) -> None:
 
 def drift(folder: Path) -> None:
     """The drift report in a browser: its verdict, its table and the errors against the frame."""
+    stream_sfm("compare", LOG, "--out", folder, "-q")
+    report = (folder / "report.html").read_text(encoding="utf-8")
+    photograph(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), folder, "drift", REPORT_SIZE)
+
+
+def transitory(folder: Path) -> None:
+    """One line per point from its first to its last frame: nothing is seen throughout."""
+    stream_sfm("compare", LOG, "--out", folder, "-q", "--methods", "cross-frame")
+    report = (folder / "report.html").read_text(encoding="utf-8")
+    style = re.search(r"<style>.*?</style>", report, re.DOTALL)
+    figure = re.search(r'<figure class="wide"><figcaption><b>Track lifetimes.*?</figure>', report, re.DOTALL)
+    assert style is not None and figure is not None
+    head = f'<head><meta charset="utf-8">{style[0]}</head>'
+    page = f'<!doctype html><html lang="en">{head}<body>{figure[0]}</body></html>'
+    photograph(page, folder, "transitory", TRANSITORY_SIZE)
+
+
+def photograph(html: str, folder: Path, name: str, size: tuple[int, int]) -> None:
+    """A picture of the top of a page."""
     browser = next(
         (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
     )
     if browser is None:
-        raise SystemExit("drift needs Chromium: apt-get install chromium")
-    stream_sfm("compare", LOG, "--out", folder, "-q")
+        raise SystemExit(f"{name} needs Chromium: apt-get install chromium")
     page = folder / "excerpt.html"
-    report = (folder / "report.html").read_text(encoding="utf-8")
-    page.write_text(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), encoding="utf-8")
+    page.write_text(html, encoding="utf-8")
     subprocess.run(
         [
             browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-            f"--window-size={REPORT_SIZE[0]},{REPORT_SIZE[1]}", f"--screenshot={PICTURES / 'drift.png'}", page.as_uri(),
+            f"--window-size={size[0]},{size[1]}", f"--screenshot={PICTURES / f'{name}.png'}", page.as_uri(),
         ],
         check=True, stderr=subprocess.DEVNULL,
     )  # fmt: skip
@@ -97,7 +117,7 @@ def figure6(folder: Path) -> None:
     shutil.copy(folder / "figure6.png", PICTURES / "figure6.png")
 
 
-MAKERS = {maker.__name__: maker for maker in (output, viewer, drift, surface, figure6)}
+MAKERS = {maker.__name__: maker for maker in (output, viewer, drift, transitory, surface, figure6)}
 
 
 def main() -> None:
