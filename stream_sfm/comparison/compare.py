@@ -16,10 +16,12 @@ from ..errors import ConfigError, FrameError, InputError
 from ..estimators import METHODS
 from ..evaluation.association import checked_ranges, without_frames
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
+from ..frontend.prepared import PreparedImages
 from ..frontend.rig_effects import RigEffects
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
+from ..pipeline.prefetch import prepared_ahead
 from ..pipeline.refine import describe, refined_for_itself
 from ..pipeline.self_test import SelfTest
 from ..pipeline.statistics import Stopwatch
@@ -152,9 +154,10 @@ class _Run:
 
     def forwards(self, kept: KeptFrames | None, interruption: Interruption) -> None:
         """Take the frames one by one until the log ends or the run is interrupted; then close the sinks."""
+        frames = prepared_ahead(self.observer, self.log.frames(self.selection))
         try:
-            for frame in interruption.until_requested(self.stopwatch.frames(self.log.frames(self.selection))):
-                self.take(frame)
+            for frame, prepared in interruption.until_requested(self.stopwatch.frames(frames)):
+                self.take(frame, prepared)
                 if kept is not None:
                     kept.keep(frame)
             if interruption.requested:
@@ -164,12 +167,13 @@ class _Run:
                 raise
             self.problems.append(str(error))
         finally:
+            frames.close()
             close_all([*(sink for method in self.methods for sink in method.sinks), *self.sinks])
 
-    def take(self, frame: RecordedFrame) -> None:
+    def take(self, frame: RecordedFrame, prepared: PreparedImages | None) -> None:
         """Pass one frame through the observer, and its observations through all methods."""
         try:
-            observed = self.observer.observe(frame)
+            observed = self.observer.observe(frame, prepared)
         except FrameError as error:
             for method in self.methods:
                 method.statistics.refuse(error)

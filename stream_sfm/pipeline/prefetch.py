@@ -8,13 +8,14 @@ from ..camera.models import MANY_PIXELS
 from ..engine import Engine
 from ..errors import InputError
 from ..frontend.prepared import PreparedImages
+from ..observer import Observer
 from ..recording import RecordedFrame
 
 Frames = Generator[RecordedFrame, None, None]
 PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
 
 
-def prepared_ahead(engine: Engine, frames: Frames) -> PreparedFrames:
+def prepared_ahead(engine: Engine | Observer, frames: Frames) -> PreparedFrames:
     """Yield each frame with what `Engine.prepare` returned for it, or None if that failed: `Engine.step` says why.
 
     Very large images are not prepared ahead: `Engine.step` does it. If the log ends in an InputError, all frames that
