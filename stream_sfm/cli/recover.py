@@ -53,7 +53,8 @@ def _print_table(recovered: "Recovered") -> None:
 
     total = sum(recovered.messages.values())
     lost = "nothing was lost" if recovered.complete else "what was damaged is lost"
-    table = facts_table(escape(cleaned(f"{recovered.path}: {total} messages; {lost}")))
+    print(cleaned(f"{recovered.path}: {total} messages; {lost}"))
+    table = facts_table()
     for topic, count in recovered.messages.items():
         table.add_row(escape(cleaned(topic)), str(count))
     for kind, count in (("attachments", recovered.attachments), ("metadata records", recovered.metadata)):
