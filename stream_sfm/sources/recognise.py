@@ -85,6 +85,8 @@ def _open_file(path: Path) -> Source:
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
+    if _is_video(start):
+        raise LogError(f"{path} is a video: import it into a log, with a calibration", hint=("import_images",))
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
@@ -94,6 +96,11 @@ def _end(stream: IO[bytes]) -> bytes:
     """As many bytes as MCAP ends with."""
     stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
     return stream.read()
+
+
+def _is_video(start: bytes) -> bool:
+    """Whether a file begins as MP4, Matroska or AVI."""
+    return start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI "
 
 
 def _open_folder(path: Path) -> Source:

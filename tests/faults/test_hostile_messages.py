@@ -12,6 +12,7 @@ import pytest
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 import stream_sfm as sfm
+from stream_sfm.outputs import RESULTS
 from stream_sfm.pipeline.replay import replay
 from stream_sfm.recording.ros import ros_decoder
 from tests.helpers.stereo_logs import (
@@ -181,17 +182,6 @@ def test_topics_never_become_paths(tmp_path: Path):
     out = tmp_path / "a" / "b" / "c" / "out"
     assert replay(log, out, FAST).summary["frames"]["estimated"] == 12
     assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()) == [
-        *(
-            f"a/b/c/out/{n}"
-            for n in (
-                "config.toml",
-                "estimates.mcap",
-                "summary.json",
-                "metadata.yaml",
-                "trajectory.csv",
-                "trajectory.kitti",
-                "trajectory.tum",
-            )
-        ),
+        *(f"a/b/c/out/{name}" for name in sorted(RESULTS)),
         "log.mcap",
     ]

@@ -87,7 +87,10 @@ def test_lossy_video_is_replayed(calibration: Path, pairs, tmp_path: Path, capsy
     assert f"{FRAMES} left and {FRAMES} right images" in capsys.readouterr().out
     assert main(["replay", str(log), "--out", str(out), "-q"]) == 0
     run = sfm.read_results(out)
-    assert run.statuses.tolist()[1:] == (FRAMES - 1) * ["ok"]
+    assert len(run) == FRAMES and "lost" not in run.statuses
+    assert (
+        run.table["points_used"] > 100
+    ).all()  # what a coder does to the images may be a doubt about the calibration
 
 
 def test_one_side_that_ends_early_is_told(pairs, calibration: Path, tmp_path: Path) -> None:
@@ -152,3 +155,11 @@ def test_times_that_do_not_grow_ask_for_a_rate(pairs, calibration: Path, tmp_pat
         import_video(both, calibration, tmp_path / "o.mcap")
     import_video(both, calibration, tmp_path / "o.mcap", rate_hz=RATE_HZ)
     assert_same_frames(tmp_path / "o.mcap", pairs)
+
+
+@pytest.mark.parametrize("ending, codec", [(".mkv", "FFV1"), (".avi", "FFV1"), (".mp4", "mp4v")])
+def test_a_video_given_as_a_log_is_told_from_damage(ending: str, codec: str, pairs, tmp_path: Path, capsys) -> None:
+    video = write(tmp_path / f"v{ending}", [p[0] for p in pairs], codec=cv2.VideoWriter.fourcc(*codec))
+    assert main(["replay", str(video), "--out", str(tmp_path / "out")]) == 3
+    said = capsys.readouterr().err
+    assert "is a video: import it into a log" in said and "stream-sfm import --help" in said
