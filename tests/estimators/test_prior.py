@@ -194,11 +194,15 @@ def test_system_is_the_dense_solution(prior, estimated) -> None:
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, prior.rig.root @ dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta, rel=1e-9)
-    cov_q, cov_qx, cov_qw, cov_x, cov_w, cov_xw = system.covariances(frames - 1)
+    cov_q, cov_qx, cov_qw, cov_x, cov_w, cov_xw, q_by_rig, x_by_rig = system.covariances(frames - 1)
     x, w = slice(a - 6, a), slice(a + b, a + b + 6)
-    points = cov[a : a + b, a : a + b].reshape(total, 3, total, 3)[np.arange(total), :, np.arange(total), :]
+    points = _blocks(cov[a : a + b, a : a + b])
+    given, least = np.linalg.inv(h[:-M, :-M]), scale[a : a + b].min()  # given the rig's errors
+    cov_q_given = cov_q - q_by_rig @ np.swapaxes(q_by_rig, 1, 2)
     for mine, theirs, rows, columns in (
         (cov_q.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
+        (cov_q_given.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
+        (cov_x - x_by_rig @ x_by_rig.T, given[x, x], scale[x], scale[x]),
         (cov_qx.reshape(b, 6), cov[a : a + b, x], scale[a : a + b], scale[x]),
         (cov_qw.reshape(b, 6), cov[a : a + b, w], scale[a : a + b], scale[w]),
         (cov_x, cov[x, x], scale[x], scale[x]),
@@ -206,3 +210,9 @@ def test_system_is_the_dense_solution(prior, estimated) -> None:
         (cov_xw, cov[x, w], scale[x], scale[w]),
     ):
         assert np.abs((mine - theirs) / np.outer(rows, np.broadcast_to(columns, mine.shape[1]))).max() < 1e-5
+
+
+def _blocks(cov: np.ndarray) -> np.ndarray:
+    """The blocks (n, 3, 3) on the diagonal."""
+    n = len(cov) // 3
+    return np.asarray(cov.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :])

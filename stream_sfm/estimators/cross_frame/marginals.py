@@ -33,7 +33,8 @@ _MIN_DEPTH_SIGMAS = 3.0
 class Marginals:
     """Marginal estimates of the newest pose and of all points of the map (n).
 
-    `q_in_cam`: q in the newest camera; metric points in that camera and in the world; each with its covariance.
+    `q_in_cam`: q in the newest camera; metric points in that camera and in the world; each with its covariance, that of
+    q given the rig's errors: they do the same to the next views of the points, and cancel between two frames.
     `finite` (n,) bool: the depth is known well enough for metres; the metric rows of the others have no meaning.
     """
 
@@ -68,6 +69,7 @@ class Marginals:
         k = q_jacobian(in_cam)
         by_q = k @ cam_from_ref @ ref_from_anchor[:, :, Q_COLUMNS]
         cov_q = _propagate(by_q, cov.qq, k @ pose_jacobian(in_cam), cov.xx, cov.qx)
+        by_rig = by_q @ cov.q_by_rig + k @ pose_jacobian(in_cam) @ cov.x_by_rig
         q_in_cam = q_from_homogeneous(in_cam)
         here = _with_unit_scale(homogeneous_from_q(q_in_cam), ~finite)
         d = metric_jacobian(here)[..., Q_COLUMNS]
@@ -85,7 +87,7 @@ class Marginals:
             world_from_cam=se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
             cov_pose=symmetric(cov_pose),
             q_in_cam=q_in_cam,
-            cov_q_in_cam=cov_q,
+            cov_q_in_cam=symmetric(cov_q - by_rig @ np.swapaxes(by_rig, 1, 2)),
             points_in_cam=here[:, :3] / here[:, 3:],
             cov_points=symmetric(d @ cov_q @ np.swapaxes(d, 1, 2)),
             points_in_world=se3.transform(world_from_ref, points_in_ref),

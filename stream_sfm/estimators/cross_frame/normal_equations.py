@@ -18,7 +18,8 @@ from .prior import Prior
 class JointCovariance(NamedTuple):
     """Blocks of the inverse of the normal equations, eq. (28): q of the points, one pose x, the world w.
 
-    `qq` (P, 3, 3), `qx` and `qw` (P, 3, 6), `xx`, `ww` and `xw` (6, 6).
+    `qq` (P, 3, 3), `qx` and `qw` (P, 3, 6), `xx`, `ww` and `xw` (6, 6). `q_by_rig` (P, 3, r) and `x_by_rig` (6, r): the
+    part that errors of the rig have in them, by independent amplitudes of variance 1.
     """
 
     qq: Array
@@ -27,6 +28,8 @@ class JointCovariance(NamedTuple):
     xx: Array
     ww: Array
     xw: Array
+    q_by_rig: Array
+    x_by_rig: Array
 
 
 class System:
@@ -111,8 +114,16 @@ class System:
         )
         with_both = -self.std_given @ (through @ both)
         cov_both = both.T @ both
+        of_rig = slice(self.rig.start, None)  # columns of the root, the last of which is what is held
         return JointCovariance(
-            cov_q, with_both[..., :6], with_both[..., 6:], cov_both[:6, :6], cov_both[6:, 6:], cov_both[:6, 6:]
+            qq=cov_q,
+            qx=with_both[..., :6],
+            qw=with_both[..., 6:],
+            xx=cov_both[:6, :6],
+            ww=cov_both[6:, 6:],
+            xw=cov_both[:6, 6:],
+            q_by_rig=-self.std_given @ through[..., of_rig],
+            x_by_rig=both[of_rig, :6].T,
         )
 
 
