@@ -96,7 +96,9 @@ def _frames(frames: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _rig(rig: dict[str, Any]) -> Iterator[tuple[str, str]]:
     images = "rectified" if rig["rectified_images"] else "unrectified"
-    yield "calibration", f"{rig['source']}; for {images} images"
+    refined = rig["refined_by_px"]
+    by = "" if refined is None else f"; refined by {refined:.2f} px of disparity"
+    yield "calibration", f"{rig['source']}; for {images} images{by}"
     yield (
         "rig",
         f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "

@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.calibration.read import Where
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import GreyScaler
+from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..evaluation.truth_check import find_doubts, warnings_of
@@ -58,7 +59,10 @@ def inspect_log(
 
 
 def describe_rig(rig: StereoRig) -> dict[str, Any]:
-    """Describe a rig: baseline in metres, focal lengths in pixels, angle between the optical axes in degrees."""
+    """Describe a rig: baseline in metres, focal lengths in pixels, angle between the optical axes in degrees.
+
+    `refined_by_px`: root mean square of the disparity's known error, where the calibration was refined.
+    """
     vergence = np.degrees(np.arccos(np.clip(rig.right_from_left[2, 2], -1, 1)))
     return {
         "width": rig.left.width,
@@ -69,6 +73,7 @@ def describe_rig(rig: StereoRig) -> dict[str, Any]:
         "D": [list(rig.left.D), list(rig.right.D)],
         "vergence_deg": float(vergence),
         "right_from_left": rig.right_from_left.tolist(),
+        "refined_by_px": None if rig.refinement is None else disparity_rms_px(rig.refinement.error_px),
     }
 
 

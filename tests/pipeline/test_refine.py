@@ -51,6 +51,8 @@ def test_the_command_writes_a_calibration_that_a_replay_takes(
     found = json.loads(capsys.readouterr().out)
     assert StereoRig.from_calibration(out).refinement is not None
     assert found["logs"][0]["log"] == str(log) and len(found["error_px"]) == len(TERMS)
+    assert main(["inspect", str(log), "--calibration", str(out)]) == 0
+    assert "px of disparity" in capsys.readouterr().out
     summary = replay(log, calibration=out).summary
     assert not summary["rig"]["applied"] and "refined" in summary["rig"]["text"]
 
