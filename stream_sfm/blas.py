@@ -3,6 +3,7 @@
 How many threads share a product decides in which order its sums are formed, and so the last digit of the result.
 """
 
+import sys
 import threading
 from typing import Any
 
@@ -19,15 +20,15 @@ class OneThread:
         self._lock = threading.Lock()
         self._inside = 0
         self._controller: ThreadpoolController | None = None  # made late: finding the libraries takes milliseconds
+        self._with_scipy = False
         self._limits: Any = None
 
     def __enter__(self) -> None:
         with self._lock:
             if self._inside == 0:
-                if self._controller is None:
-                    import scipy.linalg  # noqa: F401 - numpy and scipy each bring a library, which must be loaded
-
-                    self._controller = ThreadpoolController()
+                with_scipy = "scipy.linalg" in sys.modules  # it brings a library of its own, a fifth of a second
+                if self._controller is None or with_scipy != self._with_scipy:
+                    self._controller, self._with_scipy = ThreadpoolController(), with_scipy
                 _take_control(self._controller)
                 self._limits = self._controller.limit(limits=1, user_api="blas")
             self._inside += 1

@@ -31,6 +31,8 @@ class MonoFrontEnd:
     """Follows points through the rectified images of one camera; `projection` has a virtual right one."""
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
+        import scipy.optimize  # noqa: F401 - what starts the map: here, so that its BLAS is found before the first frame
+
         self.projection = projection
         self.config = config.frontend
         aligners = TemplateAligners(self.config, valid, scales=(1,))
