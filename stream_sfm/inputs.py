@@ -26,7 +26,7 @@ _MAX_MERGES = 8  # `<<` of YAML, which may double what there is
 _MAX_NODES = 100_000  # values, those that are repeated by an alias counted each time
 _STEP = re.compile(r"(?P<opens>[\[{]|<\w)|[\]}]|</|/>")
 _DEEP_LINE = re.compile(
-    rf"^(?: {{{_MAX_INDENT}}}|\t{{{MAX_DEPTH}}}|\s*(?:[-?] +){{{MAX_DEPTH}}})\s*\S", re.MULTILINE
+    rf"^(?: {{{_MAX_INDENT}}}|\t{{{MAX_DEPTH}}}|[ \t]*(?:[-?] +){{{MAX_DEPTH}}})[ \t]*\S", re.MULTILINE
 )
 _DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{_MAX_DOTS}}}", re.MULTILINE)
 

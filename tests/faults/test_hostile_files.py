@@ -141,6 +141,9 @@ NO_CALIBRATION = {
     "aliases": "cam0: {intrinsics: *a11}\n".join([ALIASES, ""]),
     "merges": "a0: &a0 {b: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}\n" for n in range(1, 40)),
     "digits": "a: " + "9" * 10_000,
+    "empty lines": "x = " + "\n" * 500_000,  # took an hour
+    "white lines": (" " * 130 + "\n") * 7_000,
+    "dashes on white lines": ("- " * 20 + "\n\n") * 20_000,
     "OpenCV, brackets": "%YAML:1.0\n---\na: " + "[" * MANY,  # ended the process
     "OpenCV, maps": "%YAML:1.0\n---\na: " + "{a:" * MANY,
     "OpenCV, tags": '<?xml version="1.0"?><opencv_storage>' + "<a>" * MANY + "</opencv_storage>",
@@ -154,6 +157,12 @@ def test_hostile_calibrations_are_refused(name: str) -> None:
     with pytest.raises(sfm.ConfigError, match=r"calibration c\.yaml") as refused:
         load(NO_CALIBRATION[name].encode(), "c.yaml")
     assert len(str(refused.value)) < 500
+
+
+def test_keys_that_are_no_names_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("1: 2\nnull: 3\n2.5: 4\n")
+    with pytest.raises(sfm.ConfigError, match="its keys are of no known format"):
+        sfm.StereoRig.from_calibration(tmp_path / "c.yaml")
 
 
 def test_what_people_write_passes() -> None:

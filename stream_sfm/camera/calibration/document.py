@@ -30,8 +30,10 @@ DISTORTION_MODELS = {
     "rational_polynomial": "rational_polynomial", "none": "none",
     "equidistant": "equidistant", "equi": "equidistant", "fisheye": "equidistant", "kannala_brandt": "equidistant",
 }  # fmt: skip
-_TOML_SECTION = re.compile(rb"^\s*\[(left|right|right_from_left)\b", re.MULTILINE)
-_ROW = re.compile(r"^(\w+):((?:\s+[-+\d.eE]+){3,})\s*$", re.MULTILINE)  # KITTI: a name and at least three numbers
+_TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
+_ROW = re.compile(
+    r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE
+)  # KITTI: a name and at least three numbers
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: files give as few as four digits
 
 

@@ -53,7 +53,7 @@ def _merged(documents: Sequence[Document]) -> Document:
 
 
 def _normalised(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {re.sub(r"[_\s.-]", "", key).lower(): value for key, value in data.items()}
+    return {re.sub(r"[_\s.-]", "", key).lower(): value for key, value in data.items() if isinstance(key, str)}
 
 
 def _get(document: Document, names: Sequence[str], side: int) -> tuple[Any, str]:
