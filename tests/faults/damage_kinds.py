@@ -115,7 +115,7 @@ def _wrong_length(rng: random.Random, whole: Whole, data: bytearray) -> list[Spa
     at = rng.choice(whole.chunks)[0] + 1
     length = int.from_bytes(data[at : at + 8], "little")
     wrong = rng.choice([0, 7, length - 1, length + 1, length // 2, 3 * length, 2**40, 2**64 - 1])
-    data[at : at + 8] = wrong.to_bytes(8, "little")
+    data[at : at + 8] = (wrong % 2**64).to_bytes(8, "little")
     return []  # it is given a second time inside the chunk
 
 
