@@ -17,8 +17,8 @@ from ...types import RigEstimate
 # million frames; but on exact rigs values have been seen that χ² has at three to four. Real rigs are found at dozens.
 _SIGNIFICANT = 8.0
 # Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
-# 2 to 7, one with the calibration of half the resolution 6 to 30. χ² says: longer once in ten thousand million.
-_IMPOSSIBLE = 9.0
+# 4 to 16, the most one with a radial error of 12 px in the corner.
+_IMPOSSIBLE = 20.0
 
 
 @dataclass(frozen=True, slots=True)
