@@ -123,6 +123,8 @@ def _compare(args: argparse.Namespace) -> int:
     failed = [s for s in cleaned(content["samples"]) if s["failure"]]
     for s in failed:
         print(f"stream-sfm: {s['log']} from {s['start_s']:g} s: {s['failure']}", file=sys.stderr)
+    if content["interrupted"]:
+        return ExitCode.INTERRUPTED
     return ExitCode.INPUT if failed else ExitCode.DONE
 
 

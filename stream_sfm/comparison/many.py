@@ -58,7 +58,8 @@ def compare_many(
 
     `starts`: each log is run from so many starts, `start_step_s` apart. `workers` processes of this machine (None: one
     per core), or those of the Dask `scheduler`. A log that cannot be compared is listed with its reason. `on_done` is
-    called with the name of each. Raises ConfigError, OutputError.
+    called with the name of each. Ctrl-C ends it with what has been compared until then, `interrupted` in the content.
+    Raises ConfigError, OutputError; KeyboardInterrupt where nothing has been compared yet.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
@@ -78,9 +79,18 @@ def compare_many(
     first_s = selection.start_s or 0.0
     jobs = [Start(Path(log), first_s + k * start_step_s) for log in logs for k in range(starts)]
     run = partial(run_start, config=config, selection=selection, methods=tuple(methods))
-    with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
-        samples = _run_all(executor, run, jobs, on_done)
-    content = summarise_many(samples, methods) | {"configuration": config_to_toml(config)}
+    done: dict[int, dict[str, Any]] = {}
+    interrupted = False
+    try:
+        with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
+            _run_all(executor, run, jobs, done, on_done)
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        interrupted = True
+    samples = [done.get(k) or _failed(job, "interrupted before its end") for k, job in enumerate(jobs)]
+    content = summarise_many(samples, methods)
+    content |= {"interrupted": interrupted, "configuration": config_to_toml(config)}
     if folder is not None:
         write_whole(folder / RECORD, json_bytes(content))
         write_whole(folder / PAGE, render_many(content).encode())
@@ -89,18 +99,19 @@ def compare_many(
 
 def run_start(job: Start, config: Config, selection: Selection, methods: tuple[str, ...]) -> dict[str, Any]:
     """Compare on one log from one start; a failure is a result, not an exception."""
-    sample: dict[str, Any] = {"log": str(job.log), "start_s": job.start_s, "failure": None, "ratios": {}}
     selected = Selection(job.start_s, selection.end_s, selection.max_frames, selection.stride)
     try:
         report = compare(job.log, None, config, selected, methods=methods, there_and_back=False).report
     except (StreamSfmError, ValueError) as error:
-        return sample | {"failure": str(error)}
+        return _failed(job, str(error))
     ratios = {
         key: {q: found[q]["value"] for q in QUANTITIES} for key, found in report["error_over_cross_frame"].items()
     }
     nees = {key: m["nees_pose_mean"] for key, m in report["methods"].items()}
     failure = None if ratios else "no ratios: too few frames with ground truth in a row, or a method that stopped"
-    return sample | {
+    return {
+        "log": str(job.log),
+        "start_s": job.start_s,
         "failure": failure,
         "ratios": ratios,
         "nees_pose_mean": nees,
@@ -113,21 +124,23 @@ def _run_all(
     executor: Executor,
     run: Callable[[Start], dict[str, Any]],
     jobs: Sequence[Start],
+    done: dict[int, dict[str, Any]],
     on_done: Callable[[str], None] | None,
-) -> list[dict[str, Any]]:
-    """The samples in the order of the jobs; one whose process was lost is a failure."""
+) -> None:
+    """Add the sample of each job to `done`, by its place among the jobs; one whose process was lost is a failure."""
     futures = {executor.submit(run, job): k for k, job in enumerate(jobs)}
-    samples: dict[int, dict[str, Any]] = {}
     for future in as_completed(futures):
         k = futures[future]
         try:
-            samples[k] = future.result()
+            done[k] = future.result()
         except Exception as error:
-            failure = f"{type(error).__name__}: {error}"
-            samples[k] = {"log": str(jobs[k].log), "start_s": jobs[k].start_s, "failure": failure, "ratios": {}}
+            done[k] = _failed(jobs[k], f"{type(error).__name__}: {error}")
         if on_done is not None:
             on_done(jobs[k].log.name)
-    return [samples[k] for k in range(len(jobs))]
+
+
+def _failed(job: Start, failure: str) -> dict[str, Any]:
+    return {"log": str(job.log), "start_s": job.start_s, "failure": failure, "ratios": {}}
 
 
 def summarise_many(samples: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[str, Any]:

@@ -75,6 +75,23 @@ def test_the_numbers_are_those_of_one_comparison(tmp_path: Path) -> None:
     assert "short.mcap" in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
+def test_an_interruption_keeps_what_has_been_compared(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap", spec(range(46), truth=True))
+
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    arguments: dict[str, Any] = {"methods": METHODS, "starts": 3, "start_step_s": 0.1, "workers": 1}
+    config = read_config(None, [FEW])
+    content = compare_many([log], tmp_path / "out", config, **arguments, on_done=interrupt)
+    assert content["interrupted"] and [s["failure"] for s in content["samples"]][1:] == 2 * [
+        "interrupted before its end"
+    ]
+    assert content["samples"][0]["ratios"]
+    assert json.loads((tmp_path / "out/comparison.json").read_text())["interrupted"]
+
+
 def test_what_cannot_be_compared_is_refused() -> None:
     with pytest.raises(ConfigError, match="name it among the methods"):
         compare_many([], methods=("ekf",))
