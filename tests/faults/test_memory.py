@@ -233,18 +233,21 @@ def test_a_small_log_takes_no_gigabytes(name: str, tmp_path: Path):
 
 
 def test_inspection_keeps_few_images_where_they_are_large(tmp_path: Path):
-    """Eight pairs of 128 MB were to be kept."""
-    log = tmp_path / "large.mcap"
-    black = np.zeros((8000, 8000), np.uint8)
+    """All pairs were to be kept; with 24 of them instead of 4, these would be 490 MB more."""
+    black = np.zeros((3500, 3500), np.uint8)
 
     def write(log: LogWriter, n: int, side: int, stamp_ns: int) -> bool:
         write_image(log, "foxglove", Spec.topics[side], stamp_ns, black, "mono8")
         return True
 
-    images(log, "foxglove", write, 8)
-    said, peak_mib = run("inspect", log)
-    assert said["frames"]["paired"] == 8 and "8000×8000" in " ".join(said["problems"])
-    assert peak_mib < 1024
+    peaks_mib = []
+    for pairs in (4, 24):
+        log = tmp_path / f"{pairs}.mcap"
+        images(log, "foxglove", write, pairs)
+        said, peak_mib = run("inspect", log)
+        assert said["frames"]["paired"] == pairs and "3500×3500" in " ".join(said["problems"])
+        peaks_mib.append(peak_mib)
+    assert peaks_mib[1] - peaks_mib[0] < 245, peaks_mib
 
 
 def transforms_log(path: Path, data: Iterable[bytes]) -> None:
