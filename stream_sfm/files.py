@@ -14,6 +14,14 @@ from .errors import OutputError
 from .outputs import try_lock
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it, unless it is there. Raises OutputError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {path}: {error.strerror}") from None
+
+
 class PartFile:
     """A binary file that is written as `<name>.part` and renamed to `<name>` by `close`.
 

@@ -12,13 +12,11 @@ import msgspec
 
 from .. import __version__
 from ..config import Config, config_to_toml
-from ..errors import ConfigError, OutputError
-from ..estimators import METHODS
-from ..files import json_bytes, write_whole
+from ..estimators import check_method
+from ..files import json_bytes, make_folder, write_whole
 from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..report.batch_page import render_batch
-from ..wording import unknown_name
 from .job import FILES, Job, JobResult, read_summary, run_job
 from .logs import names_for
 from .truth import truth_files
@@ -48,8 +46,7 @@ def run_batch(
     called with the result of each log. On the first Ctrl-C or SIGTERM the running replays end after their current
     frame, and no further one is started. Raises ConfigError and OutputError before any replay is started.
     """
-    if config.method not in METHODS:
-        raise ConfigError(unknown_name("method", config.method, METHODS))
+    check_method(config.method)
     out = out.resolve()
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml = config_to_toml(config)
@@ -61,10 +58,7 @@ def run_batch(
     ]
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
     refuse_overwriting(outputs, [*logs, *calibration, *truths.values()])
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write to {out}: {error.strerror}") from None
+    make_folder(out)
     with only_writer(out):
         known = {"method": config.method, "configuration": toml, "options": list(options), "skipped": list(skipped)}
         return _run_and_record(out, jobs, known, executor, on_done)

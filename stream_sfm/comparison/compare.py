@@ -12,8 +12,8 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..errors import ConfigError, FrameError, InputError
-from ..estimators import METHODS
+from ..errors import FrameError, InputError
+from ..estimators import check_method
 from ..evaluation.association import checked_ranges, without_frames
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
 from ..frontend.prepared import PreparedImages
@@ -33,7 +33,6 @@ from ..report.page import REPORT, write_report
 from ..report.records import CalibrationError, Comparison, MethodRun
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink, Status, Trajectory
-from ..wording import unknown_name
 from .method import ComparedMethod
 from .recorder import Recorder
 
@@ -95,8 +94,7 @@ def compare(
     config = config or Config()
     config.needs_scale("compare")
     for name in methods:
-        if name not in METHODS:
-            raise ConfigError(unknown_name("method", name, METHODS))
+        check_method(name)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
     folder = None if out_dir is None else Path(out_dir)

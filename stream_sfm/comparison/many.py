@@ -17,13 +17,12 @@ from scipy.special import stdtrit
 
 from .. import __version__
 from ..config import Config, config_to_toml
-from ..errors import ConfigError, OutputError, StreamSfmError
-from ..estimators import METHODS
+from ..errors import ConfigError, StreamSfmError
+from ..estimators import check_method
 from ..executors import cluster, processes
-from ..files import json_bytes, write_whole
+from ..files import json_bytes, make_folder, write_whole
 from ..report.many_page import conclusion_of_many, render_many
 from ..types import Selection
-from ..wording import unknown_name
 from .compare import COMPARED, compare
 
 SCHEMA_VERSION = 1
@@ -64,18 +63,14 @@ def compare_many(
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
     for name in methods:
-        if name not in METHODS:
-            raise ConfigError(unknown_name("method", name, METHODS))
+        check_method(name)
     if REFERENCE not in methods:
         raise ConfigError(f"ratios are over {REFERENCE}: name it among the methods")
     if starts < 1 or start_step_s <= 0:
         raise ConfigError(f"{starts} starts, {start_step_s:g} s apart: give at least one, and a distance above 0")
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
+        make_folder(folder)
     first_s = selection.start_s or 0.0
     jobs = [Start(Path(log), first_s + k * start_step_s) for log in logs for k in range(starts)]
     run = partial(run_start, config=config, selection=selection, methods=tuple(methods))

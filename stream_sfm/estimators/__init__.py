@@ -33,14 +33,19 @@ METHODS: dict[str, tuple[str, str]] = {
 }
 
 
+def check_method(name: str) -> None:
+    """Raise a ConfigError for a name that is not in METHODS."""
+    if name not in METHODS:
+        raise ConfigError(unknown_name("method", name, METHODS))
+
+
 def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
     """Return a new estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
     if projection.virtual_right:
         from .cross_frame.mono import CrossFrameMono
 
         return CrossFrameMono(projection, config)
-    if name not in METHODS:
-        raise ConfigError(unknown_name("method", name, METHODS))
+    check_method(name)
     module, attribute = METHODS[name]
     kind = getattr(import_module(f"{__name__}.{module}"), attribute)
     estimator: Estimator = kind(projection, config)

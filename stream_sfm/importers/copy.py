@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError, OutputError
+from ..files import make_folder
 from ..mcap_file.damage import Damage
 from ..outputs import refuse_overwriting
 from ..recording.log_writer import MessageWriter
@@ -54,7 +55,4 @@ def check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
             f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
         )
     refuse_overwriting([out], inputs)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {out.parent}: {error.strerror}") from None
+    make_folder(out.parent)

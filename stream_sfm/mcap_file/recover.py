@@ -13,7 +13,7 @@ from mcap.writer import Writer
 
 from .. import __version__
 from ..errors import LogError, OutputError
-from ..files import PartFile
+from ..files import PartFile, make_folder
 from ..outputs import refuse_overwriting
 from .damage import Damage
 from .log_file import LogFile, LogMessage
@@ -74,10 +74,7 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
 @contextmanager
 def _writer(out: Path, file: LogFile) -> Iterator[Writer]:
     """A writer of `out`, which appears when the context ends without an error."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {out.parent}: {error.strerror}") from None
+    make_folder(out.parent)
     header = file.header()
     with PartFile(out, keep=False) as part:
         writer = Writer(cast("IO[bytes]", part), chunk_size=_CHUNK_BYTES)

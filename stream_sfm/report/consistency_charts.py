@@ -10,10 +10,8 @@ from .accuracy_charts import Traces
 from .lengths import in_readable_unit
 from .methods import label, style
 from .records import Comparison, MethodRun
-from .svg import Chart, Series, draw, smoothed
+from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .traces import broken, closure
-
-_SMOOTHED = "mean over 5 frames"
 
 
 def consistency(traces: Traces, runs: Iterable[MethodRun], gaps: Sequence[int]) -> list[Markup]:
@@ -24,17 +22,22 @@ def consistency(traces: Traces, runs: Iterable[MethodRun], gaps: Sequence[int]) 
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(dof > 0, np.array(run.nis) / dof, np.nan)
         nis.append(Series(label(run.name), np.arange(len(ratio)), smoothed(ratio), style(run.name)))
-    innovations = Chart(
+    return [*([_nees(traces, gaps)] if traces else []), innovations(nis, gaps)]
+
+
+def innovations(nis: Sequence[Series], gaps: Sequence[int] = ()) -> Markup:
+    """NIS per degree of freedom, already smoothed; `gaps`: frames that are marked."""
+    chart = Chart(
         "Innovations (NIS per degree of freedom)",
         "frame",
         "NIS / dof",
         nis,
-        note=f"1 if the noise is as modelled; {_SMOOTHED}",
+        note=f"1 if the noise is as modelled; {SMOOTHED}",
         levels=[(1.0, "")],
         marks=gaps,
         zero=True,
     )
-    return [*([_nees(traces, gaps)] if traces else []), draw(innovations)]
+    return draw(chart)
 
 
 def _nees(traces: Traces, gaps: Sequence[int]) -> Markup:
@@ -81,7 +84,7 @@ def agreement(runs: list[MethodRun], gaps: Sequence[int]) -> list[Markup]:
                 "frame",
                 "RMS, px",
                 reprojection,
-                note=f"accepted points, {_SMOOTHED}",
+                note=f"accepted points, {SMOOTHED}",
                 zero=True,
                 marks=gaps,
             )
@@ -175,9 +178,9 @@ def work(c: Comparison) -> list[Markup]:
     gaps = c.front.gaps
     return [
         draw(Chart("Points", "frame", "points", points, zero=True, marks=gaps)),
-        draw(Chart("Rejected views", "frame", "points", rejected, note=_SMOOTHED, zero=True, marks=gaps)),
-        draw(Chart("Time of the shared stages", "frame", "ms", stages, note=_SMOOTHED, zero=True)),
-        draw(Chart("Time of the estimators", "frame", "ms", estimators, note=_SMOOTHED, log_y=True)),
+        draw(Chart("Rejected views", "frame", "points", rejected, note=SMOOTHED, zero=True, marks=gaps)),
+        draw(Chart("Time of the shared stages", "frame", "ms", stages, note=SMOOTHED, zero=True)),
+        draw(Chart("Time of the estimators", "frame", "ms", estimators, note=SMOOTHED, log_y=True)),
     ]
 
 

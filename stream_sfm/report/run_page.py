@@ -9,14 +9,14 @@ from .. import __version__
 from ..geometry.se3 import Array
 from ..types import Status, Trajectory
 from . import pictures
+from .consistency_charts import innovations
 from .lengths import in_readable_unit
 from .methods import label, style
 from .records import MethodRun
-from .svg import Chart, Series, draw, smoothed
+from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
 from .traces import broken, trace_of
 
-_SMOOTHED = "mean over 5 frames"
 _TUBE_SIGMAS = 3
 _TUBE_SHARE = 0.02  # of the path's extent: a tube narrower than this is drawn wider by a round factor, and says so
 _EXPECTED_NEES = 6
@@ -170,16 +170,6 @@ def _work(columns: RunColumns) -> list[Markup]:
     nis = [Series("NIS / dof", n, smoothed(columns.nis_over_dof), "m-cross-frame")]
     return [
         draw(Chart("Points", "frame", "points", points, zero=True)),
-        draw(Chart("Time per frame", "frame", "ms", times, note=_SMOOTHED, zero=True)),
-        draw(
-            Chart(
-                "Innovations (NIS per degree of freedom)",
-                "frame",
-                "NIS / dof",
-                nis,
-                note=f"1 if the noise is as modelled; {_SMOOTHED}",
-                levels=[(1.0, "")],
-                zero=True,
-            )
-        ),
+        draw(Chart("Time per frame", "frame", "ms", times, note=SMOOTHED, zero=True)),
+        innovations(nis),
     ]

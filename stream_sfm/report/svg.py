@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..geometry.se3 import Array
 from .methods import LABELS
 
+SMOOTHED = "mean over 5 frames"  # what `smoothed` draws
 WIDTH, HEIGHT = 480, 270
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, 12, 12, 40
 MAX_POINTS = 500

@@ -9,8 +9,7 @@ from typing import Any
 
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
-from ..errors import OutputError
-from ..files import json_bytes, write_whole
+from ..files import json_bytes, make_folder, write_whole
 from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
 from . import bag_metadata
@@ -72,10 +71,7 @@ class ResultFolder:
                 write_whole(path, file.metadata())
 
     def _open(self) -> None:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot make the folder {self.path}: {error.strerror}") from None
+        make_folder(self.path)
         self._lock = lock_folder(self.path)
         self._write_config()
         self._files.append(EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config))

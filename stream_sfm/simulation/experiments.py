@@ -11,7 +11,7 @@ import msgspec
 
 from ..errors import ConfigError, OutputError
 from ..executors import cluster, processes
-from ..files import json_bytes, write_whole
+from ..files import json_bytes, make_folder, write_whole
 from . import figure6, rates, studies
 from .trials import Progress
 
@@ -54,10 +54,7 @@ def simulate(
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
+        make_folder(folder)
     with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
         report: Report = msgspec.to_builtins(EXPERIMENTS[experiment].run(trials, seed, executor, on_progress))
     if folder is not None:
