@@ -131,7 +131,7 @@ class Observations:
     """What the front-end found in one frame, in pixels of the rectified images.
 
     - `track_ids` (n,) int64, unique, ascending: a point keeps its id while it is tracked; an id that is missing in
-      one frame does not return, unless that frame was passed over and has no ids at all. The last `n_new` are new.
+      one frame does not return, unless that frame was skipped and has no ids at all. The last `n_new` are new.
     - `z_px` (n, 4) = (u_left, v_left, u_right, v_right), `cov_px` (n, 4, 4): the views; the right side is NaN where
       it was not found. The first view of a point has both sides.
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or

@@ -38,7 +38,7 @@ def replay_batch(
 
     `logs`: recordings of any kind, folders of them, patterns. `workers` processes of this machine (None: one per
     core), or those of the Dask `scheduler`. A log that delivers no frame for `timeout_s` is stopped; `on_done` is
-    called with the result of each. `ground_truth`: a file for all logs, or a folder with files that are called as
+    called with the result of each. `ground_truth`: a file for all logs, or a folder with files that are named after
     the logs, instead of what the logs have. A second call processes only what is missing or has changed. Raises
     ConfigError, LogError and OutputError before any log is started.
     """

@@ -130,7 +130,7 @@ def add_self_test(parser: argparse.ArgumentParser) -> None:
 def add_truth_file(parser: argparse.ArgumentParser, metavar: str) -> argparse._ArgumentGroup:
     """Where ground truth is, if not in the log; with DIR in `metavar` a folder of such files will do."""
     group = parser.add_argument_group("ground truth")
-    of_logs = "; or of a folder, the file that is called as the log" if "DIR" in metavar else ""
+    of_logs = "; or of a folder, the file that is named after the log" if "DIR" in metavar else ""
     group.add_argument(
         "--ground-truth",
         metavar=metavar,

@@ -1,6 +1,6 @@
 """Is σ of relative motion right, and over how many frames? By which factor it would have to change, eq. (75).
 
-A pose in the world answers for all drift since the start, and one wrong start spoils its NEES for ever. A relative
+A pose in the world answers for all drift since the start, and one wrong start spoils its NEES from then on. A relative
 motion answers for its own frames. Its error is judged in units of its covariance: against ground truth with its own σ;
 or, without any truth, estimates from disjoint parts of the observations against each other (`pipeline/self_test.py`).
 """

@@ -1,7 +1,7 @@
 """The front-end of a pair: rectified images in, observations out.
 
 Each frame: follow the points (`tracker.py`), add new ones where they are missing (`new_points.py`), check the images
-(`image_checks.py`). A frame in which nothing can be followed and nothing new be found is passed over, and so is one in
+(`image_checks.py`). A frame in which nothing can be followed and nothing new be found is skipped, and so is one in
 which the background is hidden: the next ones are followed from the last good frame, for a second.
 """
 
@@ -95,7 +95,7 @@ class StereoFrontEnd:
     def _start_over(
         self, frame_index: int, stamp_ns: int, images: PreparedImages, wait: bool = True
     ) -> Observations:
-        """Observations of a frame that could not be followed: new points only, or none, and then it is passed over.
+        """Observations of a frame that could not be followed: new points only, or none, and then it is skipped.
 
         Where nothing is to `wait` for, the tracks are dropped at once.
         """

@@ -25,9 +25,9 @@ from .warps import facing, sheared
 # missing. As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
 _RENEWAL_PERIOD = 2
 _URGENT_FRACTION = 0.6
-# The search along the row goes half as far again as any track, plus a margin. Every so many frames, and where
-# less than a fraction of the tracks is there, it goes all the way. On KITTI 1.2 ms of 16 less with the figures
-# unchanged.
+# Along the row the search covers 1.5 times the largest disparity of a track, plus a margin. Once per period, and
+# where less than a fraction of the tracks is there, it covers the whole row. On KITTI 1.2 ms of 16 less with the
+# figures unchanged.
 _FULL_SEARCH_PERIOD = 4
 _SEARCH_FACTOR, _SEARCH_MARGIN_PX = 1.5, 16.0
 _FEW_TRACKS = 4  # the fraction: one of so many

@@ -78,7 +78,7 @@ class _Video:
 
     def _open(self) -> cv2.VideoCapture:
         if not self.path.is_file():
-            raise InputError(f"cannot read {self.path}: there is no such file")
+            raise InputError(f"cannot read {self.path}: the file does not exist")
         capture = cv2.VideoCapture(os.fspath(self.path))
         if not capture.isOpened():
             raise InputError(

@@ -1,7 +1,7 @@
 """Pairs left and right frames by their own stamps: equal stamps first, else the nearest within half a frame.
 
-Works on streams, with bounded memory. Each side first passes a small sorting buffer, because recorders write
-messages slightly out of order; a frame older than one already passed on is dropped, and so is a second frame
+Works on streams, with bounded memory. Each side first goes through a small sorting buffer, because recorders write
+messages slightly out of order; a frame older than one already released is dropped, and so is a second frame
 of one stamp. Then the two ascending sequences are merged; no stamp is ever used twice.
 """
 

@@ -1,4 +1,4 @@
-"""Each log of a batch is compared with the file that is called as the log, or all with one."""
+"""Each log of a batch is compared with the file that is named after the log, or all with one."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_files_are_found_by_the_name_of_the_log_or_of_its_results(tmp_path: Path
 
 def test_what_fits_no_log_is_refused(tmp_path: Path) -> None:
     names = {tmp_path / "a.mcap": "a"}
-    with pytest.raises(sfm.ConfigError, match="there is no such file or folder"):
+    with pytest.raises(sfm.ConfigError, match="the file or folder does not exist"):
         truth_files(tmp_path / "nowhere.txt", names)
     with pytest.raises(sfm.ConfigError, match=r"such as a\.txt; it holds no \.txt"):
         truth_files(tmp_path, names)

@@ -113,7 +113,7 @@ def test_what_does_not_fit_is_named_and_nothing_is_left(pairs, calibration: Path
         ((left, small), sfm.InputError, rf"s\.mkv is .*, the calibration is for {size}: give the calibration"),
         (left, sfm.InputError, rf"l\.mkv is {size}; two images of the calibrated {size} side by side are"),
         (tmp_path / "text.mp4", sfm.InputError, r"text\.mp4 is not a video that OpenCV can decode: convert it"),
-        (tmp_path / "none.mp4", sfm.InputError, r"none\.mp4: there is no such file"),
+        (tmp_path / "none.mp4", sfm.InputError, r"none\.mp4: the file does not exist"),
         ((left, left, left), sfm.ConfigError, "3 videos were given"),
     ):
         with pytest.raises(kind, match=words):

@@ -1,7 +1,7 @@
 """What the window knows about the calibration's own error c: considered until it is significant, then estimated.
 
 A view of the camera pair is z = h(P) + B c + noise, with B given (`Observations.rig_effects`). c is part of the joint
-prior for ever. While nothing significant is known about it, its mean stays as the calibration says: the error counts
+prior permanently. While nothing significant is known about it, its mean stays as the calibration says: the error counts
 in every covariance but moves no estimate, so that an exact calibration is not harmed by the attempt to improve it. From
 the frame on where its estimate differs from zero by far more than its σ, it is estimated with all the rest, eq. (72).
 """
