@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from .. import __version__
 from ..config import Config, config_to_toml
@@ -179,6 +178,8 @@ def _interval(logs_of_ratio: Sequence[float]) -> dict[str, Any]:
     x = np.array(logs_of_ratio)
     result: dict[str, Any] = {"value": float(np.exp(x.mean())), "ci95": None, "samples": len(x)}
     if len(x) >= _MIN_SAMPLES:
+        from scipy.special import stdtrit
+
         of_both = 1 - (1 - _CONFIDENCE) / 2
         half = float(stdtrit(len(x) - 1, 0.5 + of_both / 2)) * float(x.std(ddof=1)) / np.sqrt(len(x))
         result["ci95"] = [float(np.exp(x.mean() - half)), float(np.exp(x.mean() + half))]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from ..geometry import se3
 from ..geometry.se3 import Array
@@ -144,6 +143,8 @@ def _interval(
 
     Student's t on the jackknife's standard error: ten blocks know the spread of their estimate only roughly.
     """
+    from scipy.special import stdtrit  # here, as a replay needs no SciPy, which takes a while to import
+
     value, without = estimates[0], estimates[1:]
     std = np.sqrt((_BLOCKS - 1) / _BLOCKS * ((without - without.mean()) ** 2).sum())
     half = stdtrit(_BLOCKS - 1, 0.5 + confidence / 2) * std

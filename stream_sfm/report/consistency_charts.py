@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from markupsafe import Markup
-from scipy.stats import chi2
 
 from .accuracy_charts import Traces
 from .lengths import in_readable_unit
@@ -41,7 +40,9 @@ def innovations(nis: Sequence[Series], gaps: Sequence[int] = ()) -> Markup:
 
 
 def _nees(traces: Traces, gaps: Sequence[int]) -> Markup:
-    low, high = chi2.ppf([0.025, 0.975], 6)
+    from scipy.special import chdtri  # here, as a replay's page needs no SciPy, which takes a while to import
+
+    low, high = chdtri(6, [0.975, 0.025])
     series = []
     for name, t in traces.items():
         if t.nees is not None and np.isfinite(t.nees).any():
