@@ -72,6 +72,7 @@ __all__ = [
     "StereoRig",
     "StreamSfmError",
     "Surface",
+    "SurveyedPoints",
     "Trajectory",
     "WindowConfig",
     "__version__",
@@ -92,6 +93,7 @@ __all__ = [
     "read_config",
     "read_estimates",
     "read_results",
+    "read_surveyed_points",
     "read_trajectory",
     "read_tum",
     "recover",
@@ -141,6 +143,7 @@ _HOMES = {
         "StreamSfmError",
     ),
     "evaluation.summary": ("evaluate",),
+    "evaluation.surveyed_points": ("SurveyedPoints", "read_surveyed_points"),
     "frontend.prepared": ("PreparedImages",),
     "geometry.stereo": ("StereoProjection",),
     "importers.copy": ("Imported",),
@@ -218,6 +221,7 @@ if TYPE_CHECKING:
         StreamSfmError,
     )
     from .evaluation.summary import evaluate
+    from .evaluation.surveyed_points import SurveyedPoints, read_surveyed_points
     from .frontend.prepared import PreparedImages
     from .geometry.stereo import StereoProjection
     from .importers.copy import Imported

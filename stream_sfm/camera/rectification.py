@@ -54,13 +54,27 @@ class Rectifier:
         self.projection = StereoProjection(
             f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled
         )
-        self._maps = [_maps(c, r, f, x, cy) for c, r, x in zip(cameras, rotations, cx, strict=True)]
+        matrices = [np.array([[f, 0, x], [0, f, cy], [0, 0, 1]]) for x in cx]
+        self._sides = list(zip(cameras, rotations, matrices, strict=True))
+        self._maps = [_maps(*side) for side in self._sides]
         self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
         self.valid &= self._rectified(np.full((height, width), 255, np.uint8), 0) == 255
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
+
+    def rectify_points(self, pixels: Array, side: int) -> Array:
+        """Where pixels (n, 2) of an image as recorded are in the rectified one; `side`: 0 left, 1 right."""
+        camera, rotation, k_rectified = self._sides[side]
+        fisheye, d = _distortion(camera)
+        module = cv2.fisheye if fisheye else cv2
+        result: Array = np.full(pixels.shape, np.nan)
+        known = np.isfinite(pixels).all(axis=1)
+        if known.any():
+            found = module.undistortPoints(pixels[known][:, None], camera.K, d, R=rotation, P=k_rectified)
+            result[known] = found[:, 0]
+        return result
 
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]
@@ -124,13 +138,12 @@ def _extent(camera: Camera, rotation: Array) -> Array:
 
 
 def _maps(
-    camera: Camera, rotation: Array, f: float, cx: float, cy: float
+    camera: Camera, rotation: Array, k_rectified: Array
 ) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None:
-    k = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
     size = (camera.width, camera.height)
     fisheye, d = _distortion(camera)
     module = cv2.fisheye if fisheye else cv2
-    u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k, size, cv2.CV_32FC1)
+    u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k_rectified, size, cv2.CV_32FC1)
     # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
     grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
     if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < _MAX_SHIFT_PX:

@@ -41,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
         help="read the frames forwards, then backwards: yes, no, or auto (default: where the log has no ground truth)",
     )
     arguments.add_ground_truth(parser)
+    arguments.add_test_points(parser)
     arguments.add_settings(parser, method=False)
     results = parser.add_argument_group("results")
     results.add_argument(
@@ -100,6 +101,7 @@ def _compare(
             calibrate=args.calibrate,
             self_test=args.self_test,
             std_truth=args.ground_truth_std,
+            test_points=args.test_points,
             sinks=[progress],
         )
 

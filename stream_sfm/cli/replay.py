@@ -42,6 +42,7 @@ def add_parser(subparsers: Any) -> None:
     )
     arguments.add_calibrate(cameras)
     arguments.add_ground_truth(parser)
+    arguments.add_test_points(parser)
     arguments.add_self_test(parser)
     arguments.add_settings(parser)
     results = parser.add_argument_group("results")
@@ -103,6 +104,7 @@ def _replay(
             calibrate=args.calibrate,
             self_test=args.self_test,
             std_truth=args.ground_truth_std,
+            test_points=args.test_points,
             sinks=sinks,
         )
 

@@ -74,7 +74,7 @@ class ComparedMethod:
         """Write summary.json to the method's folder. Raises OutputError."""
         if self._folder is None:
             return
-        failure = self.record.failure
+        failure, points = self.record.failure, comparison.test_points.get(self.name)
         summary = summarise(
             log,
             self._config,
@@ -87,6 +87,7 @@ class ComparedMethod:
             ignored=comparison.ignored,
             doubts=comparison.doubts,
             std_truth=comparison.std_truth,
+            further=None if points is None else {"test_points": points.to_summary()},
         )
         self._folder.write_summary(summary)
 

@@ -59,6 +59,16 @@ class RigEffects:
         by_term = effects[:, 0] - effects[:, 2]
         return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
 
+    def on_views(self, estimate: RigEstimate, z_px: Array) -> tuple[Array, Array]:
+        """Errors (n, 4) of views (n, 4) by an estimate in pixels, and what is unknown of them: (n, 4, m), σ 1 each.
+
+        Zero for a side that was not found.
+        """
+        effects = np.nan_to_num(self._per_pixel(z_px))
+        values, vectors = np.linalg.eigh(estimate.cov)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return effects @ estimate.mean, np.asarray(effects @ root)
+
     def _per_pixel(self, z_px: Array) -> Array:
         """(n, 4, m) px per pixel of each term, for views (n, 4)."""
         p = self._projection

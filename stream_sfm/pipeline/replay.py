@@ -17,6 +17,7 @@ from ..config import Config
 from ..engine import Engine
 from ..errors import FrameError, InputError, LogError
 from ..evaluation.association import checked_ranges, without_frames
+from ..evaluation.surveyed_points import SurveyedPoints
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..outputs import RESULTS, refuse_overwriting
@@ -31,6 +32,7 @@ from .self_test import SelfTest
 from .statistics import RunStatistics, Stopwatch, peak_rss_mib
 from .structure import StructureSink, TrueDepth
 from .summary import summarise
+from .surveyed import SurveyCheck
 from .there_and_back import TOO_MANY, KeptFrames, return_error, then_backwards
 
 
@@ -74,6 +76,7 @@ def replay(
     calibrate: bool = False,
     self_test: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
+    test_points: str | Path | SurveyedPoints | None = None,
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
@@ -83,7 +86,8 @@ def replay(
     ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
     errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
     tracks, too, and tell in the summary how large their difference is in σ. `std_truth`: σ of the ground truth itself,
-    in metres and radians. `sinks` are given each estimate and its frame after the files have been written, and are
+    in metres and radians. `test_points`: surveyed points and where they are seen, to compare with (docs/formats.md).
+    `sinks` are given each estimate and its frame after the files have been written, and are
     closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
     they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
     OutputError, ReplayInterrupted.
@@ -95,7 +99,8 @@ def replay(
         refuse_overwriting([Path(out_dir) / name for name in RESULTS], [log.path])
     selection = selection or Selection()
     rig = refined_for_itself(log, config, selection) if calibrate else log.rig
-    run = _Run(log, rig, config, selection, None if out_dir is None else Path(out_dir), sinks)
+    folder = None if out_dir is None else Path(out_dir)
+    run = _Run(log, rig, config, selection, folder, sinks, test_points)
     run.ignored = checked_ranges(ignore_ground_truth)
     frames = log.frames(run.selection)
     run.std_truth = std_truth
@@ -126,11 +131,14 @@ class _Run:
         selection: Selection,
         out_dir: Path | None,
         sinks: Sequence[Sink],
+        test_points: str | Path | SurveyedPoints | None = None,
     ) -> None:
         self.began_cpu_s = time.process_time()
         self.log, self.config, self.selection = log, config, selection
         self.rig = rig
         self.engine = Engine(rig, config)
+        observer = self.engine.observer
+        self.test_points = None if test_points is None else SurveyCheck(test_points, observer, config)
         self.folder = None if out_dir is None else ResultFolder(out_dir, self.engine.rig, config)
         self.stopwatch = Stopwatch()
         self.statistics = RunStatistics(self.stopwatch)
@@ -212,6 +220,15 @@ class _Run:
         problem = "" if interrupted else self.statistics.problem(one_wanted=self.selection.max_frames == 1)
         return [f"{self.log.path}: {problem}"] if problem else []
 
+    def _test_points(self, trajectory: Trajectory) -> dict[str, Any] | None:
+        """The section `test_points` of the summary; None, and a warning, where they cannot be compared."""
+        assert self.test_points is not None
+        there = self.statistics.trajectory(len(trajectory) - self._backwards(self.statistics.stamps_ns))
+        runs = {self.config.method: there}
+        found, warnings = self.test_points.compare(runs, self.compared_truth, self.statistics.rig)
+        self.warnings += warnings
+        return next((errors.to_summary() for errors in found.values()), None)
+
     def _summary(self, trajectory: Trajectory, interrupted: bool) -> dict[str, Any]:
         further: dict[str, Any] = {
             "cpu_s": time.process_time() - self.began_cpu_s,
@@ -235,6 +252,8 @@ class _Run:
             further["rig"] = describe(self.statistics.rig, scale, refined)
         if self.self_test is not None:
             further["self_test"] = self.self_test.result()
+        if self.test_points is not None:
+            further["test_points"] = self._test_points(trajectory)
         if self.kept is not None:
             if self.kept.too_many:
                 self.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")

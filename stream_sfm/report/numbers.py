@@ -114,7 +114,9 @@ def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
     dof = sum(run.nis_dof)
     back = closure(run)
     far = back is not None and back.apart_m[-1] > 1e-3
+    points = c.test_points.get(run.name)
     return figures | {
+        "test_points": None if points is None else points.figures(),
         "ms_per_frame_p50": _median(shared[: len(estimator)] + estimator),
         "estimator_ms": quantiles(run.estimator_ms),
         "frames": len(run.poses),

@@ -5,7 +5,7 @@ from typing import Any
 
 from ..evaluation.truth_check import warnings_of
 from ..files import json_bytes, write_whole
-from . import accuracy_charts, calibration_field, consistency_charts, pictures
+from . import accuracy_charts, calibration_field, consistency_charts, pictures, survey_charts
 from .accuracy_charts import Traces
 from .conclusion import conclusion
 from .methods import label, style
@@ -45,7 +45,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         returned=returned,
         conclusion=conclusion(content),
         notes=_notes(c, content),
-        sections=_sections(truth, returned, c.calibration is not None),
+        sections=_sections(truth, returned, c.calibration is not None, bool(c.test_points)),
         path_m=_path_length_m(traces, methods),
         lengths=_lengths(lengths),
         grown=any(m["growth_exponent"] is not None for m in methods.values()),
@@ -86,16 +86,18 @@ def _charts(c: Comparison, traces: Traces) -> dict[str, Any]:
         "agreement": consistency_charts.agreement(c.runs, gaps),
         "structure": consistency_charts.structure(c),
         "work": consistency_charts.work(c),
+        "points": survey_charts.at_test_points({name: e.by_frame() for name, e in c.test_points.items()}),
     }
 
 
-def _sections(truth: bool, returned: bool, calibration: bool) -> list[tuple[str, str]]:
+def _sections(truth: bool, returned: bool, calibration: bool, points: bool) -> list[tuple[str, str]]:
     """Anchor and title of each section."""
     accuracy = [("errors", "Error"), ("drift", "Drift"), ("axes", "Axes")] if truth else []
     return [
         ("summary", "Summary"),
         ("path", "Path"),
         *accuracy,
+        *([("test-points", "Test points")] if points else []),
         ("consistency", "Consistency"),
         ("agreement", "There and back" if returned else "Agreement"),
         ("structure", "Structure"),

@@ -9,6 +9,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
+from ..evaluation.survey_errors import SurveyErrors
 from ..evaluation.truth_check import TruthFinding
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Observations, Trajectory
@@ -155,7 +156,7 @@ class Comparison:
     WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
     not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth;
     `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians;
-    `calibration`: what the cross-frame window has found about that.
+    `calibration`: what the cross-frame window has found about that; `test_points`: errors there, by method.
     """
 
     log: str
@@ -175,3 +176,4 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     std_truth: tuple[float, float] = (0.0, 0.0)
     calibration: CalibrationError | None = None
+    test_points: dict[str, SurveyErrors] = field(default_factory=dict)

@@ -13,6 +13,7 @@ from .consistency_charts import innovations
 from .lengths import in_readable_unit
 from .methods import label, style
 from .records import MethodRun
+from .survey_charts import at_test_points
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
 from .traces import broken, trace_of
@@ -45,6 +46,7 @@ def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory |
         conclusion=conclusion_of_run(summary),
         paths=_paths(columns.trajectory, truth, summary["method"], unit),
         errors=_errors(columns.trajectory, truth, summary["method"]),
+        points=_points(summary),
         work=_work(columns),
         timeline=pictures.timeline([run], len(columns.statuses), ()),
         label=label,
@@ -153,6 +155,12 @@ def _errors(estimate: Trajectory, truth: Trajectory | None, method: str) -> list
         note = "first poses aligned" if found is not None else "relative to the first frame"
         charts.append(draw(Chart(title, "frame", unit, series, note=note, zero=True)))
     return charts
+
+
+def _points(summary: dict[str, Any]) -> list[Markup]:
+    """The errors at surveyed test points, if there are any."""
+    found = summary.get("test_points")
+    return at_test_points({summary["method"]: found["by_frame"]}) if found else []
 
 
 def _work(columns: RunColumns) -> list[Markup]:
