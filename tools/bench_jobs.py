@@ -1,5 +1,7 @@
 """What tools/bench.py measures, one job a process, so that CPU time and peak memory are the job's own.
 
+Each job imports what it needs and no more: the loop and the floor pay for reading a log, not for an engine.
+
 python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
 """
 
@@ -9,7 +11,6 @@ import resource
 import sys
 import tempfile
 import time
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -20,41 +21,7 @@ if len(sys.argv) > 1 and sys.argv[1] in ("replay", "step", "scaled", "window"): 
 import cv2
 import numpy as np
 
-from stream_sfm import (
-    Camera,
-    Engine,
-    FrameEstimate,
-    Selection,
-    StereoFrame,
-    StereoRig,
-    open_log,
-    read_config,
-    replay,
-)
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame import window
-from stream_sfm.estimators.cross_frame.map import Map
-from stream_sfm.frontend import tracker
-from stream_sfm.frontend.depth_source import StereoDepth
-from stream_sfm.frontend.flow import Flow
-from stream_sfm.frontend.new_points import NewPoints
-from stream_sfm.results.estimates_writer import EstimatesWriter
-from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import Frame
-
 WARM_UP = 10  # frames not counted in times
-# stage -> the functions whose time it is; what they call of other stages counts in both
-STAGES = {
-    "rectify": [(Rectifier, "rectify")],
-    "track": [(Flow, "track"), (StereoDepth, "align")],
-    "PnP": [(tracker, "resect"), (window, "initial_motion")],
-    "detect": [(tracker, "detect")],
-    "stereo": [(NewPoints, "add")],  # detect included
-    "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
-    "covariance": [(Map, "update_marginals")],
-    "write": [(EstimatesWriter, "write")],
-}
 LK = {"winSize": (21, 21), "maxLevel": 3}
 
 
@@ -70,8 +37,32 @@ def memory_mib(field: str) -> float:
     return int(line.split()[1]) / 1024
 
 
-def timed(times_ms: dict[str, list[float]]) -> None:
-    """Wrap the functions of STAGES: each adds its time to the last entry of its stage."""
+def stages() -> dict[str, list[tuple[Any, str]]]:
+    """Stage -> the functions whose time it is; what they call of other stages counts in both."""
+    from stream_sfm.camera.rectification import Rectifier
+    from stream_sfm.estimators.cross_frame import window
+    from stream_sfm.estimators.cross_frame.map import Map
+    from stream_sfm.frontend import tracker
+    from stream_sfm.frontend.depth_source import StereoDepth
+    from stream_sfm.frontend.flow import Flow
+    from stream_sfm.frontend.new_points import NewPoints
+    from stream_sfm.results.estimates_writer import EstimatesWriter
+
+    return {
+        "rectify": [(Rectifier, "rectify")],
+        "track": [(Flow, "track"), (StereoDepth, "align")],
+        "PnP": [(tracker, "resect"), (window, "initial_motion")],
+        "detect": [(tracker, "detect")],
+        "stereo": [(NewPoints, "add")],  # detect included
+        "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
+        "covariance": [(Map, "update_marginals")],
+        "write": [(EstimatesWriter, "write")],
+    }
+
+
+def timed() -> dict[str, list[float]]:
+    """Wrap the functions of `stages`: each adds its time to the last entry of its stage in what is returned."""
+    times_ms: dict[str, list[float]] = {stage: [0.0] for stage in stages()}
 
     def wrap(function: Any, stage: str) -> Any:
         def inner(*args: Any, **named: Any) -> Any:
@@ -83,9 +74,10 @@ def timed(times_ms: dict[str, list[float]]) -> None:
 
         return inner
 
-    for stage, functions in STAGES.items():
+    for stage, functions in stages().items():
         for owner, name in functions:
             setattr(owner, name, wrap(getattr(owner, name), stage))
+    return times_ms
 
 
 def spread(times_ms: list[float]) -> dict[str, float]:
@@ -96,8 +88,10 @@ def spread(times_ms: list[float]) -> dict[str, float]:
 
 def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
     """The whole job of `stream-sfm replay`: read, decode, estimate, write."""
-    times_ms: dict[str, list[float]] = defaultdict(lambda: [0.0])
-    timed(times_ms)
+    from stream_sfm import FrameEstimate, read_config, replay
+    from stream_sfm.types import Frame
+
+    times_ms = timed()
     steps_ms: list[float] = []
 
     class NextFrame:
@@ -105,8 +99,8 @@ def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
 
         def write(self, estimate: FrameEstimate, frame: Frame) -> None:
             steps_ms.append(sum(estimate.timings_ms.values()))
-            for stage in STAGES:
-                times_ms[stage].append(0.0)
+            for times in times_ms.values():
+                times.append(0.0)
 
         def close(self) -> None:
             pass
@@ -134,6 +128,8 @@ def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
 
 def run_floor(path: str, _: list[str]) -> dict[str, Any]:
     """Decoding the pair, and one pyramid of each image: what any method pays."""
+    from stream_sfm.recording import open_log
+
     frames = 0
     for frame in open_log(path).frames():
         for image in (frame.left, frame.right):
@@ -144,6 +140,9 @@ def run_floor(path: str, _: list[str]) -> dict[str, Any]:
 
 def run_loop(path: str, _: list[str]) -> dict[str, Any]:
     """Plain OpenCV frame to frame: corners, KLT left to right, forward and backward through time, PnP with RANSAC."""
+    from stream_sfm.camera.rectification import Rectifier
+    from stream_sfm.recording import open_log
+
     log = open_log(path)
     rectifier = Rectifier(log.rig)
     p = rectifier.projection
@@ -173,7 +172,10 @@ def run_loop(path: str, _: list[str]) -> dict[str, Any]:
 
 def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
     """Memory of the engine alone: 400 steps over 20 decoded frames, there and back."""
+    from stream_sfm import Engine, Selection, StereoFrame, open_log, read_config
+
     log = open_log(path)
+    imports_mib = memory_mib("VmRSS")
     frames = list(log.frames(Selection(max_frames=20)))
     engine = Engine(log.rig, read_config(None, overrides))
     engine.step(frames[0])
@@ -186,28 +188,32 @@ def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
         engine.step(StereoFrame(stamp_ns, frame.left, frame.right))
         peak_mib = max(peak_mib, memory_mib("VmRSS"))
     images_mib = sum(f.left.nbytes + f.right.nbytes for f in frames) / 2**20
-    return {"above_images_mib": peak_mib - images_mib - IMPORTS_MIB, "growth_mib": peak_mib - before_mib}
+    return {"above_images_mib": peak_mib - images_mib - imports_mib, "growth_mib": peak_mib - before_mib}
 
 
 def run_window(_: str, overrides: list[str]) -> dict[str, Any]:
     """The estimator with covariances on simulated views: 200 points a frame, each seen in 12 frames."""
+    from stream_sfm import read_config
+    from stream_sfm.estimators import make_estimator
+    from stream_sfm.simulation.scenes import Scene
+
     sequence = Scene(frames=60, track_length=12, visible=200).sequence(np.random.SeedSequence(0))
     estimator = make_estimator("cross-frame", sequence.projection, read_config(None, overrides))
-    times_ms: dict[str, list[float]] = defaultdict(lambda: [0.0])
-    timed(times_ms)
-    steps_ms = []
+    times_ms, steps_ms = timed(), []
     for observations in sequence.observations:
         began = time.perf_counter()
         estimator.step(observations)
         steps_ms.append(1e3 * (time.perf_counter() - began))
-        for stage in STAGES:
-            times_ms[stage].append(0.0)
+        for times in times_ms.values():
+            times.append(0.0)
     solve = np.array(times_ms["window"]) + np.array(times_ms["covariance"])
     return {"solve_ms": spread(solve.tolist()), "step_ms": spread(steps_ms)}
 
 
 def run_scaled(path: str, settings: list[str]) -> dict[str, Any]:
     """The engine on images of another size; `settings` is ["scale=0.5"]."""
+    from stream_sfm import Camera, Engine, StereoFrame, StereoRig, open_log
+
     scale = float(settings[0].partition("=")[2])
     log = open_log(path)
 
@@ -234,7 +240,6 @@ JOBS = {
     "scaled": run_scaled,
     "window": run_window,
 }
-IMPORTS_MIB = memory_mib("VmRSS")
 
 if __name__ == "__main__":
     print(json.dumps(JOBS[sys.argv[1]](sys.argv[2], sys.argv[3:])))
