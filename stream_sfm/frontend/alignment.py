@@ -38,7 +38,9 @@ class Candidates:
     right_warps: Array
 
     def keep(self, rows: NDArray[Any] | slice) -> "Candidates":
-        """The given rows (mask, indices or slice)."""
+        """The given rows (mask, indices or slice of all)."""
+        if isinstance(rows, slice) or (rows.dtype == bool and rows.all()):
+            return self
         return Candidates(
             self.before.keep(rows),
             self.now.keep(rows),

@@ -13,6 +13,7 @@ before it have said, eqs. (68) and (69).
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 
 # Autocorrelation of row differences over 1 to 20 frames of five real and three rendered logs fits 0.84 to 0.98 a frame.
@@ -92,5 +93,5 @@ def _whitened_rows(z_px: Array, cov_px: Array) -> Array:
     if not seen.any():
         return difference
     std = np.sqrt(cov_px[:, 1, 1] + cov_px[:, 3, 3] - 2 * cov_px[:, 1, 3])
-    whitened: Array = ((difference - np.median(difference[seen])) / std).clip(-_MAX_ROW, _MAX_ROW)
+    whitened: Array = ((difference - median(difference[seen])) / std).clip(-_MAX_ROW, _MAX_ROW)
     return whitened

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 from .warps import facing
 
@@ -144,10 +145,10 @@ class Patches:
         ok &= (gains > _GAIN_RANGE[0]) & (gains < _GAIN_RANGE[1]) & (rest < (1 - _MIN_EXPLAINED) * totals)
         error = np.full(n, np.inf)
         if ok.any():
-            gain = float(np.median(gains[ok]))
+            gain = median(gains[ok])
             offsets = levels[ok] - gain * self.level[ok]
             own_gain = (gains[ok] - gain) ** 2 * self.information[ok, 2, 2]
-            own_offset = k2 * (offsets - np.median(offsets)) ** 2
+            own_offset = k2 * (offsets - median(offsets)) ** 2
             error[ok] = np.sqrt((rest[ok] + own_gain + own_offset) / (k2 - _PARAMETERS)) / gain
         return at.astype(np.float64), ok, error
 

@@ -64,6 +64,8 @@ class Tracks:
     def keep(self, rows: NDArray[Any] | slice) -> "Tracks":
         """The given rows (mask, indices or slice)."""
         if not isinstance(rows, slice) and rows.dtype == bool:
+            if rows.all():
+                return self
             rows = np.flatnonzero(rows)  # once, not once per column
         return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
 

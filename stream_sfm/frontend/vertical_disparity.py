@@ -10,6 +10,7 @@ at zero.
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
@@ -80,7 +81,7 @@ class VerticalDisparity:
         self._information, self._weighted_sum = information, weighted_sum
         self._coefficients = coefficients
         self._frames += 1
-        scatter = _MAD_TO_STD * float(np.median(np.abs(difference_px - terms @ coefficients)))
+        scatter = _MAD_TO_STD * median(np.abs(difference_px - terms @ coefficients))
         self._std_px += (scatter - self._std_px) / min(self._frames, _MEMORY_FRAMES)
 
     def _terms(self, left_px: Array) -> Array:

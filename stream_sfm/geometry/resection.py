@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import se3
 from .linear import damped_solve, scaled_inverse
+from .medians import median
 from .motion_search import search_motion, support
 from .point_views import PointViews
 from .se3 import Array
@@ -207,6 +208,5 @@ def _step(cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array
 
 def _spread(s2: Array) -> float:
     """Return the median of squared residuals over its expected value, at least 1."""
-    ordered = np.sort(s2)  # NumPy's median takes eight times as long
-    n = int(np.searchsorted(ordered, np.inf))
-    return max(1.0, 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2]) / _MEDIAN_CHI2_4) if n else 1.0
+    finite = s2[np.isfinite(s2)]
+    return max(1.0, median(finite) / _MEDIAN_CHI2_4) if len(finite) else 1.0

@@ -20,7 +20,8 @@ class RejectionCounts:
 
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
-        return np.array([self._counts.get(int(i), 0) >= _MAX_REJECTIONS for i in ids], bool)
+        often = [i for i, n in self._counts.items() if n >= _MAX_REJECTIONS]
+        return np.isin(ids, often) if often else np.zeros(len(ids), bool)
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:
         """Drop the counts of tracks that have ended; `ids` are alive."""

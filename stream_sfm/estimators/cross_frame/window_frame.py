@@ -55,9 +55,9 @@ class WindowFrame:
 
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
-        point = np.searchsorted(ids, self.ids[self.used])
+        used = np.flatnonzero(self.used)  # once, not once per array
+        point = np.searchsorted(ids, self.ids[used])
         frame = np.full(len(point), row)
-        used = self.used
         return WhitenedViews(
             frame, point, self.z_px[used], self.root[used], self.weight[used], self.rig_effects[used]
         )
