@@ -81,4 +81,4 @@ class StereoDepth:
         gain = np.where(seen, before / (before + np.where(seen, var, 1.0)), 0.0)
         predicted = tracks.points[:, 3]
         updated = predicted + gain * (np.where(seen, rho, 0.0) - predicted)
-        return tracks.placed(p.rays(z_px), z_px[:, :2], updated, (1 - gain) * before)
+        return tracks.placed(p.rays(z_px), z_px[:, :2], cov_px[:, :2, :2], updated, (1 - gain) * before)

@@ -226,6 +226,8 @@ class NewPoints:
         if aligner.scale > 1:
             good &= (np.diagonal(cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
         slopes = m.slopes[good] / p.baseline_m
-        new = self.tracker.add(m.slots[good], m.left_px[good], rho[good], var_rho[good], slopes, aligner.scale)
+        new = self.tracker.add(
+            m.slots[good], m.left_px[good], cov_px[good, :2, :2], rho[good], var_rho[good], slopes, aligner.scale
+        )
         self.bias.learn(new.ids, m.apart_px[good])
         return z_px[good], cov_px[good]

@@ -9,7 +9,6 @@ factor for all views.
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
 
 # σ₀ of eq. (15), chosen by hand: what interpolation and rectification tables leave even of a perfect match.
 _FLOOR_PX = 0.03
@@ -81,6 +80,6 @@ class ViewNoise:
         gain = 1 / min(self.frames + 1, _MEMORY_FRAMES)
         self.factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
 
-    def var_ray(self, projection: StereoProjection) -> float:
-        """Variance of a ray's direction, radians², for a typical view."""
-        return self.factor * _TYPICAL_STD_PX**2 / projection.f_px**2
+    def typical_cov(self, n: int) -> Array:
+        """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""
+        return np.tile(self.factor * _TYPICAL_STD_PX**2 * np.eye(2), (n, 1, 1))

@@ -63,7 +63,6 @@ class _FlowInput:
     previous: PreparedImages
     images: PreparedImages
     tracks: Tracks
-    var_ray: float
 
 
 class RoughMotionFinder:
@@ -82,7 +81,6 @@ class RoughMotionFinder:
         previous: PreparedImages,
         images: PreparedImages,
         tracks: Tracks,
-        var_ray: float,
         predicted: Array,
         motion_known: bool,
     ) -> RoughMotion | None:
@@ -90,7 +88,7 @@ class RoughMotionFinder:
         best: RoughMotion | None = None
         for attempt in self._attempts(tracks, predicted, motion_known):
             for before_half in exposure_hypotheses(previous, images):
-                flow = _FlowInput(before_half, previous, images, tracks, var_ray)
+                flow = _FlowInput(before_half, previous, images, tracks)
                 found = self._led(flow, attempt)
                 if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
                     best = found
@@ -135,7 +133,7 @@ class RoughMotionFinder:
         z_px = np.full((int(found.sum()), 4), np.nan)
         z_px[:, :2] = at_px[found]
         cov_px = (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4)
-        points, cov_points = tracks.points[found], tracks.cov_points(flow.var_ray)[found]
+        points, cov_points = tracks.points[found], tracks.cov_points(self.projection)[found]
         motion = resect(
             self.projection,
             points,

@@ -79,7 +79,7 @@ class Tracker:
         self.velocity = np.zeros(6)  # ξ of cam_from_previous per second
         self.previous: PreparedImages | None = None
         self.stamp_ns = 0
-        self.background_hidden = False  # so that the last frame has no motion
+        self.background_hidden = False  # and has been since the last frame that was followed
         self._gate_probability = config.robust.gate_probability
         self._std_acceleration = np.array(
             [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2]
@@ -121,7 +121,7 @@ class Tracker:
         if self.previous is None or not len(self.tracks):
             return None
         predicted, known = se3.exp(self.velocity * dt_s), bool(self.velocity.any())
-        return self.rough_motion.find(self.previous, images, self.tracks, self._var_ray, predicted, known)
+        return self.rough_motion.find(self.previous, images, self.tracks, predicted, known)
 
     def _predict_patches(self, rough: RoughMotion) -> Candidates:
         """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""
@@ -138,11 +138,11 @@ class Tracker:
         self, candidates: Candidates, views: AlignedViews, start: Array, dt_s: float
     ) -> Resection | None:
         """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
-        before = candidates.before.keep(views.found)
+        before, now = candidates.before.keep(views.found), candidates.now.keep(views.found)
         z_px, cov_px, cov_points = (
             views.z_px[views.found],
             views.cov_px[views.found],
-            before.cov_points(self._var_ray),
+            before.cov_points(self.projection, self.aligners.drift(now, start)),
         )
         motion = resect(
             self.projection,
@@ -156,15 +156,13 @@ class Tracker:
         )
         enough = _MIN_AGREEMENT * candidates.before.weights.sum()
         agree = motion.ok and before.weights[motion.accepted].sum() >= enough
-        self.background_hidden = self._is_background_hidden(before, motion, motion.accepted & agree, dt_s)
-        return motion if agree and not self.background_hidden else None
+        hidden = self._is_background_hidden(before, motion, dt_s)
+        self.background_hidden = hidden or (self.background_hidden and not agree)
+        return motion if agree and not hidden else None
 
-    def _is_background_hidden(
-        self, found: Tracks, motion: Resection, agree: NDArray[np.bool_], dt_s: float
-    ) -> bool:
-        """Whether the tracks found (n,) are mostly of things that move by themselves, and so is the motion on which
-        some `agree` (n,)."""
-        trusted = found.agreed > 0
+    def _is_background_hidden(self, found: Tracks, motion: Resection, dt_s: float) -> bool:
+        """Whether the tracks found (n,) are mostly of things that move by themselves, and so is their motion."""
+        trusted, agree = found.agreed > 0, motion.accepted
         needed = min(_MANY, 0.5 * (self.tracks.agreed > 0).sum())
         if (agree & trusted).sum() >= needed:
             return False
@@ -202,13 +200,9 @@ class Tracker:
         """The tracks found, as they were before the frame."""
         seen = views.found
         before = candidates.before.keep(seen)
-        covs = before.cov_points(self._var_ray)
+        covs = before.cov_points(self.projection)
         radius_px = before.scale * self.config.window_radius_px
         return Found(before.ids, before.points, covs, views.z_px[seen], views.cov_px[seen], radius_px, motion)
-
-    @property
-    def _var_ray(self) -> float:
-        return self.aligners.fine.noise.var_ray(self.projection)
 
     # -- new tracks -------------------------------------------------------------------------------------------
 
@@ -233,18 +227,21 @@ class Tracker:
         self,
         slots: NDArray[np.intp],
         left_px: Array,
+        cov_left_px: Array,
         rho: Array,
         var_rho: Array,
         slopes: Array,
         scale: int = 1,
     ) -> Tracks:
-        """Begin tracks at left positions (n, 2) with templates in `slots` (n,), inverse depths and slopes (n, 2)."""
+        """Begin tracks at left positions (n, 2) with covariances (n, 2, 2), templates in `slots` (n,), inverse depths
+        (n,) with variances, and slopes (n, 2)."""
         n = len(slots)
         rays = self.projection.rays(left_px)
         new = Tracks(
             ids=self.next_id + np.arange(n, dtype=np.int64),
             slots=slots,
             left_px=left_px,
+            cov_left_px=cov_left_px,
             points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
             var_rho=var_rho,
             anchor_from_start=np.broadcast_to(self.cam_from_start, (n, 4, 4)),

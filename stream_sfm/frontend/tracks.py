@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
-from ..geometry.stereo import MIN_DEPTH
+from ..geometry.stereo import MIN_DEPTH, StereoProjection
 
 # Frames of agreement after which history counts no more, half a second of most cameras: with more, the last old tracks
 # of a turn would outvote all new ones. And what a track counts before it has agreed once: next to nothing, so that a
@@ -20,8 +20,8 @@ _NO_HISTORY = 0.1
 class Tracks:
     """Rows (n) of one array each.
 
-    `ids`; `slots` of the templates; `left_px` (n, 2): the last measured left position. `points` (n, 4): homogeneous
-    (X/Z, Y/Z, 1, 1/Z) in the current rectified camera, and `var_rho` of the inverse depth 1/Z.
+    `ids`; `slots` of the templates; `left_px` (n, 2): the last measured left position, with `cov_left_px` (n, 2, 2).
+    `points` (n, 4): homogeneous (X/Z, Y/Z, 1, 1/Z) in the current rectified camera, and `var_rho` of the inverse depth.
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
     chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition; `slopes` (n, 2):
     ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
@@ -32,6 +32,7 @@ class Tracks:
     ids: NDArray[np.int64]
     slots: NDArray[np.intp]
     left_px: Array
+    cov_left_px: Array
     points: Array
     var_rho: Array
     anchor_from_start: Array
@@ -48,6 +49,7 @@ class Tracks:
             ids=np.empty(0, np.int64),
             slots=np.empty(0, np.intp),
             left_px=np.empty((0, 2)),
+            cov_left_px=np.empty((0, 2, 2)),
             points=np.empty((0, 4)),
             var_rho=np.empty(0),
             anchor_from_start=np.empty((0, 4, 4)),
@@ -92,14 +94,18 @@ class Tracks:
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
-    def placed(self, rays: Array, left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
+    def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""
         points = np.concatenate([rays, np.ones((len(rays), 1)), rho[:, None]], axis=1)
-        return replace(self, left_px=left_px.copy(), points=points, var_rho=var_rho)
+        return replace(self, left_px=left_px.copy(), cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
-    def cov_points(self, var_ray: float) -> Array:
-        """Covariances (n, 4, 4) of `points`: the ray's variance, and that of the inverse depth."""
+    def cov_points(self, projection: StereoProjection, drift_px: Array | None = None) -> Array:
+        """Covariances (n, 4, 4) of `points`: of the ray and of the inverse depth, after a drift of σ (n,), eq. (33)."""
         cov = np.zeros((len(self), 4, 4))
-        cov[:, 0, 0] = cov[:, 1, 1] = var_ray
+        cov[:, :2, :2] = self.cov_left_px / projection.f_px**2
         cov[:, 3, 3] = self.var_rho
+        if drift_px is not None:
+            var_ray = (drift_px / projection.f_px) ** 2
+            cov[:, [0, 1], [0, 1]] += var_ray[:, None]
+            cov[:, 3, 3] += var_ray / projection.baseline_m**2
         return cov

@@ -31,6 +31,7 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         ids=np.array([0]),
         slots=np.array([0]),
         left_px=np.zeros((1, 2)),
+        cov_left_px=0.01 * np.eye(2)[None],
         points=(point / point[2])[None],
         var_rho=np.array([1e-6]),
         anchor_from_start=np.eye(4)[None],

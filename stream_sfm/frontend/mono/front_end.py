@@ -133,6 +133,13 @@ class MonoFrontEnd:
             return
         slots = self.aligner.cut(images, corners_px, tracker.tracks.slots)
         rho = np.full(n, self.map_start.rho_scene if self.mapped else 0.0)
-        tracker.add(slots, corners_px.astype(float), rho, (UNKNOWN_DEPTH_STD * rho) ** 2, np.zeros((n, 2)))
+        tracker.add(
+            slots,
+            corners_px.astype(float),
+            self.aligner.noise.typical_cov(n),
+            rho,
+            (UNKNOWN_DEPTH_STD * rho) ** 2,
+            np.zeros((n, 2)),
+        )
         if not self.mapped:
             self.map_start.n_opened = n

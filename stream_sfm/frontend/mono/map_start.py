@@ -77,11 +77,13 @@ class MapStartFinder:
         tracks = tracks.keep(found)
         left = aligner.align_left(images, tracks.slots, warps[found], at_px[found])
         tracks, left_px = tracks.keep(left.found), left.at_px[left.found]
-        tracker.tracks = tracks.placed(p.rays(left_px), left_px, tracks.points[:, 3], tracks.var_rho)
         error_grey = left.error_grey[left.found]
-        return aligner.noise.covariance(
+        cov_px = aligner.noise.covariance(
             left.patches.gradients[left.found], error_grey, np.full(len(error_grey), np.nan)
         )
+        rho, var_rho = tracks.points[:, 3], tracks.var_rho
+        tracker.tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], rho, var_rho)
+        return cov_px
 
     def _begin(self, found: TwoView, cov_px: Array) -> Followed:
         """Give the points that agree with the motion their depths, in the unit of the map."""

@@ -47,7 +47,9 @@ class ParallaxDepth:
         gain = before / (before + var_seen)
         rho = rho + gain * (seen - rho)
         depth = np.maximum(far + t * rho, MIN_DEPTH)
-        return tracks.placed(rays, z_px[:, :2], rho / depth, (1 - gain) * before * (far / depth**2) ** 2)
+        return tracks.placed(
+            rays, z_px[:, :2], cov_px[:, :2, :2], rho / depth, (1 - gain) * before * (far / depth**2) ** 2
+        )
 
 
 def depths_from_motion(
