@@ -156,7 +156,7 @@ def summarise_many(samples: Sequence[dict[str, Any]], methods: Sequence[str]) ->
         "interval_over": "logs" if over_logs else "starts",
         "error_over_cross_frame": overall,
     }
-    return content | {"conclusion": conclusion_of_many(content)}
+    return content | {"conclusion": " ".join(conclusion_of_many(content))}
 
 
 def _values(

@@ -8,7 +8,7 @@ from markupsafe import Markup
 from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..evaluation.segments import lengths_for_path, segment_errors
 from ..geometry.se3 import Array
-from .lengths import in_readable_unit
+from .lengths import LengthUnit
 from .methods import label, style
 from .records import MethodRun
 from .svg import Chart, Series, draw
@@ -20,12 +20,12 @@ _AXES = ("x (right)", "y (down)", "z (forward)", "about x (pitch)", "about y (ya
 _MOST_SIGMA = 12.0  # a band wider than this many times the largest error is clipped: it would flatten the curve
 
 
-def paths(runs: Iterable[MethodRun], traces: Traces) -> list[Markup]:
+def paths(runs: Iterable[MethodRun], traces: Traces, unit: LengthUnit) -> list[Markup]:
     """The paths seen from above and from the side; where they coincide, one path and how far the methods are off."""
     apart_m = max((float(t.position_m.max()) for t in traces.values()), default=np.inf)
     true = next(iter(traces.values())).truth if traces else np.empty((0, 4, 4))
     if len(true) and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
-        return _deviations(true, traces, apart_m)
+        return _deviations(true, traces, apart_m, unit)
     charts = []
     for title, i, j, labels, flip in (
         ("Path seen from above", 0, 2, ("x, m (right)", "z, m (forward)"), False),
@@ -42,14 +42,14 @@ def paths(runs: Iterable[MethodRun], traces: Traces) -> list[Markup]:
     return charts
 
 
-def _deviations(true: Array, traces: Traces, apart_m: float) -> list[Markup]:
+def _deviations(true: Array, traces: Traces, apart_m: float, unit: LengthUnit) -> list[Markup]:
     """The true path from above, then deviations to the side, upwards and along it, over the distance travelled."""
     path = Chart(
         "Path seen from above",
         "x, m (right)",
         "z, m (forward)",
         [Series("ground truth", true[:, 0, 3], true[:, 2, 3], "m-truth")],
-        note=f"all methods coincide with it within {1e3 * apart_m:.2g} mm: their deviations are beside and below",
+        note=f"all methods coincide with it within {unit.per_m * apart_m:.2g} {unit.name}: deviations beside and below",
         equal=True,
         height=340,
     )
@@ -60,8 +60,9 @@ def _deviations(true: Array, traces: Traces, apart_m: float) -> list[Markup]:
             off = t.estimate[:, :3, 3] - t.truth[:, :3, 3]
             y = np.einsum("ni,ni->n", off, _side_down_along(t.truth)[:, axis])
             _, distance, y = broken(t.frames, t.distance_m, y)
-            series.append(Series(label(name), distance, 1e3 * y, style(name)))
-        charts.append(draw(Chart(title, "distance travelled, m", "mm", series, note="first poses aligned")))
+            series.append(Series(label(name), distance, unit.per_m * y, style(name)))
+        chart = Chart(title, "distance travelled, m", unit.name, series, note="first poses aligned")
+        charts.append(draw(chart))
     return charts
 
 
@@ -77,27 +78,28 @@ def _side_down_along(true: Array) -> Array:
     return np.stack([side, np.cross(along, side), along], axis=1)
 
 
-def errors(traces: Traces, gaps: Sequence[int]) -> list[Markup]:
+def errors(traces: Traces, gaps: Sequence[int], unit: LengthUnit) -> list[Markup]:
     """Position and rotation error over the frames and over the distance travelled."""
     return [
-        _error(traces, gaps, by_distance, rotation) for by_distance in (False, True) for rotation in (False, True)
+        _error(traces, gaps, by_distance, None if rotation else unit)
+        for by_distance in (False, True)
+        for rotation in (False, True)
     ]
 
 
-def _error(traces: Traces, gaps: Sequence[int], by_distance: bool, rotation: bool) -> Markup:
+def _error(traces: Traces, gaps: Sequence[int], by_distance: bool, unit: LengthUnit | None) -> Markup:
+    """The error of the position, or without a unit of length of the rotation, degrees."""
     series = []
     for name, t in traces.items():
-        frames, distance, y = broken(t.frames, t.distance_m, t.rotation_deg if rotation else t.position_m)
+        frames, distance, y = broken(t.frames, t.distance_m, t.position_m if unit else t.rotation_deg)
         series.append(Series(label(name), distance if by_distance else frames, y, style(name)))
-    what, unit = "Rotation", "degrees"
-    if not rotation:
-        what, (series, unit) = "Position", in_readable_unit(series)
+    what = "Position" if unit else "Rotation"
     return draw(
         Chart(
             f"{what} error over {'distance' if by_distance else 'frames'}",
             "distance travelled, m" if by_distance else "frame",
-            f"error, {unit}",
-            series,
+            f"error, {unit.name if unit else 'degrees'}",
+            unit.of(series) if unit else series,
             note="first poses aligned",
             zero=True,
             marks=() if by_distance else gaps,
@@ -105,7 +107,7 @@ def _error(traces: Traces, gaps: Sequence[int], by_distance: bool, rotation: boo
     )
 
 
-def drift(traces: Traces) -> list[Markup]:
+def drift(traces: Traces, unit: LengthUnit) -> list[Markup]:
     """Segment errors as defined by KITTI, and relative errors over spans of frames."""
     note = "mean over all segments of a length"
     t_rel, r_rel = _segments(traces)
@@ -114,10 +116,12 @@ def drift(traces: Traces) -> list[Markup]:
         draw(Chart("Rotation drift per distance", "segment length, m", "° per 100 m", r_rel, note=note, zero=True)),
     ]
     note = "RMS over all starts; slope ½: random walk, 1: bias"
-    for title, unit, series in zip(
-        ("Relative position error", "Relative rotation error"), ("mm", "degrees"), _spans(traces), strict=True
+    position, rotation = _spans(traces)
+    for title, name, series in (
+        ("Relative position error", unit.name, unit.of(position)),
+        ("Relative rotation error", "degrees", rotation),
     ):
-        charts.append(draw(Chart(title, "span, frames", unit, series, note=note, log_x=True, log_y=True)))
+        charts.append(draw(Chart(title, "span, frames", name, series, note=note, log_x=True, log_y=True)))
     return charts
 
 
@@ -139,7 +143,7 @@ def _segments(traces: Traces) -> tuple[list[Series], list[Series]]:
 
 
 def _spans(traces: Traces) -> tuple[list[Series], list[Series]]:
-    """RMS errors of relative motions, millimetres and degrees, against the span in frames."""
+    """RMS errors of relative motions, metres and degrees, against the span in frames."""
     position, rotation = [], []
     for name, t in traces.items():
         estimate, truth = np.full((2, t.frames[-1] - t.frames[0] + 1, 4, 4), np.nan)
@@ -147,23 +151,26 @@ def _spans(traces: Traces) -> tuple[list[Series], list[Series]]:
         if enough_known(truth) and (spans := spans_for(len(t.frames))):
             p2, q2 = mean_squares(estimate, truth, spans)
             x = np.array(spans, float)
-            position.append(Series(label(name), x, 1e3 * np.sqrt(p2), style(name), dots=True))
+            position.append(Series(label(name), x, np.sqrt(p2), style(name), dots=True))
             rotation.append(Series(label(name), x, np.degrees(np.sqrt(q2)), style(name), dots=True))
     return position, rotation
 
 
-def axes(t: Trace, name: str) -> list[Markup]:
+def axes(t: Trace, name: str, length: LengthUnit) -> list[Markup]:
     """The six components of a method's error in the axes of the camera, with its estimated ±3σ."""
     charts = []
     for k, axis in enumerate(_AXES):
-        error = 1e3 * t.xi[:, k]  # millimetres, milliradians
-        columns = [error] if t.sigma is None else [error, 1e3 * 3 * t.sigma[:, k]]
+        kind, unit, scale = (
+            ("Position", length.name, length.per_m) if k < 3 else ("Rotation", "degrees", np.degrees(1))
+        )
+        columns = [scale * t.xi[:, k]]
+        if t.sigma is not None:
+            columns.append(3 * scale * t.sigma[:, k])
         frames, *columns = broken(t.frames, *columns)
         band = None if t.sigma is None else np.stack([-columns[1], columns[1]])
         if band is not None:
             most = max(_MOST_SIGMA * np.nanmax(abs(columns[0])), 1e-6)
             band = np.clip(band, -most, most)
         series = [Series(label(name), frames, columns[0], style(name), band=band)]
-        kind, unit = ("Position", "mm") if k < 3 else ("Rotation", "mrad")
         charts.append(draw(Chart(f"{kind} {axis}", "frame", unit, series, width=340, height=210)))
     return charts

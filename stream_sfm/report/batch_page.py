@@ -9,6 +9,7 @@ from markupsafe import Markup
 from ..errors import InputError
 from ..results.trajectory_files import read_tum
 from ..types import Status
+from .lengths import unit_for
 from .svg import Chart, Series, draw
 from .template import inline, template
 
@@ -28,6 +29,8 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
         unfinished=[log for log in content["logs"] if log["status"] != "done"],
         medians={name: _median([truth[name] for truth in truths]) for name in _PERCENT} if truths else None,
         truths=len(truths),
+        errors=unit_for([g.get(name) or 0.0 for g in truths for name in ("ate_rmse_aligned_m", "ate_rmse_m")]),
+        local=unit_for([g.get("local_structure_median_m") or 0.0 for g in truths]),
         statuses=[status.value for status in Status],
         stages=STAGES,
         full_ms=slowest or 1.0,

@@ -5,7 +5,7 @@ methods worthless: covariances that do not hold, and errors that all methods sha
 """
 
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..evaluation.relative import MIN_FRAMES_RATIO, tested_spans
 from .methods import label
@@ -22,22 +22,36 @@ _EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated
 # Methods err together where they differ by less than this share of their error: a convention of the report.
 _SHARED = 0.5
 
+_WITHOUT_TRUTH = (
+    "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each method "
+    "ends from its start when the frames are processed forwards and then in reverse order, and how far the methods "
+    "diverge from each other."
+)
+
 Ratios = dict[str, dict[str, Any]]  # position and rotation -> value and ci95
 
 
-def conclusion(content: dict[str, Any]) -> tuple[str, str]:
-    """What the log shows: a style class, and the paragraph. `content` is that of report.json."""
+class Conclusion(NamedTuple):
+    """What a log shows: a style class, and sentences, one per method or fact."""
+
+    style: str
+    sentences: list[str]
+
+    @property
+    def text(self) -> str:
+        """All of it."""
+        return " ".join(self.sentences)
+
+
+def conclusion(content: dict[str, Any]) -> Conclusion:
+    """What the log shows; `content` is that of report.json."""
     if not content["frames_with_ground_truth"]:
-        return "open", (
-            "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each "
-            "method ends from its start when the frames are processed forwards and then in reverse order, and how "
-            "far the methods diverge from each other."
-        )
+        return Conclusion("open", [_WITHOUT_TRUTH])
     ratios = {_name(key): found for key, found in content["error_over_cross_frame"].items()}
     together, doubts = _all_wrong(content), _truth_in_doubt(content)
     if not ratios:
         obstacle = f"The methods cannot be compared on this log: {_obstacle(content)}."
-        return "open", " ".join([obstacle, *together, *doubts])
+        return Conclusion("open", [obstacle, *together, *doubts])
     longest = tested_spans(content["frames_with_ground_truth"])[-1]
     spans = "2 frames" if longest == 2 else f"2 to {longest} frames"
     method = (
@@ -46,7 +60,7 @@ def conclusion(content: dict[str, Any]) -> tuple[str, str]:
     )
     style = _style(ratios["ekf"]) if "ekf" in ratios and not together else "open"
     order, held = _in_order(content, ratios), _reference_nees(content, together)
-    return style, " ".join([*together, *order, *held, *doubts, method])
+    return Conclusion(style, [*together, *order, *held, *doubts, method])
 
 
 def _name(key: str) -> str:
@@ -78,7 +92,7 @@ def _in_order(content: dict[str, Any], ratios: dict[str, Ratios]) -> list[str]:
     """The methods that are always named, those that are ahead, and the rest by what they have in common."""
     full = [name for name in _IN_FULL if name in ratios]
     ahead = [name for name in ratios if name not in full and -1 in _sides(ratios[name]).values()]
-    said = [_clause(name, ratios[name]) + _but(content, name, ratios[name]) for name in [*full, *ahead]]
+    said = [_begun(_clause(name, ratios[name]) + _but(content, name, ratios[name])) for name in [*full, *ahead]]
     rest = [name for name in ratios if name not in full and name not in ahead]
     level = [label(name) for name in rest if not any(_sides(ratios[name]).values())]
     behind = [label(name) for name in rest if any(_sides(ratios[name]).values())]
@@ -87,6 +101,11 @@ def _in_order(content: dict[str, Any], ratios: dict[str, Ratios]) -> list[str]:
     if behind:
         said.append(f"Larger errors than {label(_REFERENCE)} in position, rotation or both: {', '.join(behind)}.")
     return said
+
+
+def _begun(sentence: str) -> str:
+    """A sentence with a capital, where it begins with the name of a method."""
+    return sentence[:1].upper() + sentence[1:]
 
 
 def _clause(name: str, found: Ratios) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from .accuracy_charts import Traces
-from .lengths import in_readable_unit
+from .lengths import LengthUnit
 from .methods import label, style
 from .records import Comparison, MethodRun
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
@@ -63,7 +63,7 @@ def _nees(traces: Traces, gaps: Sequence[int]) -> Markup:
     )
 
 
-def agreement(runs: list[MethodRun], gaps: Sequence[int]) -> list[Markup]:
+def agreement(runs: list[MethodRun], gaps: Sequence[int], unit: LengthUnit) -> list[Markup]:
     """Closure after there and back, distance between the methods, reprojection error."""
     reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
     apart, reprojection = [], []
@@ -74,11 +74,10 @@ def agreement(runs: list[MethodRun], gaps: Sequence[int]) -> list[Markup]:
             apart.append(Series(label(run.name), np.arange(n), np.linalg.norm(d, axis=1), style(run.name)))
         y = np.array(run.reprojection_px, float)
         reprojection.append(Series(label(run.name), np.arange(len(y)), smoothed(y), style(run.name)))
-    apart, unit = in_readable_unit(apart)
     title, note = f"Distance from {label(reference.name)}", "positions, without alignment"
     return [
-        *_closures(runs),
-        draw(Chart(title, "frame", unit, apart, note=note, zero=True, marks=gaps)),
+        *_closures(runs, unit),
+        draw(Chart(title, "frame", unit.name, unit.of(apart), note=note, zero=True, marks=gaps)),
         draw(
             Chart(
                 "Reprojection error",
@@ -93,7 +92,7 @@ def agreement(runs: list[MethodRun], gaps: Sequence[int]) -> list[Markup]:
     ]
 
 
-def _closures(runs: list[MethodRun]) -> list[Markup]:
+def _closures(runs: list[MethodRun], unit: LengthUnit) -> list[Markup]:
     """Two charts, none where the frames were not processed in reverse order as well."""
     position, rotation = [], []
     for run in runs:
@@ -102,52 +101,56 @@ def _closures(runs: list[MethodRun]) -> list[Markup]:
             rotation.append(Series(label(run.name), found.apart_m, found.rotation_deg, style(run.name)))
     if not position:
         return []
-    position, unit = in_readable_unit(position)
     x, note = "distance travelled between the two visits, m", "difference between two visits of a frame"
     return [
-        draw(Chart("There and back: position", x, unit, position, note=note, zero=True)),
+        draw(Chart("There and back: position", x, unit.name, unit.of(position), note=note, zero=True)),
         draw(Chart("There and back: rotation", x, "degrees", rotation, note=note, zero=True)),
     ]
 
 
-def structure(c: Comparison) -> list[Markup]:
+def structure(c: Comparison, unit: LengthUnit) -> list[Markup]:
     """Local structure: error of its depths where the log has depth images, estimated σ, CC against WC."""
     sigma = []
     for run in c.runs:
-        y = 1e3 * np.array(run.sigma_local_m, float)
+        y = unit.per_m * np.array(run.sigma_local_m, float)
         sigma.append(Series(label(run.name), np.arange(len(y)), y, style(run.name)))
     note = "median of the points in view"
     charts = [
-        *_depth_errors(c),
+        *_depth_errors(c, unit),
         draw(
             Chart(
-                "Estimated σ of the local structure", "frame", "σ along the ray, mm", sigma, note=note, log_y=True
+                "Estimated σ of the local structure",
+                "frame",
+                f"σ along the ray, {unit.name}",
+                sigma,
+                note=note,
+                log_y=True,
             )
         ),
     ]
     rows = np.array(c.local_difference).reshape(-1, 2)
     if len(rows):
-        series = [Series("CC and WC-derived", rows[:, 0], 1e3 * rows[:, 1], "m-cross-frame-cc")]
+        series = [Series("CC and WC-derived", rows[:, 0], unit.per_m * rows[:, 1], "m-cross-frame-cc")]
         note = "median distance between equal points"
         charts.append(
-            draw(Chart("Local structure: CC against WC-derived", "frame", "mm", series, note=note, zero=True))
+            draw(Chart("Local structure: CC against WC-derived", "frame", unit.name, series, note=note, zero=True))
         )
     return charts
 
 
-def _depth_errors(c: Comparison) -> list[Markup]:
-    """Error against depth images, in millimetres and over the estimated σ; none where the log has no depth."""
+def _depth_errors(c: Comparison, unit: LengthUnit) -> list[Markup]:
+    """Error against depth images, and over the estimated σ; none where the log has no depth."""
     error, ratio = [], []
     for run in c.runs:
         rows = np.array(run.depth_rows).reshape(-1, 3)
         if len(rows):
-            error.append(Series(label(run.name), rows[:, 0], 1e3 * rows[:, 1], style(run.name)))
+            error.append(Series(label(run.name), rows[:, 0], unit.per_m * rows[:, 1], style(run.name)))
             over = rows[:, 1] / np.maximum(rows[:, 2], 1e-12)
             ratio.append(Series(label(run.name), rows[:, 0], over, style(run.name)))
     if not error:
         return []
     return [
-        draw(Chart("Depth error of the local structure", "frame", "RMS, mm", error, log_y=True)),
+        draw(Chart("Depth error of the local structure", "frame", f"RMS, {unit.name}", error, log_y=True)),
         draw(
             Chart(
                 "Depth error over estimated σ",

@@ -1,17 +1,33 @@
-"""Lengths in a unit in which their numbers are easy to read."""
+"""The unit in which a page gives one family of lengths, such as all errors of position: charts and tables alike."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .svg import Series
 
-_MILLIMETRES_BELOW_M = 0.1
+
+class LengthUnit(NamedTuple):
+    """A unit of length: its name, and how many of them are a metre."""
+
+    name: str
+    per_m: float
+
+    def of(self, series: Sequence[Series]) -> list[Series]:
+        """Series of lengths in metres, in this unit."""
+        return [
+            replace(s, y=self.per_m * s.y, band=None if s.band is None else self.per_m * s.band) for s in series
+        ]
 
 
-def in_readable_unit(series: list[Series]) -> tuple[list[Series], str]:
-    """Series of lengths, given in metres, in millimetres where all are short, and the name of the unit."""
-    finite = [s.y[np.isfinite(s.y)] for s in series]
-    if all(not len(y) or y.max() < _MILLIMETRES_BELOW_M for y in finite):
-        return [replace(s, y=1e3 * s.y) for s in series], "mm"
-    return series, "m"
+METRES, MILLIMETRES, UNSCALED = LengthUnit("m", 1.0), LengthUnit("mm", 1e3), LengthUnit("units", 1.0)
+
+
+def unit_for(*lengths_m: ArrayLike | None) -> LengthUnit:
+    """Millimetres where all lengths that are known are below a metre, else metres."""
+    known = [np.asarray(x, float).ravel() for x in lengths_m if x is not None]
+    values = np.concatenate([x[np.isfinite(x)] for x in known]) if known else np.empty(0)
+    return MILLIMETRES if not len(values) or np.abs(values).max() < 1 else METRES

@@ -19,28 +19,29 @@ def render_many(content: dict[str, Any]) -> str:
         name=lambda sample: Path(sample["log"]).name,
         failed=[s for s in content["samples"] if s["failure"]],
         good=[s for s in content["samples"] if s["ratios"]],
+        said=conclusion_of_many(content),
         css=inline("page.css"),
     )
 
 
-def conclusion_of_many(content: dict[str, Any]) -> str:
+def conclusion_of_many(content: dict[str, Any]) -> list[str]:
     """What all samples together say, one sentence per method."""
     overall = content["error_over_cross_frame"]
     good = [s for s in content["samples"] if s["ratios"]]
     if not overall:
-        return "No log could be compared; the reasons are listed below."
+        return ["No log could be compared; the reasons are listed below."]
     logs, starts = content["logs"], len(good)
     of = f"{logs} logs" if logs > 1 else f"{starts} starts of one log"
     if logs > 1 and starts > logs:
         of += f", {starts} starts"
-    said = [f"Over {of}:"]
+    said = [f"Errors over {of}, over those of {_REFERENCE}."]
     for key, found in overall.items():
         said.append(_sentence(label(key.replace("_", "-")), found))
     if logs == 1:
         said.append("Starts of one log share its scene and its motion: this holds for this log.")
     if any(f[q]["ci95"] is None for f in overall.values() for q in f):
         said.append("Intervals need three samples.")
-    return " ".join(said)
+    return said
 
 
 def _sentence(name: str, found: dict[str, Any]) -> str:
@@ -52,4 +53,4 @@ def _sentence(name: str, found: dict[str, Any]) -> str:
         low, high = f["ci95"]
         told = "larger" if low > 1 else "smaller" if high < 1 else "not told apart"
         parts.append(f"{quantity} {told} (×{f['value']:.2f} [{low:.2f}, {high:.2f}])")
-    return f"{name} against {_REFERENCE}: {', '.join(parts)}."
+    return f"{name[:1].upper()}{name[1:]}: {', '.join(parts)}."

@@ -98,7 +98,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
-    return content | {"conclusion": conclusion(content)[1]}
+    return content | {"conclusion": conclusion(content).text}
 
 
 def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:

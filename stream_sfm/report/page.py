@@ -3,16 +3,19 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..evaluation.truth_check import warnings_of
 from ..files import json_bytes, write_whole
 from . import accuracy_charts, calibration_field, consistency_charts, pictures, survey_charts
 from .accuracy_charts import Traces
 from .conclusion import conclusion
+from .lengths import LengthUnit, unit_for
 from .methods import label, style
 from .numbers import numbers
 from .records import Comparison
 from .template import inline, template
-from .traces import trace
+from .traces import closure, trace
 
 REPORT = ("report.json", "report.html")  # the files of a report
 
@@ -33,6 +36,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
     returned = any(m["there_and_back"] for m in methods.values())
     log_check = {"warnings": [], "problems": [], "topics": []} | content["health"]
     split = next((m for m in methods.values() if m["straight"] or m["turning"]), None)
+    errors, local = _units(c, traces)
     lengths = next((m["segment_lengths_m"] for m in methods.values() if m["segment_lengths_m"]), None)
     return template("page.html.j2").render(
         c=c,
@@ -52,7 +56,9 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         banded=any(t.sigma is not None for t in traces.values()),
         turns=[(split[k] or {"spans": 0})["spans"] for k in ("straight", "turning")] if split else None,
         depth=any(r.depth_rows for r in c.runs),
-        charts=_charts(c, traces),
+        errors=errors,
+        local=local,
+        charts=_charts(c, traces, errors, local),
         images={
             "stereo": pictures.stereo_frames(c.front),
             "needles": pictures.needles(c.front),
@@ -75,18 +81,26 @@ def _traces(c: Comparison) -> Traces:
     return {name: t for name, t in found if t is not None}
 
 
-def _charts(c: Comparison, traces: Traces) -> dict[str, Any]:
+def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
+    """The units of errors of position, and of errors of the local structure."""
+    closures = [found.position_m for run in c.runs if (found := closure(run)) is not None]
+    errors = unit_for(*([t.position_m for t in traces.values()] or closures))
+    sigmas = [np.array(run.sigma_local_m, float) for run in c.runs]
+    return errors, unit_for(*([np.median(x[np.isfinite(x)])] for x in sigmas if np.isfinite(x).any()))
+
+
+def _charts(c: Comparison, traces: Traces, unit: LengthUnit, local: LengthUnit) -> dict[str, Any]:
     gaps = c.front.gaps
     return {
-        "paths": accuracy_charts.paths(c.runs, traces),
-        "errors": accuracy_charts.errors(traces, gaps),
-        "drift": accuracy_charts.drift(traces),
-        "axes": [(name, accuracy_charts.axes(t, name)) for name, t in traces.items()],
+        "paths": accuracy_charts.paths(c.runs, traces, unit),
+        "errors": accuracy_charts.errors(traces, gaps, unit),
+        "drift": accuracy_charts.drift(traces, unit),
+        "axes": [(name, accuracy_charts.axes(t, name, unit)) for name, t in traces.items()],
         "consistency": consistency_charts.consistency(traces, c.runs, gaps),
-        "agreement": consistency_charts.agreement(c.runs, gaps),
-        "structure": consistency_charts.structure(c),
+        "agreement": consistency_charts.agreement(c.runs, gaps, unit),
+        "structure": consistency_charts.structure(c, local),
         "work": consistency_charts.work(c),
-        "points": survey_charts.at_test_points({name: e.by_frame() for name, e in c.test_points.items()}),
+        "points": survey_charts.at_test_points({name: e.by_frame() for name, e in c.test_points.items()}, unit),
     }
 
 

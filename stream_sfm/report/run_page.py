@@ -10,7 +10,7 @@ from ..geometry.se3 import Array
 from ..types import Status, Trajectory
 from . import pictures
 from .consistency_charts import innovations
-from .lengths import in_readable_unit
+from .lengths import UNSCALED, LengthUnit, unit_for
 from .methods import label, style
 from .records import MethodRun
 from .survey_charts import at_test_points
@@ -38,6 +38,7 @@ def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory |
     """Render a run as HTML from its summary, its columns, and its truth if there is any."""
     run = MethodRun(summary["method"], statuses=[str(s) for s in columns.statuses])
     unit = "units" if summary["unscaled"] else "m"
+    errors_unit = UNSCALED if summary["unscaled"] else _errors_unit(columns.trajectory, truth)
     return template("run.html.j2").render(
         s=summary,
         version=__version__,
@@ -45,8 +46,10 @@ def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory |
         unit=unit,
         conclusion=conclusion_of_run(summary),
         paths=_paths(columns.trajectory, truth, summary["method"], unit),
-        errors=_errors(columns.trajectory, truth, summary["method"]),
-        points=_points(summary),
+        errors=_errors(columns.trajectory, truth, summary["method"], errors_unit),
+        errors_unit=errors_unit,
+        local_unit=unit_for([(summary.get("ground_truth") or {}).get("local_structure_median_m") or 0.0]),
+        points=_points(summary, errors_unit),
         work=_work(columns),
         timeline=pictures.timeline([run], len(columns.statuses), ()),
         label=label,
@@ -85,7 +88,8 @@ def conclusion_of_run(summary: dict[str, Any]) -> str:
 
 
 def _length(metres: float) -> str:
-    return f"{1e3 * metres:.2g} mm" if metres < 0.1 else f"{metres:.3g} m"
+    unit = unit_for([metres])
+    return f"{unit.per_m * metres:.3g} {unit.name}"
 
 
 def _paths(estimate: Trajectory, truth: Trajectory | None, method: str, unit: str) -> list[Markup]:
@@ -133,7 +137,14 @@ def _tube(poses: Array, cov: Array, i: int, j: int) -> tuple[Array, float]:
     return np.concatenate([at + offset, np.full((1, 2), np.nan), at - offset]), factor
 
 
-def _errors(estimate: Trajectory, truth: Trajectory | None, method: str) -> list[Markup]:
+def _errors_unit(estimate: Trajectory, truth: Trajectory | None) -> LengthUnit:
+    """Of the errors of the position, or where they are not known of its σ."""
+    found = None if truth is None else trace_of(estimate, truth)
+    sigma = None if estimate.cov_pose is None else np.sqrt(np.trace(estimate.cov_pose[:, :3, :3], axis1=1, axis2=2))
+    return unit_for(sigma if found is None else found.position_m)
+
+
+def _errors(estimate: Trajectory, truth: Trajectory | None, method: str, length: LengthUnit) -> list[Markup]:
     """σ of position and rotation over the frames, beside the error where the truth is known."""
     found = None if truth is None else trace_of(estimate, truth)
     frames = np.arange(len(estimate))
@@ -150,17 +161,17 @@ def _errors(estimate: Trajectory, truth: Trajectory | None, method: str) -> list
             series.append(Series("estimated σ", frames, sigma, "m-truth"))
         unit = "degrees"
         if k == 0:
-            series, unit = in_readable_unit(series)
+            series, unit = length.of(series), length.name
         title = f"{what} error and σ" if found is not None else f"Estimated σ of the {what.lower()}"
         note = "first poses aligned" if found is not None else "relative to the first frame"
         charts.append(draw(Chart(title, "frame", unit, series, note=note, zero=True)))
     return charts
 
 
-def _points(summary: dict[str, Any]) -> list[Markup]:
+def _points(summary: dict[str, Any], length: LengthUnit) -> list[Markup]:
     """The errors at surveyed test points, if there are any."""
     found = summary.get("test_points")
-    return at_test_points({summary["method"]: found["by_frame"]}) if found else []
+    return at_test_points({summary["method"]: found["by_frame"]}, length) if found else []
 
 
 def _work(columns: RunColumns) -> list[Markup]:

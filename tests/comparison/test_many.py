@@ -32,7 +32,9 @@ def test_intervals_are_over_logs_and_starts_are_averaged_first() -> None:
     position = found["error_over_cross_frame"]["ekf"]["position"]
     assert position["value"] == pytest.approx(4 ** (1 / 4)) and position["samples"] == 4
     assert position["ci95"][0] < 1 < position["ci95"][1] and found["interval_over"] == "logs"
-    assert "Over 4 logs, 53 starts:" in found["conclusion"] and "position not told apart" in found["conclusion"]
+    assert (
+        "Errors over 4 logs, 53 starts," in found["conclusion"] and "position not told apart" in found["conclusion"]
+    )
 
 
 def test_intervals_hold_in_95_percent() -> None:
@@ -51,7 +53,7 @@ def test_intervals_hold_in_95_percent() -> None:
 
 def test_starts_of_one_log_are_not_logs() -> None:
     found = summarise_many([sample("a", k, 1.1 + 0.01 * k, 1.0) for k in range(3)], ("cross-frame", "ekf"))
-    assert found["interval_over"] == "starts" and "Over 3 starts of one log:" in found["conclusion"]
+    assert found["interval_over"] == "starts" and "Errors over 3 starts of one log," in found["conclusion"]
     assert "position larger" in found["conclusion"] and "holds for this log" in found["conclusion"]
     two = summarise_many([sample("a", 0, 2.0, 1.0), sample("b", 0, 2.0, 1.0)], ("cross-frame", "ekf"))
     assert two["error_over_cross_frame"]["ekf"]["position"]["ci95"] is None

@@ -4,9 +4,14 @@ from typing import Any
 
 import pytest
 
-from stream_sfm.report.conclusion import conclusion
+from stream_sfm.report.conclusion import conclusion as conclude
 
 LEVEL, MORE, LESS = (1.03, 0.9, 1.18), (1.44, 1.25, 1.64), (0.8, 0.7, 0.9)
+
+
+def conclusion(content: dict[str, Any]) -> tuple[str, str]:
+    found = conclude(content)
+    return found.style, found.text
 
 
 def report(nees: dict[str, float] | None = None, apart_m: float = 0.01, **ratios: Any) -> dict[str, Any]:
@@ -74,10 +79,15 @@ def test_every_method_is_named_as_in_the_tables() -> None:
             ekf_cv=(LESS, LEVEL),
         )
     )
-    assert "frame-to-frame and cross-frame cannot be told apart: position ×1.03" in text
+    assert "Frame-to-frame and cross-frame cannot be told apart: position ×1.03" in text
     assert "EKF, constant velocity against cross-frame: in position ×0.80 [0.70, 0.90]" in text
     assert "Not told apart from cross-frame in either: per-point WC." in text
     assert "Larger errors than cross-frame in position, rotation or both: per-point CC." in text
+
+
+def test_each_method_has_a_sentence_of_its_own() -> None:
+    found = conclude(report(ekf=(MORE, MORE), frame_to_frame=(LEVEL, MORE)))
+    assert [sentence.split(" ")[0] for sentence in found.sentences] == ["EKF", "Frame-to-frame", "Figures"]
 
 
 def test_a_method_that_is_ahead_with_a_covariance_that_does_not_hold() -> None:
