@@ -82,6 +82,14 @@ def conclusion_of_run(summary: dict[str, Any]) -> str:
         said.append(
             f"There is no ground truth; the position at the end has an estimated σ of {end['std_position_m']:.2g} m."
         )
+    if (points := summary.get("test_points")) and points["image_rms_px"] is not None:
+        where = (
+            f", {_length(points['position_rms_m'])} in the world" if points["position_rms_m"] is not None else ""
+        )
+        said.append(
+            f"Surveyed test points are off by {points['image_rms_px']:.2g} px in the image{where} (RMS over "
+            f"{points['sightings']} sightings)."
+        )
     if not summary["complete"]:
         said.append("The run is not complete; the warnings say why.")
     return " ".join(said)

@@ -57,6 +57,14 @@ def test_the_sentence_says_how_large_errors_and_sigma_are() -> None:
     assert "The ground truth of frames 3 to 4 is in doubt." in text
 
 
+def test_the_sentence_tells_the_errors_at_test_points() -> None:
+    points = {"image_rms_px": 0.456, "position_rms_m": 0.0703, "sightings": 265}
+    said = "Surveyed test points are off by 0.46 px in the image, 70.3 mm in the world (RMS over 265 sightings)."
+    assert said in conclusion_of_run(summary(test_points=points))
+    alone = conclusion_of_run(summary(test_points=points | {"position_rms_m": None}))
+    assert "off by 0.46 px in the image (RMS over 265 sightings)." in alone
+
+
 def test_the_sentence_names_what_went_wrong() -> None:
     frames = summary()["frames"] | {"lost": 3, "degraded": 2}
     text = conclusion_of_run(summary(frames=frames, complete=False, end={"std_position_m": 0.05}))
