@@ -5,6 +5,7 @@ is one short line.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -144,7 +145,7 @@ class Observations:
     - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
       track as if they were independent; None where they are.
     - `rig_effects` (n, 4, m): what possible errors of the calibration do to the views, pixels per σ of each; None where
-      the calibration is exact.
+      the calibration is exact. `rig_effects_at`: the same of views (k, 4) at any positions.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -160,6 +161,7 @@ class Observations:
     std_drift_px: Array | None = None
     inflation: Array | None = None
     rig_effects: Array | None = None
+    rig_effects_at: Callable[[Array], Array] | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:

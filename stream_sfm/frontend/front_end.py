@@ -126,6 +126,7 @@ class StereoFrontEnd:
             doubtful=bool(self.pair_check.doubt),
             std_drift_px=np.zeros(len(z_px)),
             rig_effects=self.rig_effects.of(z_px),
+            rig_effects_at=self.rig_effects.of,
             inflation=self.persistence.inflation(ids, z_px, cov_px),
         )
 

@@ -18,6 +18,7 @@ def absorb_oldest_frame(current: Map) -> None:
     current.reference_index = frame.index
     # a point enters the prior with a stereo view: one side alone would leave its depth open
     frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
+    current.refine_rig_effects(frame)
     seen = frame.ids[frame.used]
     seen_later = np.unique(np.concatenate([f.ids[f.used] for f in current.frames] or [seen]))
     current.ref_from_anchor = se3.orthonormalise(frame.cam_from_ref @ current.ref_from_anchor)  # the new reference

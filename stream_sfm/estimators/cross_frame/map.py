@@ -13,10 +13,10 @@ from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection
+from ...geometry.stereo import StereoProjection, clamp_depth
 from ...types import RigEstimate, Solution
 from ..ids import among
-from .inverse_depth import WhitenedViews, linearise, q_of_views
+from .inverse_depth import WhitenedViews, in_reference, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -177,6 +177,13 @@ class Map:
             f.cam_from_ref = cam
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
         return decrease
+
+    def refine_rig_effects(self, frame: WindowFrame) -> None:
+        """Take what errors of the rig do to the used views of a frame where the present estimate expects them."""
+        at = np.searchsorted(self.ids, frame.ids[frame.used])
+        in_cam = matvec(frame.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at]))
+        expected_px = self.projection.project_homogeneous(clamp_depth(in_cam))
+        frame.refine_rig_effects(expected_px + frame.rig_effects[frame.used] @ self.rig_error)
 
     def rig_estimate(self) -> RigEstimate | None:
         """Return what the latest system says about the rig's errors; None where none are possible."""

@@ -86,6 +86,7 @@ class CrossFrame:
         current.enter(frame, rejected)
         current.doubt(motion)
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
+        current.refine_rig_effects(frame)
         return self._report(current, observations, motion, iterations)
 
     def _pass_over(self, observations: Observations, reason: str) -> Solution:

@@ -1,5 +1,6 @@
 """One frame of the window: its views, which of them count, and its pose."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ class WindowFrame:
     root: Array
     weight: Array
     rig_effects: Array
+    rig_effects_at: Callable[[Array], Array] | None
     stereo: NDArray[np.bool_]
     used: NDArray[np.bool_]
     var_drift: Array
@@ -43,6 +45,7 @@ class WindowFrame:
             root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
             rig_effects=effects_of(observations),
+            rig_effects_at=observations.rig_effects_at,
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
             used=np.ones(len(observations.track_ids), bool),
             var_drift=_drift_variances(observations, projection),
@@ -52,6 +55,16 @@ class WindowFrame:
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (n, 4) without errors (m,) of the rig."""
         return np.asarray(self.z_px - self.rig_effects @ rig_error)
+
+    def refine_rig_effects(self, expected_px: Array) -> None:
+        """Take the effects of the used views where they are expected, (k, 4), instead of where they were measured.
+
+        The noise of a view moves it to where an error of the rig does something else, by a fixed amount for noise of a
+        given variance. That is not averaged out: errors of the rig that hardly show are estimated wrongly.
+        """
+        if self.rig_effects_at is not None:
+            self.rig_effects = self.rig_effects.copy()
+            self.rig_effects[self.used] = self.rig_effects_at(expected_px)
 
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
