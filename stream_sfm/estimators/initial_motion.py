@@ -36,5 +36,6 @@ def initial_motion(
         cam_from_previous_predicted if start is None else start,
         config.gate_probability,
         weights,
+        start_is_close=start is not None,
     )
     return found if found.ok and found.accepted.sum() >= config.min_inliers else None

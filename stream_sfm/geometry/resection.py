@@ -42,6 +42,9 @@ _MAX_ROTATION_STEP_RAD = (
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
 _CALM_SHARE = 0.8
+# From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
+# residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
+_CALM_SPREAD = 4.0
 _SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and say nothing about the noise
 # A second motion is reported where its support is at least this share of the first one's. Chosen by hand: below, a vote
 # by weight is clear; what moves alone has less, because it has less history.
@@ -92,13 +95,15 @@ def resect(
     cam_from_ref_start: Array,
     gate_probability: float = 0.999,
     weights: Array | None = None,
+    start_is_close: bool = False,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
     `points_in_ref` (n, 3) metres or (n, 4) homogeneous, `cov_points` of the same dimension (None: exact),
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4). `weights` (n,): how much
     each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
-    only their noise counts.
+    only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
+    of any; where nearly all of them do, neither another start nor annealing is needed.
     """
     n = len(z_px)
     if n < MIN_VIEWS:
@@ -108,6 +113,10 @@ def resect(
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
     weights = np.ones(len(views)) if weights is None else weights
+    if start_is_close:
+        found = _least_squares(views, weights, cam_from_ref_start, *views.linearise(cam_from_ref_start))
+        if found.ok and _agrees_with_nearly_all(views, found, weights):
+            return found
     found = _solve(views, cam_from_ref_start, weights)
     if found.share >= _CALM_SHARE:
         return found
@@ -120,6 +129,12 @@ def resect(
 def _solve(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
     """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
     return _least_squares(views, weights, *_robust_fit(views, cam_from_ref))
+
+
+def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array) -> bool:
+    """Whether nearly all views agree with the motion, if their noise is as large as their median residual says."""
+    agree = found.squared_residuals < min(found.spread, _CALM_SPREAD) * views.gate
+    return bool(weights[agree].sum() >= _CALM_SHARE * weights.sum())
 
 
 def _search(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:

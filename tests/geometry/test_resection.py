@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from stream_sfm.geometry import se3
+from stream_sfm.geometry import resection, se3
 from stream_sfm.geometry.point_views import PointViews
 from stream_sfm.geometry.resection import homogeneous, resect
 from stream_sfm.geometry.stereo import StereoProjection
@@ -60,6 +60,24 @@ def test_far_start_is_found_by_hypotheses() -> None:
     start = se3.exp([0.5, -0.4, 0.8, 0.2, -0.5, 0.3])
     found = resect(P, points, cov_points, z, cov, start)
     assert found.ok and np.linalg.norm(se3.log(truth @ se3.inverse(found.cam_from_ref))) < 0.03
+
+
+def test_from_a_close_start_noise_of_twice_its_size_is_no_reason_to_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, points, cov_points, z, cov, _ = problem(1, 80)
+    ordinary = resect(P, points, cov_points, z, cov, np.eye(4))
+    monkeypatch.setattr(resection, "search_motion", None)  # a search would fail
+    found = resect(P, points, cov_points / 4, z, cov / 4, truth, start_is_close=True)
+    assert found.ok and found.share < 0.8  # less than what ends a search from any other start
+    error = se3.log(truth @ se3.inverse(found.cam_from_ref))
+    assert error @ np.linalg.solve(ordinary.cov_pose, error) < chi2.ppf(0.999, 6)
+
+
+def test_a_close_start_that_the_views_contradict_is_left() -> None:
+    _, points, cov_points, z, cov, _ = problem(1, 80, outliers=0.4)
+    start = se3.exp([0.5, -0.4, 0.8, 0.2, -0.5, 0.3])
+    found = resect(P, points, cov_points, z, cov, start, start_is_close=True)
+    ordinary = resect(P, points, cov_points, z, cov, start)
+    assert np.array_equal(found.cam_from_ref, ordinary.cam_from_ref) and found.ok
 
 
 def test_points_at_infinity_fix_the_rotation_only() -> None:

@@ -126,9 +126,10 @@ class Prior:
         pull = d_inv @ modes
         reach = pull.copy()
         reach[..., rig] -= blocks.rig_point @ self.rig.root
-        flat_pull, flat_reach = pull.reshape(3 * n, -1), reach.reshape(3 * n, -1)
+        size = (3 * n, k + 6 + m)  # said, as no points have any
+        flat_pull, flat_reach = pull.reshape(size), reach.reshape(size)
         update = matvec(cov, matvec(d_inv, away) + blocks.g_point)  # of the points, the modes held
-        s = modes.reshape(3 * n, -1).T @ flat_pull - flat_reach.T @ (cov @ reach).reshape(3 * n, -1)
+        s = modes.reshape(size).T @ flat_pull - flat_reach.T @ (cov @ reach).reshape(size)
         s[known, known] += 1.0
         s[rig, rig] += self.rig.root.T @ blocks.rig @ self.rig.root
         right = flat_reach.T @ update.ravel() - flat_pull.T @ away.ravel()
