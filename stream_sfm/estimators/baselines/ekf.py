@@ -17,11 +17,10 @@ from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
-from ...types import Observations, Solution, Status
-from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
-from ..motion_model import MotionModel
+from ...types import Observations
+from ..lifecycle import WorldPoints
 from ..triangulation import counted_cov, triangulate, usable_births
+from .joint_filter import JointFilter, Structure
 
 # The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
@@ -29,52 +28,17 @@ from ..triangulation import counted_cov, triangulate, usable_births
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
-class Ekf:
+class Ekf(JointFilter):
     """Joint covariance of the pose and the visible points; world-centred."""
 
     name = "ekf"
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
-        self._projection = projection
-        self._config = config
-        self._motion = MotionModel(config.motion)
-        self._world_from_cam = np.eye(4)
-        self._ids = np.empty(0, np.int64)
+        super().__init__(projection, config)
         self._points = np.empty((0, 3))  # in the world
-        self._cov = np.zeros((6, 6))  # (6+3m, 6+3m)
-
-    def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
-        obs, robust = observations, self._config.robust
-        if not len(self._ids):
-            return self._start(obs)
-        ended = self._drop(np.isin(self._ids, obs.track_ids))
-        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
-        rows = np.searchsorted(obs.track_ids, self._ids)
-        if obs.std_drift_px is not None:  # part of the prediction, ahead of the gate
-            self._cov[6:, 6:] += self._drift(obs.std_drift_px[rows])
-        found = self._initial_motion(obs, rows, predicted)
-        if found is None:
-            ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])
-            return lost_solution(obs, too_few_inliers(0, len(rows), robust), predicted, cov_predicted, ended)
-        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
-        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
-        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
-        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
-        rejected = self._ids[~found.accepted]
-        self._add(obs)
-        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return recorded(self._motion, obs, self._solution(obs, status, reason, ended, rejected, found))
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
         return resected
-
-    def _start(self, obs: Observations) -> Solution:
-        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
-        if solution.status is Status.INITIALISING:
-            self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
-            self._add(obs)
-        return solution
 
     def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
         """Marginalise the points outside the mask, and return them."""
@@ -84,19 +48,6 @@ class Ekf:
         rows = np.concatenate([np.ones(6, bool), np.repeat(keep, 3)])
         self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
         return ended
-
-    def _initial_motion(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
-        """Find the motion since the previous camera, and the inliers, from the points as that camera knew them."""
-        in_previous, cov_in_previous = self._local_structure()
-        return initial_motion(
-            self._projection,
-            self._config.robust,
-            obs,
-            rows,
-            in_previous,
-            cov_in_previous,
-            se3.inverse(predicted) @ self._world_from_cam,
-        )
 
     def _measurement(self, used: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return predicted views (k, 4) and H (4k, 6+3m) of the points `used`, at the current pose and points."""
@@ -110,6 +61,13 @@ class Ekf:
             a @ cam_from_world[:3, :3]
         )
         return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
+
+    def _take(self, obs: Observations, rows: NDArray[np.intp], found: Resection, predicted: Array) -> int:
+        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
+        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
+        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
+        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
+        return 1
 
     def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
         """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50), (51)."""
@@ -133,19 +91,19 @@ class Ekf:
         self._points = self._points + kf.x[6:].reshape(-1, 3)
         self._cov = symmetric(kf.P)
 
-    def _drift(self, drift_px: Array) -> Array:
-        """Return process noise (3m, 3m) m² of patches that drifted by `drift_px` (m,), across the ray and in depth."""
+    def _let_drift(self, std_drift_px: Array) -> None:
+        """Add process noise, m², across the ray and in depth."""
         p, r = self._projection, self._world_from_cam[:3, :3]
         in_cam = se3.transform(se3.inverse(self._world_from_cam), self._points)
         ray = in_cam / np.maximum(in_cam[:, 2:], MIN_DEPTH)
-        along = in_cam[:, 2] ** 2 * drift_px / (p.f_px * p.baseline_m)
-        across = in_cam[:, 2] * drift_px / p.f_px
+        along = in_cam[:, 2] ** 2 * std_drift_px / (p.f_px * p.baseline_m)
+        across = in_cam[:, 2] * std_drift_px / p.f_px
         blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
         blocks[:, [0, 1], [0, 1]] += across[:, None] ** 2
         m = len(in_cam)
         q = np.zeros((m, 3, m, 3))
         q[np.arange(m), :, np.arange(m), :] = r @ blocks @ r.T
-        return q.reshape(3 * m, 3 * m)
+        self._cov[6:, 6:] += q.reshape(3 * m, 3 * m)
 
     def _add(self, obs: Observations) -> None:
         """Add new points, correlated with the rest, eq. (52): X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]."""
@@ -161,14 +119,10 @@ class Ekf:
         own = (g @ self._cov[:6, :6] @ g.T).reshape(n // 3, 3, n // 3, 3)
         own[np.arange(n // 3), :, np.arange(n // 3), :] += r @ cov @ r.T
         joint[d:, d:] = own.reshape(n, n)
-        ids = np.concatenate([self._ids, obs.track_ids[new]])
-        order = np.argsort(ids)
-        rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
-        self._ids = ids[order]
+        order = self._insert(obs.track_ids[new], joint)
         self._points = np.concatenate([self._points, se3.transform(self._world_from_cam, in_cam)])[order]
-        self._cov = joint[np.ix_(rows, rows)]
 
-    def _local_structure(self) -> tuple[Array, Array]:
+    def _in_previous(self) -> tuple[Array, Array]:
         """Return points in the camera (m, 3) and covariances (m, 3, 3), eq. (45): δX_c = Rᵀ δX + [−I, [X_c]×] ξ."""
         cam_from_world = se3.inverse(self._world_from_cam)
         in_cam = se3.transform(cam_from_world, self._points)
@@ -176,43 +130,12 @@ class Ekf:
         jt = np.swapaxes(j, 1, 2)
         cross = self._cov[6:, :6].reshape(-1, 3, 6)
         mixed = r @ cross @ jt
-        cov = r @ self._point_blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
+        cov = r @ self._blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
         return in_cam, symmetric(cov)
 
-    def _point_blocks(self) -> Array:
-        m = len(self._ids)
-        return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
-
-    def _solution(
-        self,
-        obs: Observations,
-        status: Status,
-        reason: str,
-        ended: WorldPoints,
-        rejected: NDArray[np.int64],
-        found: Resection,
-    ) -> Solution:
-        in_cam, cov_points = self._local_structure()
-        return Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=self._world_from_cam,
-            cov_pose=self._cov[:6, :6].copy(),
-            track_ids=self._ids,
-            points_in_cam=in_cam,
-            cov_points=cov_points,
-            points_in_world=self._points,
-            cov_points_in_world=self._point_blocks(),
-            window_frame_indices=np.array([obs.frame_index], np.int64),
-            window_world_from_cam=self._world_from_cam[None],
-            rejected_ids=rejected,
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
-            iterations=1,
-            nis=found.chi2,
-            nis_dof=found.dof,
-        )
+    def _structure(self) -> Structure:
+        in_cam, cov_points = self._in_previous()  # which is the newest one by now
+        return Structure(self._ids, in_cam, cov_points, self._points, self._blocks())
 
 
 class EkfConstantVelocity(Ekf):

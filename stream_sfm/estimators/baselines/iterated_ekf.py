@@ -20,7 +20,7 @@ from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
-from ...types import Observations, Solution, Status
+from ...types import Observations
 from ..cross_frame.inverse_depth import (
     Q_COLUMNS,
     homogeneous_from_q,
@@ -30,10 +30,9 @@ from ..cross_frame.inverse_depth import (
     q_jacobian,
     q_of_views,
 )
-from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
-from ..motion_model import MotionModel
+from ..lifecycle import WorldPoints
 from ..triangulation import counted_cov
+from .joint_filter import JointFilter, Structure
 
 _MAX_ITERATIONS = 6  # measured: two to four are needed with 1 px of noise
 _CONVERGED = 1e-3  # squared length of a step in standard deviations of the motion
@@ -55,49 +54,14 @@ class _Update(NamedTuple):
     iterations: int
 
 
-class IteratedEkf:
+class IteratedEkf(JointFilter):
     """Joint covariance of the world and the visible points; camera-centred."""
 
     name = "iterated-ekf"
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
-        self._projection = projection
-        self._config = config
-        self._motion = MotionModel(config.motion)
-        self._world_from_cam = np.eye(4)
-        self._ids = np.empty(0, np.int64)
+        super().__init__(projection, config)
         self._q = np.empty((0, 3))
-        self._cov = np.zeros((6, 6))  # (6 + 3m, 6 + 3m)
-
-    def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
-        obs, robust = observations, self._config.robust
-        if not len(self._ids):
-            return self._start(obs)
-        ended = self._drop(np.isin(self._ids, obs.track_ids))
-        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
-        rows = np.searchsorted(obs.track_ids, self._ids)
-        self._let_drift(obs, rows)
-        found = self._initial_motion(obs, rows, predicted)
-        if found is None:
-            ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])
-            return lost_solution(obs, too_few_inliers(0, len(rows), robust), predicted, cov_predicted, ended)
-        used = np.flatnonzero(found.accepted)
-        update = self._update(obs.z_px[rows[used]], counted_cov(obs, rows[used]), used, found.cam_from_ref)
-        self._carry_over(update)
-        rejected = self._ids[~found.accepted]
-        self._add(obs)
-        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
-        return recorded(
-            self._motion, obs, self._solution(obs, (status, reason), ended, rejected, found, update.iterations)
-        )
-
-    def _start(self, obs: Observations) -> Solution:
-        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
-        if len(solution.track_ids):
-            self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
-            self._add(obs)
-        return solution
 
     def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
         """Marginalise the points outside the mask; return those that have a position in metres."""
@@ -107,22 +71,16 @@ class IteratedEkf:
         self._ids, self._q, self._cov = self._ids[keep], self._q[keep], self._cov[rows][:, rows]
         return WorldPoints(ids[gone], points[gone], covs[gone])
 
-    def _let_drift(self, obs: Observations, rows: NDArray[np.intp]) -> None:
-        """Let patches slide over their surfaces, eq. (33)."""
-        if obs.std_drift_px is not None:
-            scale = np.array([1, 1, 1 / self._projection.baseline_m]) / self._projection.f_px
-            self._cov[np.diag_indices_from(self._cov)] += np.concatenate(
-                [np.zeros(6), ((obs.std_drift_px[rows, None] * scale) ** 2).ravel()]
-            )
-
-    def _initial_motion(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
-        """Find the motion since the previous camera, and the inliers, from the points as that camera knew them."""
-        cov = np.zeros((len(rows), 4, 4))
-        cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = self._q_blocks()
-        start = se3.inverse(predicted) @ self._world_from_cam
-        return initial_motion(
-            self._projection, self._config.robust, obs, rows, homogeneous_from_q(self._q), cov, start
+    def _let_drift(self, std_drift_px: Array) -> None:
+        scale = np.array([1, 1, 1 / self._projection.baseline_m]) / self._projection.f_px
+        self._cov[np.diag_indices_from(self._cov)] += np.concatenate(
+            [np.zeros(6), ((std_drift_px[:, None] * scale) ** 2).ravel()]
         )
+
+    def _in_previous(self) -> tuple[Array, Array]:
+        cov = np.zeros((len(self._q), 4, 4))
+        cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = self._blocks()
+        return homogeneous_from_q(self._q), cov
 
     def _linearise(self, cam_from_previous: Array, q: Array) -> tuple[Array, Array, Array]:
         """Return the views h (n, 4) of q (n, 3), with ∂h/∂q (n, 4, 3) and ∂h/∂ξ (n, 4, 6), eqs. (9), (21) and (25)."""
@@ -130,6 +88,12 @@ class IteratedEkf:
         a = self._projection.jacobian_homogeneous(in_cam)
         by_q = a @ cam_from_previous[:, Q_COLUMNS]
         return self._projection.project_homogeneous(in_cam), by_q, a @ pose_jacobian(in_cam)
+
+    def _take(self, obs: Observations, rows: NDArray[np.intp], found: Resection, predicted: Array) -> int:
+        used = np.flatnonzero(found.accepted)
+        update = self._update(obs.z_px[rows[used]], counted_cov(obs, rows[used]), used, found.cam_from_ref)
+        self._carry_over(update)
+        return update.iterations
 
     def _update(self, z_px: Array, cov_px: Array, used: NDArray[np.intp], cam_from_previous: Array) -> _Update:
         """Iterate the update with the views (k, 4) of the points `used` (k,)."""
@@ -193,24 +157,17 @@ class IteratedEkf:
         joint[:d, :d] = self._cov
         q = q_of_views(self._projection, obs.z_px[new])
         joint[d:, d:] = _block_diagonal(self._cov_of_births(q, obs.cov_px[new]))
-        ids = np.concatenate([self._ids, obs.track_ids[new]])
-        order = np.argsort(ids)
-        rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
-        self._ids, self._q = ids[order], np.concatenate([self._q, q])[order]
-        self._cov = joint[np.ix_(rows, rows)]
+        order = self._insert(obs.track_ids[new], joint)
+        self._q = np.concatenate([self._q, q])[order]
 
     def _cov_of_births(self, q: Array, cov_px: Array) -> Array:
         """Covariances (n, 3, 3) of q of single views, eq. (12)."""
         a = self._projection.jacobian_homogeneous(homogeneous_from_q(q))[:, :, Q_COLUMNS]
         return np.asarray(np.linalg.inv(np.swapaxes(a, 1, 2) @ np.linalg.inv(cov_px) @ a))
 
-    def _q_blocks(self) -> Array:
-        m = len(self._ids)
-        return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
-
     def _finite(self) -> NDArray[np.bool_]:
         """Whether each point has a position in metres."""
-        return np.asarray(self._q[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(self._q_blocks()[:, 2, 2]))
+        return np.asarray(self._q[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(self._blocks()[:, 2, 2]))
 
     def _in_camera(self) -> tuple[Array, Array]:
         """Points (m, 3) in metres and ∂X/∂q (m, 3, 3); without meaning where they are not finite."""
@@ -223,42 +180,16 @@ class IteratedEkf:
         points, by_q = self._in_camera()
         r, j = self._world_from_cam[:3, :3], -se3.point_in_source_jacobian(points)
         mixed = by_q @ self._cov[6:, :6].reshape(-1, 3, 6) @ np.swapaxes(j, 1, 2)
-        cov = by_q @ self._q_blocks() @ np.swapaxes(by_q, 1, 2) + mixed + np.swapaxes(mixed, 1, 2)
+        cov = by_q @ self._blocks() @ np.swapaxes(by_q, 1, 2) + mixed + np.swapaxes(mixed, 1, 2)
         cov = r @ (cov + j @ self._cov[:6, :6] @ np.swapaxes(j, 1, 2)) @ r.T
         return self._ids, se3.transform(self._world_from_cam, points), symmetric(cov)
 
-    def _solution(
-        self,
-        obs: Observations,
-        status: tuple[Status, str],
-        ended: WorldPoints,
-        rejected: NDArray[np.int64],
-        found: Resection,
-        iterations: int,
-    ) -> Solution:
+    def _structure(self) -> Structure:
         finite = self._finite()
         points, by_q = self._in_camera()
-        _, in_world, cov_in_world = self._in_world()
-        return Solution(
-            status=status[0],
-            reason=status[1],
-            world_from_cam=self._world_from_cam,
-            cov_pose=self._cov[:6, :6].copy(),
-            track_ids=self._ids[finite],
-            points_in_cam=points[finite],
-            cov_points=symmetric(by_q @ self._q_blocks() @ np.swapaxes(by_q, 1, 2))[finite],
-            points_in_world=in_world[finite],
-            cov_points_in_world=cov_in_world[finite],
-            window_frame_indices=np.array([obs.frame_index], np.int64),
-            window_world_from_cam=self._world_from_cam[None],
-            rejected_ids=rejected,
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
-            iterations=iterations,
-            nis=found.chi2,
-            nis_dof=found.dof,
-        )
+        cov_points = symmetric(by_q @ self._blocks() @ np.swapaxes(by_q, 1, 2))
+        ids, in_world, cov_in_world = self._in_world()
+        return Structure(ids[finite], points[finite], cov_points[finite], in_world[finite], cov_in_world[finite])
 
 
 def _block_diagonal(blocks: Array) -> Array:
