@@ -123,21 +123,20 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     std_disparity_px: Annotated[
         float, Meta(description="σ of each term of the disparity's error at the image's edge, pixels", gt=0, le=10)
     ] = 0.4
-    # Of five real rigs one is off by 5 to 15 px in the corner, where no point is, which its views make certain all the
-    # same. With more, small errors of rotating or growing patches are taken for one of exact lenses.
+    # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[
         float,
         Meta(description="σ of each error that both lenses share, in the image's corner, pixels", gt=0, le=50),
-    ] = 1.0
+    ] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
     std_lens_difference_px: Annotated[
         float,
         Meta(description="σ of the difference of the lenses' radial errors in the corner, pixels", gt=0, le=50),
     ] = 0.5
-    # A principal point that is off by a pixel is a milliradian and a half at usual focal lengths.
+    # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[
         float, Meta(description="σ of the direction of the camera's axes, about x and about y, radians", ge=0, lt=1)
-    ] = 0.001
+    ] = 0.0015
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[
         float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, lt=1)

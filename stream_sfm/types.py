@@ -146,6 +146,8 @@ class Observations:
       track as if they were independent; None where they are.
     - `rig_effects` (n, 4, m): what possible errors of the calibration do to the views, pixels per σ of each; None where
       the calibration is exact. `rig_effects_at`: the same of views (k, 4) at any positions.
+    - `rig_of_disparity` (m,): which of these errors change the disparity only; None where σ is that of a refined
+      calibration, and not a guess whose size can be learnt.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -162,6 +164,7 @@ class Observations:
     inflation: Array | None = None
     rig_effects: Array | None = None
     rig_effects_at: Callable[[Array], Array] | None = None
+    rig_of_disparity: NDArray[np.bool_] | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:
@@ -179,11 +182,13 @@ class RigEstimate:
 
     `applied`: they are significant and taken out of all views; otherwise they only count in the covariances. Of a
     Solution in σ of what was assumed beforehand, of a FrameEstimate in pixels (`stream_sfm.frontend.rig_effects`).
+    `prior_std` (m,): σ of each before any view, as far as has been learnt.
     """
 
     mean: Array
     cov: Array
     applied: bool
+    prior_std: Array | None = None
 
     def __repr__(self) -> str:
         return f"<RigEstimate {len(self.mean)} terms{', applied' if self.applied else ''}>"

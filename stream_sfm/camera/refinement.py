@@ -53,12 +53,14 @@ class Refinement:
 
 
 def combine(refinements: Sequence[Refinement], prior_std_px: Array) -> Refinement:
-    """The joint refinement of several independent runs that all began with errors of `prior_std_px` (m,) about zero."""
-    prior = np.diag(prior_std_px**-2)
-    information, weighted = prior.copy(), np.zeros(len(prior))
-    for refinement in refinements:
+    """The joint refinement of n independent runs that began with errors of `prior_std_px` (n, m) about zero.
+
+    The loosest of these priors is that of the result.
+    """
+    information, weighted = np.diag(prior_std_px.max(axis=0) ** -2.0), np.zeros(prior_std_px.shape[1])
+    for refinement, std_px in zip(refinements, prior_std_px, strict=True):
         own = np.linalg.inv(refinement.cov_px2)
-        information += own - prior
+        information += own - np.diag(std_px**-2.0)
         weighted += own @ refinement.error_px
     cov = np.linalg.inv(information)
     return Refinement(cov @ weighted, 0.5 * (cov + cov.T))

@@ -127,6 +127,7 @@ class StereoFrontEnd:
             std_drift_px=np.zeros(len(z_px)),
             rig_effects=self.rig_effects.of(z_px),
             rig_effects_at=self.rig_effects.of,
+            rig_of_disparity=self.rig_effects.of_disparity,
             inflation=self.persistence.inflation(ids, z_px, cov_px),
         )
 

@@ -9,6 +9,8 @@ shows that (`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a 
 The baseline is no part of it: if it is wrong, everything is too large or too small, and no view shows it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..camera.refinement import TERMS, Refinement
@@ -17,11 +19,14 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import RigEstimate
 
+_OF_DISPARITY = (*TERMS[:6], "radial difference")
+
 
 class RigEffects:
     """Effects of the possible errors; none where the calibration is exact.
 
     A `refinement` of the calibration is taken out of the views; its covariance is then what is not known.
+    `of_disparity` (m,): which errors change the disparity only; None where σ is known.
     """
 
     def __init__(self, projection: StereoProjection, config: RigConfig, refinement: Refinement | None) -> None:
@@ -31,6 +36,7 @@ class RigEffects:
         if not config.exact:
             cov_px2 = refinement.cov_px2 if refinement is not None else np.diag(prior_std_px(config) ** 2)
             self._root = np.asarray(np.linalg.cholesky(cov_px2), np.float64)
+        self.of_disparity = None if refinement is not None or config.exact else np.isin(TERMS, _OF_DISPARITY)
         self._centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
         corner = np.hypot(max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)) / p.f_px
         self._corner = float(corner)  # the one that is farthest from the lens's middle, as the slope of its ray
@@ -49,7 +55,10 @@ class RigEffects:
         error_px = self._root @ estimate.mean
         if self._error_px is not None:
             error_px = error_px + self._error_px
-        return RigEstimate(error_px, self._root @ estimate.cov @ self._root.T, estimate.applied)
+        prior_std = estimate.prior_std
+        if prior_std is not None:
+            prior_std = np.linalg.norm(self._root * prior_std, axis=1)
+        return replace(estimate, mean=error_px, cov=self._root @ estimate.cov @ self._root.T, prior_std=prior_std)
 
     def disparity(self, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
         """Error (n,) of far points' disparity at left positions (n, 2), by an estimate in pixels, and its σ; px."""

@@ -13,7 +13,6 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import ConfigError, FrameError
-from ..frontend.rig_effects import prior_std_px
 from ..geometry.se3 import Array
 from ..recording import StereoLog, open_log
 from ..types import RigEstimate, Selection
@@ -57,8 +56,11 @@ def calibrate(
                 "logs that refine one calibration must have it in common"
             )
     estimates = tuple(_learn(log, rig, config, selection or Selection()) for log in opened)
-    known = [Refinement(e.mean, e.cov) for e in estimates if e is not None]
-    refinement = combine(known, prior_std_px(config.rig)) if known else None
+    known = [e for e in estimates if e is not None]
+    if not known:
+        return RefinedRig(rig, estimates)
+    priors_px = np.array([e.prior_std for e in known])
+    refinement = combine([Refinement(e.mean, e.cov) for e in known], priors_px)
     return RefinedRig(replace(rig, refinement=refinement), estimates)
 
 

@@ -44,7 +44,9 @@ def prior() -> Prior:
         modes=1e-3 * rng.normal(size=(N, 3, K)),
         world_from_ref=se3.exp(rng.normal(size=6)),
         world_modes=1e-3 * rng.normal(size=(6, K)),
-        rig=RigKnowledge(rng.normal(size=M), np.array([[0.7, 0.2], [0, 0.4]]), np.zeros(M), estimated=True),
+        rig=RigKnowledge(
+            rng.normal(size=M), np.array([[0.7, 0.2], [0, 0.4]]), np.zeros(M), np.ones(M), estimated=True
+        ),
     )
 
 
@@ -144,6 +146,33 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     marginal = difference[:rest, :rest].reshape(N, 3, N, 3)[np.arange(N), :, np.arange(N), :]
     assert marginal.max() < 1e-12
     assert difference.max() < 1e-3
+
+
+@pytest.mark.parametrize("size", [np.array([0.2, 0.5]), np.array([2.0, 0.5])])
+def test_errors_of_another_size_are_more_or_less_information_about_them(prior, size) -> None:
+    """As a measurement of them that says zero; with negative information where they may be larger than was assumed."""
+    prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
+    of_rig = np.concatenate([np.zeros((M, K - M)), prior.rig.root], axis=1)
+    modes = np.concatenate([prior.modes.reshape(3 * N, -1), prior.world_modes, of_rig])
+    mean = np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + modes[:, -M:] @ prior.rig.offset
+    before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:]
+    gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / (size**-2 - 1)))
+    cov, mean = before - gain @ h @ before, mean - gain @ h @ mean
+
+    after, u = prior.with_rig_size(size)
+    scale = np.sqrt(np.diag(cov))
+    assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-9
+    offset = after.rig.offset
+    found = np.concatenate(
+        [
+            (after.mean + after.modes[..., -M:] @ offset).ravel(),
+            after.world_modes[:, -M:] @ offset,
+            after.rig.at(offset),
+        ]
+    )
+    assert np.abs((found - mean) / scale).max() < 1e-9
+    amplitudes = np.array([0.4, 1.1])  # of what the window has now
+    assert np.allclose(prior.rig.at(u @ amplitudes), after.rig.at(amplitudes), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("estimated", [True, False])

@@ -87,10 +87,8 @@ def test_lossy_video_is_replayed(calibration: Path, pairs, tmp_path: Path, capsy
     assert f"{FRAMES} left and {FRAMES} right images" in capsys.readouterr().out
     assert main(["replay", str(log), "--out", str(out), "-q"]) == 0
     run = sfm.read_results(out)
-    assert len(run) == FRAMES and "lost" not in run.statuses
-    assert (
-        run.table["points_used"] > 100
-    ).all()  # what a coder does to the images may be a doubt about the calibration
+    assert len(run) == FRAMES and set(run.statuses[1:]) == {"ok"}
+    assert (run.table["points_used"] > 100).all()
 
 
 def test_one_side_that_ends_early_is_told(pairs, calibration: Path, tmp_path: Path) -> None:

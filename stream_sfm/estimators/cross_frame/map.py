@@ -191,11 +191,21 @@ class Map:
         if not len(rig):
             return None
         root = rig.root @ root
-        return RigEstimate(self.rig_error + root @ self.system.rig_offset, root @ root.T, rig.estimated)
+        mean = self.rig_error + root @ self.system.rig_offset
+        return RigEstimate(mean, root @ root.T, rig.estimated, rig.size)
 
     def judge_rig(self) -> None:
         """Let the rig's errors be estimated from now on if they have become significant."""
         self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset))
+
+    def resize_rig(self) -> None:
+        """Let the prior of the rig's errors, from the next frame on, have the size that all views make likely."""
+        rig, estimate, m = self.prior.rig, self.rig_estimate(), len(self.prior.rig)
+        if estimate is None or rig.of_disparity is None:
+            return
+        self.prior, u = self.prior.with_rig_size(rig.likely_size(estimate))
+        own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - m])
+        self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

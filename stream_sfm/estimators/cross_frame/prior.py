@@ -165,6 +165,17 @@ class Prior:
             world_modes=np.concatenate([mode[:, None], self.world_modes], axis=1),
         )
 
+    def with_rig_size(self, size: Array) -> tuple["Prior", Array]:
+        """Return the prior as if errors of the rig had been of that size (m,) from the start, eq. (72b).
+
+        And U (m, m): the amplitudes a of their modes are now a', with a = U a'.
+        """
+        rig, u = self.rig.resized(size)
+        own = self.modes.shape[2] - len(rig)
+        modes = np.concatenate([self.modes[..., :own], self.modes[..., own:] @ u], axis=2)
+        world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
+        return replace(self, modes=modes, world_modes=world_modes, rig=rig), u
+
     def with_points(
         self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
     ) -> "Prior":

@@ -4,12 +4,18 @@ A view of the camera pair is z = h(P) + B c + noise, with B given (`Observations
 prior permanently. While nothing significant is known about it, its mean stays as the calibration says: the error counts
 in every covariance but moves no estimate, so that an exact calibration is not harmed by the attempt to improve it. From
 the frame on where its estimate differs from zero by far more than its σ, it is estimated with all the rest, eq. (72).
+
+How large errors are to be expected is learnt, too, eq. (72a): an exact calibration is believed to be exact within a few
+frames, and one with large errors of the disparity may have large errors of the lenses. As c stays in the joint state,
+its prior can be exchanged for one of another size at any time, and nothing is lost.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...types import RigEstimate
 
@@ -19,6 +25,13 @@ _SIGNIFICANT = 8.0
 # Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
 # 4 to 16, the most one with a radial error of 12 px in the corner.
 _IMPOSSIBLE = 20.0
+# Sizes that are considered, from those of rendered images to ten times of what is assumed, which is their root mean
+# square: as probable as any other that is so many times larger or smaller, but for large ones.
+_SIZES = 1.3 * np.geomspace(0.02, 10.0, 49)
+_PROBABLE = 1 / (1 + (_SIZES / 1.3) ** 2)
+# One error may be as large as is assumed although the others are zero, as where the right camera has been turned. This
+# part of the variance stays, however small the others are: of errors of the disparity, and of those of both lenses.
+_ALONE = 0.25**2, 0.1**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,18 +39,21 @@ class RigKnowledge:
     """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I).
 
     `mean` is taken out of all views. `estimated`: the amplitudes are estimated in the window, and `offset` is 0 after
-    each absorbed frame; otherwise they are considered and held at 0.
+    each absorbed frame; otherwise they are considered and held at 0. `size` (m,): σ of c before any view.
+    `of_disparity` (m,): which errors change the disparity only, and tell the size of all; None where it is known.
     """
 
     mean: Array
     root: Array
     offset: Array
+    size: Array
+    of_disparity: NDArray[np.bool_] | None = None
     estimated: bool = False
 
     @classmethod
-    def unknown(cls, m: int) -> "RigKnowledge":
-        """Return the prior: m errors in units of their own σ."""
-        return cls(np.zeros(m), np.eye(m), np.zeros(m))
+    def unknown(cls, m: int, of_disparity: NDArray[np.bool_] | None = None) -> "RigKnowledge":
+        """Return the prior: m errors in units of the σ that is assumed for each."""
+        return cls(np.zeros(m), np.eye(m), np.zeros(m), np.ones(m), of_disparity)
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -45,6 +61,30 @@ class RigKnowledge:
     def at(self, amplitudes: Array) -> Array:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
+
+    def likely_size(self, estimate: RigEstimate) -> Array:
+        """Return the size (m,) of the errors that an estimate from all views makes likely, eq. (72a).
+
+        The root mean square over all sizes, by the probability that each gives to the views where lenses are perfect:
+        what patches do wrong that turn and grow looks like errors of the lenses, and must not make room for more of it.
+        """
+        told = np.asarray(self.of_disparity)
+        information = np.linalg.inv(estimate.cov)
+        weighted = (information @ estimate.mean)[told]
+        of_views = information[np.ix_(told, told)] - np.diag(self.size[told] ** -2)
+        strength, axes = np.linalg.eigh(of_views)
+        ratio = _SIZES[:, None] ** 2 * np.maximum(strength, 0.0)
+        gain = _SIZES[:, None] ** 2 * (axes.T @ weighted) ** 2 / (1 + ratio)
+        likelihood = 0.5 * (gain - np.log1p(ratio)).sum(axis=1)
+        weight = np.exp(likelihood - likelihood.max()) * _PROBABLE
+        return np.asarray(np.sqrt(weight @ _SIZES**2 / weight.sum() + np.where(told, *_ALONE)))
+
+    def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
+        """Return the knowledge with a prior of another size, and U (m, m): amplitudes a are now a', with a = U a'."""
+        more = (size**-2.0 - self.size**-2.0)[:, None]  # information about zero that is added to what the prior had
+        u = Cholesky(symmetric(np.eye(len(self)) + self.root.T @ (more * self.root))).root
+        offset = u.T @ (self.offset - self.root.T @ (more[:, 0] * self.mean))
+        return replace(self, root=self.root @ u, offset=offset, size=size), u
 
     def judge(self, offset: Array) -> "RigKnowledge":
         """Return the knowledge with the estimate `offset` (m,) of the whitened amplitudes, judged for significance."""

@@ -68,7 +68,9 @@ class CrossFrame:
     def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
-        rig = RigKnowledge.unknown(frame.rig_effects.shape[2]) if self.rig is None else self.rig
+        rig = self.rig
+        if rig is None:
+            rig = RigKnowledge.unknown(frame.rig_effects.shape[2], observations.rig_of_disparity)
         corrected = _corrected(observations, frame, rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
@@ -177,6 +179,7 @@ class CrossFrame:
             rig=rig,
             relative=relative_motions(current),
         )
+        current.resize_rig()
         return recorded(self.motion, observations, solution)
 
 
