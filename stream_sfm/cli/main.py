@@ -4,6 +4,7 @@ The exit codes are in `errors.py`. Heavy imports happen in the commands, so that
 """
 
 import argparse
+import gc
 import io
 import logging
 import os
@@ -20,6 +21,9 @@ from .arguments import add_debug
 from .completion import complete
 from .error_lines import hint, print_error
 from .parser import Parser
+
+# Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
+_ALLOCATIONS_PER_COLLECTION = 100_000
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, recover, calibrate, calibration, simulate, config)
 
@@ -51,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # numbers are the same on every machine. Left and right are decoded in threads of their own.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
+    gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
     for stream in (
         sys.stdout,
         sys.stderr,

@@ -1,7 +1,7 @@
 """The ROS 2 messages of `estimates.mcap`: their definitions, and the bytes of each in CDR.
 
-Standard messages are those of ROS 2; our own are defined in `schema.py`. Stamps are the seconds and nanoseconds of a
-header.
+Standard messages are those of ROS 2 (`standard_messages.py`); our own are defined in `schema.py`. Stamps are the
+seconds and nanoseconds of a header.
 """
 
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from rosbags.typesys.store import Typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from . import standard_messages
 from .record_messages import definition, to_fields
 from .schema import EstimateRecord, ScalarsRecord, TimingRecord
 
@@ -45,9 +46,10 @@ _UNKNOWN_TWIST = np.array([-1.0, *35 * [0.0]])  # as ROS says that a quantity is
 
 @cache
 def _store() -> Typestore:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for kind, name in RECORDS.items():
-        store.register(get_types_from_msg(definition(kind), name))
+    store = get_typestore(Stores.EMPTY)
+    own = {name: definition(kind) for kind, name in RECORDS.items()}
+    for name, text in (standard_messages.DEFINITIONS | own).items():
+        store.register(get_types_from_msg(text, name))
     return store
 
 

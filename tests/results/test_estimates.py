@@ -19,6 +19,7 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
 from stream_sfm.errors import InputError, LogError, OutputError
 from stream_sfm.geometry import se3
+from stream_sfm.results import ros_messages, standard_messages
 from stream_sfm.results.covariances import body_covariance, fixed_axis_covariance
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
@@ -174,6 +175,13 @@ def test_one_typestore_of_rosbags_reads_every_topic(written: Path):
     often = counts.pop("/stream_sfm/map"), counts.pop("/stream_sfm/path")
     assert often[0] == 25 and 15 < often[1] <= 26
     assert len(counts) == 7 and set(counts.values()) == {25}
+
+
+@pytest.mark.parametrize("name", standard_messages.DEFINITIONS)
+def test_standard_messages_are_those_of_ros(name: str):
+    assert (
+        ros_messages.schema_text(name) == get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(name, ros_version=2)[0]
+    )
 
 
 def test_our_definitions_explain_every_field(written: Path):
