@@ -11,6 +11,7 @@ from . import arguments
 EXPLAINED = {
     "efficiency": "variance of each estimator relative to the Cramér–Rao bound",
     "consistency": "whether the estimated covariances match the errors",
+    "calibration": "estimates with a wrong calibration and errors that last along tracks",
     "rates": "the paper's Table 1: growth of the error variance",
     "figure6": "the paper's Figure 6: errors over the sequence",
 }

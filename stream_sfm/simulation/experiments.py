@@ -12,7 +12,7 @@ import msgspec
 from ..errors import ConfigError, OutputError
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
-from . import figure6, rates, studies
+from . import calibration, figure6, rates, studies
 from .trials import Progress
 
 Report = dict[str, Any]
@@ -30,6 +30,7 @@ EXPERIMENTS = {
     "efficiency": Experiment(studies.efficiency, studies.total_trials),
     "consistency": Experiment(studies.consistency, studies.total_trials),
     "rates": Experiment(rates.rates, rates.total_trials),
+    "calibration": Experiment(calibration.calibration, calibration.total_trials),
     "figure6": Experiment(figure6.figure6, lambda trials: trials),
 }
 
@@ -46,9 +47,10 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, rates or figure6; with `out_dir` results and figures are written. `workers`
-    processes of this machine (None: one per core), or those of the Dask `scheduler`; the numbers depend on `seed`
-    alone. `on_progress` is called with the number of trials just finished. Raises ConfigError, OutputError.
+    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results and figures are
+    written. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`; the numbers
+    depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises ConfigError,
+    OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")

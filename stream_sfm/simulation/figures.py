@@ -104,6 +104,23 @@ def consistency(report: dict[str, Any]) -> Figure:
     )
 
 
+def calibration(report: dict[str, Any]) -> Figure:
+    """Draw the variance over the bound and the NEES of the pose, with a wrong rig and errors that last."""
+    estimators = next(iter(report["conditions"].values()))["estimators"]
+    return _bars(
+        {label: {**entry["over_bound"], "nees_pose": entry["nees_pose"]} for label, entry in estimators.items()},
+        None,
+        {
+            "rotation": "rotation",
+            "position": "position",
+            "local_structure": "local structure",
+            "nees_pose": "pose: normalised\nsquared error",
+        },
+        report["expected"],
+        "Wrong calibration, lasting errors: variance over the bound, and consistency (dotted: expected)",
+    )
+
+
 def _bars(
     estimators: dict[str, Any], key: str | None, panels: dict[str, str], expected: dict[str, float], title: str
 ) -> Figure:

@@ -45,7 +45,7 @@ def measure(
     bounds = {n: _bound(sequence, n) for n in frames} if bound else {}
     result = {m.label: _measure_one(sequence, m, frames, bounds) for m in methods}
     if bound:
-        rows = [_traces(bounds[n], slice(None)) for n in frames]
+        rows = [traces(bounds[n], slice(None)) for n in frames]
         result["bound"] = {q: np.array([r[q] for r in rows]) for q in QUANTITIES}
     return result
 
@@ -55,7 +55,8 @@ def _bound(sequence: Sequence, frame: int) -> Bound:
     return cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world, frame)
 
 
-def _traces(bound: Bound, rows: slice | NDArray[np.intp]) -> dict[str, float]:
+def traces(bound: Bound, rows: slice | NDArray[np.intp]) -> dict[str, float]:
+    """Return the variances of a bound: of the pose, and the mean of the points in view in `rows`."""
     pose = bound.cov_poses[-1]
     return {
         "rotation": float(np.trace(pose[3:, 3:])),
@@ -80,7 +81,7 @@ def _measure_one(
         values = errors(sequence, n, solution)
         if bounds:
             rows = np.searchsorted(bounds[n].track_ids, solution.track_ids)
-            values |= {f"bound_{q}": v for q, v in _traces(bounds[n], rows).items()}
+            values |= {f"bound_{q}": v for q, v in traces(bounds[n], rows).items()}
         for name, value in values.items():
             result[name][wanted[n]] = value
     return result

@@ -102,7 +102,7 @@ class Scene:
 
     A point of a controlled scene is drawn from what the cameras of `support_frames` (default L) around the middle
     of its track all see, so that runs of different L can share one image support. `std_px`: `round_off` noise of
-    that deviation (pixels of size std·√12), or Gaussian.
+    that deviation (pixels of size std·√12), or Gaussian with `autocorrelation` from view to view of a track.
     """
 
     frames: int = 31
@@ -113,6 +113,7 @@ class Scene:
     support_frames: int | None = None
     std_px: float = ROUND_OFF_PX
     round_off: bool = True
+    autocorrelation: float = 0.0
 
     def sequence(self, seed: np.random.SeedSequence) -> Sequence:
         """Draw one trial; the same seed gives the same numbers."""
@@ -129,7 +130,8 @@ class Scene:
             pixel = self.std_px / ROUND_OFF_PX
             measured = np.round(exact / pixel) * pixel
         else:
-            measured = exact + rng.normal(scale=self.std_px, size=exact.shape)
+            white = rng.normal(scale=self.std_px, size=exact.shape)
+            measured = exact + _lasting(white, frame, track, self.autocorrelation)
         z, cov = rectified_views(measured, self.std_px)
         observations = []
         for n in range(self.frames):
@@ -185,6 +187,22 @@ class Scene:
         visible = seen.sum() / self.frames / tried  # fraction of the points in view of an average frame
         count = min(tried, round(self.density / max(visible, 1 / tried)))
         return world[:count], seen[:, :count]
+
+
+def _lasting(white: Array, frame: NDArray[np.intp], track: NDArray[np.intp], autocorrelation: float) -> Array:
+    """Return noise of the same variance as `white` (k, …) that is autocorrelated along tracks, eq. (76)."""
+    result = white.copy()
+    if autocorrelation == 0:
+        return result
+    latest = np.full(track.max() + 1, -1)  # the row of each track's latest view
+    for n in range(frame.max() + 1):
+        rows = np.arange(*np.searchsorted(frame, [n, n + 1]))
+        before = latest[track[rows]]
+        later = before >= 0
+        result[rows[later]] *= np.sqrt(1 - autocorrelation**2)
+        result[rows[later]] += autocorrelation * result[before[later]]
+        latest[track[rows]] = rows
+    return result
 
 
 def _twist(path: Array) -> Array:

@@ -8,7 +8,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.cli import simulate
 from stream_sfm.cli.main import main
-from stream_sfm.simulation import figure6, rates, studies
+from stream_sfm.simulation import calibration, figure6, rates, studies
 from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
 
@@ -26,6 +26,10 @@ def short(monkeypatch):
     for name in ("NOMINAL", "NOISY", "LONG"):
         condition = dataclasses.replace(getattr(studies, name), scene=small, methods=methods, frames=(3, 5))
         monkeypatch.setattr(studies, name, condition)
+    lasting = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
+    conditions = tuple(dataclasses.replace(c, scene=lasting) for c in calibration.CONDITIONS[::2])
+    monkeypatch.setattr(calibration, "CONDITIONS", conditions)
+    monkeypatch.setattr(calibration, "FRAMES", (3, 5))
     monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     run_short = rates.Run("general", small, (3, 4, 5))

@@ -97,7 +97,7 @@ def test_negative_control_is_biased():
         for o in sequence.observations:
             solution = estimator.step(o)
         found = measuring.errors(sequence, 30, solution)
-        limit = measuring._traces(measuring._bound(sequence, 30), slice(None))
+        limit = measuring.traces(measuring._bound(sequence, 30), slice(None))
         variance += [found["rotation"], found["position"]]
         bound += [limit["rotation"], limit["position"]]
     assert (variance / bound > 4).all()

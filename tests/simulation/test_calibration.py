@@ -1,0 +1,90 @@
+"""The study of wrong calibrations: its noise, its bound, and what it finds with few trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stream_sfm.camera.refinement import TERMS
+from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
+from stream_sfm.estimators.baselines.calibration_bound import bound_with_rig
+from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_views
+from stream_sfm.simulation import calibration
+from stream_sfm.simulation.calibration import Condition, seen_by_wrong_rig
+from stream_sfm.simulation.scenes import Scene, Sequence
+from stream_sfm.simulation.trials import run_trials
+
+RHO = 0.75
+SMALL = Scene(frames=5, track_length=4, visible=12, std_px=0.2, round_off=False)
+
+
+def test_noise_has_its_variance_and_is_autocorrelated_along_tracks() -> None:
+    scene = Scene(frames=40, track_length=20, visible=300, std_px=0.2, round_off=False, autocorrelation=RHO)
+    exact = replace(scene, std_px=1e-9, autocorrelation=0.0)
+    noisy, clean = (s.sequence(np.random.SeedSequence(1)) for s in (scene, exact))
+    errors = np.full((len(noisy.points_in_world), scene.frames, 4), np.nan)
+    for o, true in zip(noisy.observations, clean.observations, strict=True):
+        std = np.sqrt(np.diagonal(o.cov_px, axis1=1, axis2=2))
+        errors[o.track_ids, o.frame_index] = (o.z_px - true.z_px) / std
+    assert np.nanmean(errors**2) == pytest.approx(1, abs=0.04)
+    for lag in (1, 3):
+        assert np.nanmean(errors[:, lag:] * errors[:, :-lag]) == pytest.approx(RHO**lag, abs=0.04)
+
+
+def dense_bound(sequence: Sequence, effects: np.ndarray) -> np.ndarray:
+    """The joint covariance of all poses but the first, and of the rig, from one matrix over all views."""
+    ids, views = gather_views(sequence.observations)
+    _, j_pose, j_point = residuals_and_jacobians(
+        sequence.projection, sequence.world_from_cam, sequence.points_in_world[ids], views
+    )
+    frames, k = len(sequence.world_from_cam), len(views.frame)
+    j = np.zeros((k, 4, 6 * frames + effects.shape[2] + 3 * len(ids)))
+    rig = slice(6 * frames, 6 * frames + effects.shape[2])
+    for row, (n, i) in enumerate(zip(views.frame, views.point, strict=True)):
+        j[row, :, 6 * n : 6 * n + 6] = j_pose[row]
+        j[row, :, rig] = effects[row]
+        j[row, :, rig.stop + 3 * i : rig.stop + 3 * i + 3] = j_point[row]
+    roots = np.linalg.inv(np.swapaxes(np.linalg.cholesky(views.information), 1, 2))
+    same = views.point[:, None] == views.point
+    correlation = same * RHO ** np.abs(views.frame[:, None] - views.frame)
+    cov = np.einsum("kab,kl,lcb->kalc", roots, correlation, roots).reshape(4 * k, 4 * k)
+    j = j.reshape(4 * k, -1)[:, 6:]
+    information = j.T @ np.linalg.solve(cov, j)
+    information[rig.start - 6 : rig.stop - 6, rig.start - 6 : rig.stop - 6] += np.eye(effects.shape[2])
+    return np.asarray(np.linalg.inv(information))
+
+
+def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
+    sequence = SMALL.sequence(np.random.SeedSequence(2))
+    observations = seen_by_wrong_rig(sequence, np.zeros(len(TERMS)))
+    by_track = np.concatenate([o.rig_effects for o in observations if o.rig_effects is not None])
+    order = np.argsort(np.concatenate([o.track_ids for o in observations]), kind="stable")
+    last = SMALL.frames - 1
+    found = bound_with_rig(
+        sequence.projection, observations, sequence.world_from_cam, sequence.points_in_world, last, RHO
+    )
+    expected = dense_bound(sequence, by_track[order])[6 * last - 6 : 6 * last, 6 * last - 6 : 6 * last]
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs(found.cov_poses[last] - expected).max() < 1e-6 * scale.max() ** 2
+    assert np.diag(found.cov_poses[last]) == pytest.approx(np.diag(expected), rel=1e-6)
+
+
+def test_with_white_noise_and_an_exact_rig_it_is_the_bound_of_the_other_studies() -> None:
+    s = SMALL.sequence(np.random.SeedSequence(3))
+    plain = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world)
+    found = bound_with_rig(s.projection, s.observations, s.world_from_cam, s.points_in_world, SMALL.frames - 1, 0.0)
+    assert found.track_ids.tolist() == plain.track_ids.tolist()
+    assert np.diag(found.cov_poses[-1]) == pytest.approx(np.diag(plain.cov_poses[-1]), rel=1e-6)
+    assert found.cov_points_in_cam == pytest.approx(plain.cov_points_in_cam, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
+    """Of eight trials at two frames the mean NEES has a deviation of about 1."""
+    scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
+    condition = Condition("small", scene, wrong_rig=True)
+    trials = run_trials(lambda seed: calibration.measure(seed, condition, (15, 20)), 8, seed=1)
+    found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
+    assert 2 < found["cross-frame"] < 9
+    assert found["errors as white"] > found["cross-frame"]
+    assert found["both"] > 100 and found["rig as exact"] > 100
