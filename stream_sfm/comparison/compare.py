@@ -19,7 +19,7 @@ from ..evaluation.survey_errors import SurveyErrors
 from ..evaluation.surveyed_points import SurveyedPoints
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
 from ..frontend.prepared import PreparedImages
-from ..frontend.rig_effects import RigEffects
+from ..frontend.rig_effects import disparity_over_image
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
@@ -224,11 +224,9 @@ class _Run:
         if told is None:
             return None
         p = self.observer.projection
-        u, v = np.meshgrid(np.linspace(0, p.width - 1, _COLUMNS), np.linspace(0, p.height - 1, _ROWS))
-        effects = RigEffects(p, self.config.rig, None)
-        error_px, std_px = effects.disparity(told, np.stack([u.ravel(), v.ravel()], axis=1))
+        error_px, std_px = disparity_over_image(p, told, (_ROWS, _COLUMNS))
         figures = describe(told, p.f_px * p.baseline_m, self.rig.refinement is not None)
-        return CalibrationError(figures, error_px.reshape(u.shape), std_px.reshape(u.shape))
+        return CalibrationError(figures, error_px, std_px)
 
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
         """Feed the frames backwards; return what the report says about it."""

@@ -94,6 +94,21 @@ class RigEffects:
         return effects
 
 
+def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
+    """Error (n,) of far points' disparity at left positions (n, 2), by an estimate in pixels, and its σ; px."""
+    return RigEffects(projection, RigConfig(), None).disparity(estimate, left_px)
+
+
+def disparity_over_image(
+    projection: StereoProjection, estimate: RigEstimate, shape: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Error of the disparity at (rows, columns) = `shape` places spread evenly over the left image, and its σ; px."""
+    u, v = np.linspace(0, projection.width - 1, shape[1]), np.linspace(0, projection.height - 1, shape[0])
+    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+    error_px, std_px = disparity_error(projection, estimate, places_px)
+    return error_px.reshape(shape), std_px.reshape(shape)
+
+
 def _of_lens(rays: Array) -> Array:
     """(n, 2, 6) px per pixel of each error of a lens, for rays (n, 2) in units of the corner's slope.
 

@@ -8,11 +8,13 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from ..types import FrameEstimate
 
 CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
 ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
+CALIBRATION, CALIBRATION_LABELS = "calibration/disparity", "calibration/figures"
 TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
@@ -67,6 +69,10 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
         line_grid=False,
     )
     images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image with tracks", origin=s) for s in sides]
+    calibration = rrb.Spatial2DView(
+        name="error of the disparity over the left image, px: more orange, less blue", origin="calibration"
+    )
+    beside = [calibration] if len(sides) > 1 else []
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
@@ -79,13 +85,21 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(space, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
-            rrb.Vertical(rrb.Horizontal(*images), *series, row_shares=[3, 2, 2, 2]),
+            rrb.Vertical(
+                rrb.Horizontal(*images), *beside, *series, row_shares=[3] + [2] * (len(beside) + len(series))
+            ),
             column_shares=[5, 4],
         ),
         rrb.TimePanel(state="collapsed", timeline="frame", play_state="following"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
+
+
+def set_time(stream: rr.RecordingStream, estimate: FrameEstimate) -> None:
+    """Log what follows at the time of an estimate."""
+    stream.set_time("frame", sequence=estimate.frame_index)
+    stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
 
 
 def series_names(names: tuple[str, ...], colours: list[tuple[int, int, int]] | None = None) -> rr.SeriesLines:

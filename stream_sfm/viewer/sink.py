@@ -19,6 +19,7 @@ from ..geometry.se3 import Array
 from ..sources.image_header import image_format
 from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
+from .calibration_field import CalibrationField
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 _TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
@@ -53,6 +54,7 @@ class RerunSink:
         self._previous: Array | None = None
         self._status = ""
         self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
+        self._calibration = CalibrationField(rig) if isinstance(rig, StereoRig) else None
         self._stages: tuple[str, ...] = ()
         # A window shows a frame at once; a file alone is written in few, large pieces, which open faster.
         batches = rr.ChunkBatcherConfig() if view else _FOR_FILES
@@ -112,8 +114,7 @@ class RerunSink:
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Show an estimate, and the images of its frame if it is given (as recorded, if it has them so)."""
         stream = self._stream
-        stream.set_time("frame", sequence=estimate.frame_index)
-        stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
+        layout.set_time(stream, estimate)
         pictures: tuple[Picture, ...] = () if frame is None else frame.pictures or frame.images
         for side, picture in zip(self._sides, pictures, strict=False):
             stream.log(f"{side}/image", _picture(picture))
@@ -129,9 +130,13 @@ class RerunSink:
         self._tracks(estimate, colours)
         self._series(estimate)
         self._log_status(estimate)
+        if self._calibration is not None:
+            self._calibration.write(estimate, self._stream)
 
     def close(self) -> None:
         """Write all buffered data. Raises OutputError where that fails."""
+        if self._calibration is not None:
+            self._calibration.close(self._stream)
         try:
             self._stream.flush(timeout_sec=_FLUSH_S)
         except Exception as error:  # Rerun raises exceptions of its own

@@ -87,4 +87,4 @@ def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothi
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
     assert 2 < found["cross-frame"] < 9
     assert found["errors as white"] > found["cross-frame"]
-    assert found["both"] > 100 and found["rig as exact"] > 100
+    assert found["rig as exact, errors as white"] > 100 and found["rig as exact"] > 100
