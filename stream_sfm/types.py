@@ -137,6 +137,8 @@ class Observations:
       it was not found. The first view of a point has both sides.
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
       None.
+    - `rival_from_previous` (4, 4), `cov_rival` (6, 6): another motion since the previous frame that may as well be the
+      camera's, and its covariance, of the perturbation on the right of its inverse; or None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
     - `doubtful`: the views may show another motion than the camera's, because the images do not fit each other or the
       calibration; `note` says why.
@@ -157,6 +159,8 @@ class Observations:
     z_px: Array
     cov_px: Array
     cam_from_previous: Array | None = None
+    rival_from_previous: Array | None = None
+    cov_rival: Array | None = None
     note: str = ""
     doubtful: bool = False
     n_new: int = 0

@@ -1,10 +1,13 @@
 """The motion since the previous frame from which every estimator starts a frame, and its outlier test."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RobustConfig
-from ..geometry.resection import Resection, resect
+from ..geometry import se3
+from ..geometry.resection import Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations
@@ -38,4 +41,16 @@ def initial_motion(
         weights,
         start_is_close=start is not None,
     )
-    return found if found.ok and found.accepted.sum() >= config.min_inliers else None
+    if not found.ok or found.accepted.sum() < config.min_inliers:
+        return None
+    return found if start is None else replace(found, second=_second_motion(found, observations))
+
+
+def _second_motion(found: Resection, observations: Observations) -> SecondMotion | None:
+    """Return the other of the two motions between which the front-end could not decide; it has seen each view anew."""
+    rival, own, cov = observations.rival_from_previous, observations.cam_from_previous, observations.cov_rival
+    if rival is None or own is None or cov is None:
+        return None
+    from_rival, from_own = (np.linalg.norm(se3.log(found.cam_from_ref @ se3.inverse(m))) for m in (rival, own))
+    other = rival if from_rival > from_own else own
+    return SecondMotion(other, cov, views=np.zeros_like(found.accepted), odds=1.0)

@@ -49,7 +49,7 @@ class StereoFrontEnd:
         depth = StereoDepth(projection, self.config, self.aligners)
         self.tracker = Tracker(projection, config, self.aligners, depth)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
-        self.pair_check = PairCheck(depth.vertical_disparity, self.aligners.fine.noise)
+        self.pair_check = PairCheck(projection, depth.vertical_disparity, self.aligners.fine.noise)
         self.persistence = Persistence(config.estimate_every)
         self.rig_effects = RigEffects(projection, config.rig, refinement)
 
@@ -82,6 +82,8 @@ class StereoFrontEnd:
         return replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
+            rival_from_previous=None if followed.rival is None else followed.rival.cam_from_ref,
+            cov_rival=None if followed.rival is None else followed.rival.cov_pose,
             n_new=len(z_new),
             std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
         )

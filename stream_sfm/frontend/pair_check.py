@@ -31,6 +31,9 @@ _GOOD_SHARE = 0.6
 # Of real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3.
 _MAX_ROWS_PX = 2.5
 _MAX_SCATTER_PX = 0.5
+# Of the image's size: principal points of real cameras are within 0.1 of the middle, those of a calibration of half the
+# resolution lie at a quarter, of twice the resolution in the corner. A part of an image has its own anywhere.
+_SAME_PLACE = 0.03
 # Variance of views over what their images explain: 1.2 at most on any sample log, 5 to 30 with a wrong calibration.
 _MAX_FACTOR = 4.0
 
@@ -80,9 +83,12 @@ class PairFit:
 class PairCheck:
     """Judges frame after frame; `doubt` says what is wrong, or is empty."""
 
-    def __init__(self, vertical_disparity: VerticalDisparity, noise: ViewNoise) -> None:
+    def __init__(
+        self, projection: StereoProjection, vertical_disparity: VerticalDisparity, noise: ViewNoise
+    ) -> None:
         self.vertical_disparity = vertical_disparity
         self.noise = noise
+        self._calibration = _resolution_problem(projection)
         self.doubt = ""
         self._first_id: int | None = None  # of the tracks that began in doubt
         self._good_frames = 0
@@ -95,7 +101,7 @@ class PairCheck:
         Tracks that begin in this frame have ids from `next_id` on. Returns whether a doubt has ended without any
         point from before it, so that all tracks are to be dropped.
         """
-        problem = self._problem(images, previous, fit)
+        problem = self._calibration or self._problem(images, previous, fit)
         if problem:
             self.doubt, self._good_frames = problem, 0
             if self._first_id is None:
@@ -146,3 +152,16 @@ class PairCheck:
             f"of {fit.left.sum()} points that agree in the left image {fit.both.sum()} do in the right one: is one "
             "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
         )
+
+
+def _resolution_problem(projection: StereoProjection) -> str:
+    """Say that the calibration is that of images of half or twice the size, by its principal points; or nothing."""
+    p = projection
+    at = np.array([p.cx_left_px / p.width, p.cx_right_px / p.width, p.cy_px / p.height])
+    for factor, name in ((0.5, "half"), (2.0, "twice")):
+        if (np.abs(at - factor / 2) < _SAME_PLACE).all():
+            return (
+                f"the principal point ({p.cx_left_px:.0f}, {p.cy_px:.0f}) is the middle of images of {name} the size, "
+                f"these have {p.width}×{p.height} pixels: is the calibration of this resolution?"
+            )
+    return ""

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..geometry import se3
-from ..geometry.resection import Resection, resect
+from ..geometry.resection import Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .alignment import AlignedViews, Candidates, TemplateAligners
+from .contest import Contest
 from .corners import detect
 from .depth_source import DepthSource
 from .flow import Flow
@@ -44,12 +45,14 @@ _MAX_GAP_S = 1.0
 @dataclass(frozen=True, slots=True)
 class Followed:
     """What following gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px`
-    (n, 4, 4) of the tracks that live on, in the order of the tracker's table; `found`: all that were found."""
+    (n, 4, 4) of the tracks that live on, in the order of the tracker's table; `found`: all that were found; `rival`:
+    another motion that may be right as well."""
 
     cam_from_previous: Array
     z_px: Array
     cov_px: Array
     found: Found | None = None
+    rival: SecondMotion | None = None
 
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
         """The given rows."""
@@ -73,6 +76,7 @@ class Tracker:
         self.rough_motion = RoughMotionFinder(
             projection, config.frontend, self.flow, config.robust.gate_probability
         )
+        self.contest = Contest()
         self.tracks = Tracks.none()
         self.next_id = 0
         self.cam_from_start = np.eye(4)
@@ -110,6 +114,7 @@ class Tracker:
     def lose(self) -> None:
         """Forget all tracks and the velocity."""
         self.tracks, self.velocity = Tracks.none(), np.zeros(6)
+        self.contest = Contest()
         self.background_hidden = False
 
     def may_wait(self, stamp_ns: int) -> bool:
@@ -186,6 +191,8 @@ class Tracker:
         self.cam_from_start = se3.orthonormalise(motion.cam_from_ref @ self.cam_from_start)
         self.velocity = se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6)
         kept = motion.accepted.copy()
+        if motion.second is not None:
+            kept |= motion.second.views
         if kept.mean() < _CONTESTED:
             kept[np.flatnonzero(~kept)[: self.config.max_tracks // 2]] = True
         rows = np.flatnonzero(views.found)[kept]
@@ -193,8 +200,9 @@ class Tracker:
         z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
         now = candidates.before.keep(rows).moved(motion.cam_from_ref)
         now = self.depth.update(now, z_px, cov_px, self.cam_from_start)
-        self.tracks = now.judged(motion.accepted[kept])
-        return Followed(motion.cam_from_ref, z_px, cov_px, self._found(candidates, views, motion))
+        rival = self.contest.judge(motion)
+        self.tracks = now.judged(motion.accepted[kept], contested=rival is not None)
+        return Followed(motion.cam_from_ref, z_px, cov_px, self._found(candidates, views, motion), rival)
 
     def _found(self, candidates: Candidates, views: AlignedViews, motion: Resection) -> Found:
         """The tracks found, as they were before the frame."""

@@ -13,7 +13,7 @@ from ..geometry.stereo import MIN_DEPTH, StereoProjection
 # of a turn would outvote all new ones. And what a track counts before it has agreed once: next to nothing, so that a
 # body that enters the view has no vote, but enough to decide where no track has any history yet.
 _FULL_HISTORY = 10
-_NO_HISTORY = 0.1
+_NO_HISTORY = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +83,12 @@ class Tracks:
         """
         return _NO_HISTORY + np.minimum(self.agreed, _FULL_HISTORY)
 
-    def judged(self, accepted: NDArray[np.bool_]) -> "Tracks":
-        """After a frame whose motion `accepted` (n,) agree with."""
-        agreed = np.where(accepted, self.agreed + 1, self.agreed // 2)
+    def judged(self, accepted: NDArray[np.bool_], contested: bool) -> "Tracks":
+        """After a frame whose motion `accepted` (n,) agree with; where another one contests it, all keep their history.
+
+        Otherwise a body that is once taken for the background would outvote it soon.
+        """
+        agreed = self.agreed if contested else np.where(accepted, self.agreed + 1, self.agreed // 2)
         return replace(self, agreed=agreed, rejected=np.where(accepted, 0, self.rejected + 1))
 
     def moved(self, cam_from_previous: Array) -> "Tracks":

@@ -29,6 +29,7 @@ _MAX_ROTATION_STEP_RAD = 0.3
 # The extent decides where history does not: it makes a factor of .56 at the least, since a background may be seen
 # through a gap between bodies.
 _EXTENT_POWER, _MIN_EXTENT = 0.25, 0.1
+_PLACES = 8  # per side of the image: as many places as can be told apart by a hundred tracks
 
 
 def search_motion(views: PointViews, start: Array, weights: Array) -> Array:
@@ -64,6 +65,20 @@ def support(views: PointViews, cams_from_ref: Array, root: Array, weights: Array
     agreement = weights * (1 - np.minimum(views.squared_residuals(cams_from_ref, root) / views.gate, 1.0))
     total = agreement.sum(axis=1)
     return np.asarray(total * np.maximum(_extent(views, agreement), _MIN_EXTENT) ** _EXTENT_POWER)
+
+
+def evidence(views: PointViews, weights: Array) -> float:
+    """Return how much views of such weights (n,) speak for being of the background.
+
+    Each place of the image has one vote, as large as its largest weight; their sum counts times their extent. A body
+    may have as many corners as it likes.
+    """
+    p = views.projection
+    column = np.clip(views.z[:, 0] * (_PLACES / p.width), 0, _PLACES - 1).astype(int)
+    row = np.clip(views.z[:, 1] * (_PLACES / p.height), 0, _PLACES - 1).astype(int)
+    votes = np.zeros(_PLACES**2)
+    np.maximum.at(votes, _PLACES * row + column, weights)
+    return float(votes.sum() * max(_extent(views, weights[None])[0], _MIN_EXTENT))
 
 
 def _extent(views: PointViews, agreement: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import se3
 from .linear import damped_solve, scaled_inverse
 from .medians import median
-from .motion_search import search_motion, support
+from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
 from .se3 import Array
 from .stereo import StereoProjection
@@ -46,11 +46,30 @@ _CALM_SHARE = 0.8
 # residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
 _CALM_SPREAD = 4.0
 _SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and say nothing about the noise
-# A second motion is reported where its support is at least this share of the first one's. Chosen by hand: below, a vote
-# by weight is clear; what moves alone has less, because it has less history.
-_RIVAL_SHARE = 0.6
-_RIVAL_BEYOND = 4.0  # gates: views that are clearly not of the first motion
-_MIN_RIVAL_VIEWS = 2 * MIN_VIEWS  # fewer agree on some motion by chance
+# A second motion is a rival where it has at least this share of the first one's evidence. Bodies that pass in a room
+# have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a history.
+_RIVAL_SHARE = 0.1
+_RIVAL_BEYOND = 2.0  # gates: views that are clearly not of the first motion
+_MIN_RIVAL_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+
+
+@dataclass(frozen=True, slots=True)
+class SecondMotion:
+    """What views that clearly disagree with a motion have in common: another one, `cam_from_ref` (4, 4).
+
+    `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: which agree with this motion only;
+    `odds`: their evidence over that of the views which agree with the first motion only.
+    """
+
+    cam_from_ref: Array
+    cov_pose: Array
+    views: NDArray[np.bool_]
+    odds: float
+
+    @property
+    def is_rival(self) -> bool:
+        """Whether the views cannot tell which of the two motions is that of the background."""
+        return self.odds >= _RIVAL_SHARE
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +79,7 @@ class Resection:
     `cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2` and
     `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
     expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
-    all views, whitened. `share`: of the weight that the accepted views have; `rival` (4, 4): another motion that the
-    other views agree on, with nearly as much support.
+    all views, whitened. `share`: of the weight that the accepted views have; `second`: what others agree on.
     """
 
     cam_from_ref: Array
@@ -73,7 +91,12 @@ class Resection:
     ok: bool
     squared_residuals: Array
     share: float = 0.0
-    rival: Array | None = None
+    second: SecondMotion | None = None
+
+    @property
+    def rival(self) -> SecondMotion | None:
+        """The second motion where the views cannot tell which of the two is that of the background."""
+        return self.second if self.second and self.second.is_rival else None
 
 
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
@@ -118,12 +141,11 @@ def resect(
         if found.ok and _agrees_with_nearly_all(views, found, weights):
             return found
     found = _solve(views, cam_from_ref_start, weights)
-    if found.share >= _CALM_SHARE:
-        return found
-    other = _search(views, cam_from_ref_start, weights)
-    if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
-        found = other
-    return replace(found, rival=_rival(views, found.cam_from_ref, weights))
+    if found.share < _CALM_SHARE:
+        other = _search(views, cam_from_ref_start, weights)
+        if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
+            found = other
+    return _with_second_motion(views, found, weights)
 
 
 def _solve(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
@@ -152,17 +174,24 @@ def _support(views: PointViews, cam_from_ref: Array, weights: Array) -> float:
     return float(support(views, cam_from_ref[None], root, weights)[0])
 
 
-def _rival(views: PointViews, cam_from_ref: Array, weights: Array) -> Array | None:
-    """Return the motion that the views which clearly disagree have in common, if it is nearly as well supported."""
-    root, _ = views.linearise(cam_from_ref)
-    rest = views.residuals(cam_from_ref, root)[1] > _RIVAL_BEYOND * views.gate
-    needed = _RIVAL_SHARE * _support(views, cam_from_ref, weights)
-    if rest.sum() < _MIN_RIVAL_VIEWS or weights[rest].sum() < needed:
-        return None
-    others = views.select(rest)
-    found = _search(others, cam_from_ref, weights[rest])
-    enough = found.accepted.sum() >= _MIN_RIVAL_VIEWS
-    return found.cam_from_ref if enough and _support(others, found.cam_from_ref, weights[rest]) >= needed else None
+def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> Resection:
+    """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
+
+    Many views may agree with both motions; they say nothing about which of the two is that of the background.
+    """
+    off = found.squared_residuals > _RIVAL_BEYOND * views.gate
+    if not found.ok or off.sum() < _MIN_RIVAL_VIEWS:
+        return found
+    start = search_motion(views.select(off), found.cam_from_ref, weights[off])
+    other = _least_squares(views, weights, start, *views.linearise(start))
+    only_other = off & other.accepted
+    if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS:
+        return found
+    only_found = found.accepted & (other.squared_residuals > _RIVAL_BEYOND * views.gate)
+    odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
+    if odds > 1 / _RIVAL_SHARE:
+        return replace(other, second=SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds))
+    return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))
 
 
 def _robust_fit(views: PointViews, cam_from_ref: Array) -> tuple[Array, Array, Array]:

@@ -58,6 +58,27 @@ def test_a_body_that_comes_to_cover_two_thirds_is_not_followed() -> None:
     assert squares.max() < 60  # P < 1e-10
 
 
+def test_of_a_body_that_is_there_from_the_start_it_is_said_that_it_may_be_the_background() -> None:
+    """It moves before anything has a history and covers half of the view: both motions are covered, in every frame."""
+    estimates, squares = estimated(5.0, np.arange(12) * 0.02)
+    assert all(e.status == sfm.Status.DEGRADED for e in estimates[1:])
+    assert all("two rigid motions agree with the views" in e.reason for e in estimates[1:])
+    assert squares.max() < 60
+    relative = estimates[-1].relative
+    assert relative is not None
+    poses = camera_path(12)
+    for index, pose, cov in zip(relative.frame_indices, relative.frame_from_newest, relative.cov, strict=True):
+        error = se3.log(se3.inverse(pose) @ se3.inverse(poses[index]) @ poses[11])
+        assert error @ np.linalg.solve(cov, error) < 60
+        assert np.sqrt(np.trace(cov[:3, :3])) > 0.015 * (11 - index)  # metres: what the body moves by per frame
+
+
+def test_a_small_body_that_is_there_from_the_start_is_none_of_our_business() -> None:
+    estimates, squares = estimated(0.35, -0.5 * HALF_VIEW_M + np.arange(12) * 0.02)
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])
+    assert squares.max() < 60
+
+
 def test_a_body_that_hides_the_wall_is_not_taken_for_it() -> None:
     """Every frame says what it is worth: lost while only the body is in view, and no pose is off by more than its σ."""
     edges_m = -HALF_VIEW_M + np.maximum(0, np.arange(40) - 6) * 0.16

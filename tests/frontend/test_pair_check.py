@@ -1,6 +1,7 @@
 """When left and right count as fitting each other: doubts begin, are confirmed away, or end with a new start."""
 
 import numpy as np
+import pytest
 
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.pair_check import PairCheck, PairFit
@@ -8,7 +9,7 @@ from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.vertical_disparity import VerticalDisparity
 from stream_sfm.geometry.stereo import StereoProjection
 
-PROJECTION = StereoProjection(300.0, 0.1, 160.0, 160.0, 120.0, 320, 240)
+PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
 
 
 def images(seed: int) -> PreparedImages:
@@ -29,7 +30,7 @@ class Run:
     def __init__(self) -> None:
         self.vertical = VerticalDisparity(PROJECTION, 1.5)
         self.noise = ViewNoise(1.0, 10)
-        self.check = PairCheck(self.vertical, self.noise)
+        self.check = PairCheck(PROJECTION, self.vertical, self.noise)
         self.frame = 0
 
     def show(self, fitting: PairFit | None, next_id: int = 1000) -> bool:
@@ -110,3 +111,20 @@ def test_noise_that_no_image_explains_is_a_doubt():
     run.noise.factor = 9.0
     run.show(fit(0, 95, 95))
     assert "3.0 times what their images explain" in run.check.doubt
+
+
+@pytest.mark.parametrize(("factor", "name"), [(0.5, "half"), (2.0, "twice")])
+def test_a_calibration_of_another_resolution_is_a_doubt_from_the_first_frame(factor: float, name: str):
+    p = PROJECTION
+    wrong = StereoProjection(
+        factor * p.f_px,
+        factor * p.cx_left_px,
+        factor * p.cx_right_px,
+        factor * p.cy_px,
+        p.baseline_m,
+        p.width,
+        p.height,
+    )
+    check = PairCheck(wrong, VerticalDisparity(wrong, 1.5), ViewNoise(1.0, 10))
+    check.judge(images(1), None, None, 0)
+    assert f"images of {name} the size" in check.doubt

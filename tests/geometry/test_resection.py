@@ -147,7 +147,10 @@ def test_two_rigid_sets_side_by_side_are_rivals() -> None:
         for of in (body == 0, body < 0):
             alone = resect(P, points[of], cov_points[of], z[of], cov[of], np.eye(4)).cam_from_ref
             apart.append(
-                [np.linalg.norm(se3.log(m @ se3.inverse(alone))) for m in (found.cam_from_ref, found.rival)]
+                [
+                    np.linalg.norm(se3.log(m @ se3.inverse(alone)))
+                    for m in (found.cam_from_ref, found.rival.cam_from_ref)
+                ]
             )
         assert min(apart[0]) < 0.02 and min(apart[1]) < 0.02
         assert np.argmin(apart[0]) != np.argmin(apart[1])
@@ -159,6 +162,22 @@ def test_of_two_equal_sets_the_one_that_surrounds_the_other_has_more_support() -
         _, points, cov_points, z, cov, body = crowd(seed, 0.45, bodies=1)
         found = resect(P, points, cov_points, z, cov, np.eye(4))
         assert found.accepted[body < 0].mean() > 0.95
+
+
+def test_corners_that_crowd_in_one_place_have_one_vote() -> None:
+    """A body with 75 % of the views in a twentieth of the image, history for neither: the rest is the background."""
+    for seed in range(10):
+        truth, points, cov_points, z, cov, _ = problem(seed, 160)
+        on_body = np.arange(160) < 120
+        rng = np.random.default_rng(seed)
+        rays = np.stack([rng.uniform(0.1, 0.3, 120), rng.uniform(-0.1, 0.1, 120), np.ones(120)], axis=1)
+        points[:120] = rays * points[:120, 2:]
+        moved = P.project(se3.transform(truth @ se3.exp([0.1, 0.02, 0, 0, 0.02, 0]), points[:120]))
+        z[:120] = moved + rng.normal(size=(120, 4)) * STD_PX
+        found = resect(P, points, cov_points, z, cov, truth)
+        assert found.accepted[~on_body].mean() > 0.95 and found.accepted[on_body].mean() < 0.1
+        assert found.second is not None and found.second.views[on_body].mean() > 0.9
+        assert found.second.odds < 0.5
 
 
 def test_scattered_outliers_are_no_rival() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import matvec, symmetric_inverse
+from ...geometry.linear import matvec, scaled_cholesky, symmetric_inverse
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -90,12 +90,14 @@ class Map:
         """Keep the points of a mask or of an order."""
         self.ids, self.q, self.ref_from_anchor = self.ids[rows], self.q[rows], self.ref_from_anchor[rows]
 
-    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64]) -> None:
+    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64], contested: bool) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
-        Points that the map does not hold yet start at their stereo view.
+        Points that the map does not hold yet start at their stereo view. Where the motion is `contested`, the tracks
+        may be right another time, and nothing is held against them.
         """
-        self._count_rejected(rejected)
+        if not contested:
+            self._count_rejected(rejected)
         excluded = self.rejections.excluded(frame.ids)
         known = among(frame.ids, self.ids)
         new = ~known & frame.stereo & ~excluded & ~among(frame.ids, rejected)
@@ -139,17 +141,24 @@ class Map:
     def doubt(self, motion: Resection) -> None:
         """Take into the world's uncertainty that the newest motion may be the other of two that the views agree with.
 
-        One more mode of the world with the difference of the two, eq. (36a); frames in a row err together.
+        Modes of the world with the difference of the two, and with the error of the other, eq. (36a); the differences
+        of frames in a row have one sign.
         """
-        if motion.rival is None:
+        rival = motion.rival
+        if rival is None:
             self._frames_in_doubt = 0
             return
         self._frames_in_doubt += 1
-        apart = se3.log(motion.cam_from_ref @ se3.inverse(motion.rival))  # of two cameras, in axes of the first
-        mode = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ apart
-        mode *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
-        self.prior = self.prior.with_world_mode(mode)
-        self.amplitudes = np.concatenate([[0.0], self.amplitudes])
+        first_from_other = motion.cam_from_ref @ se3.inverse(
+            rival.cam_from_ref
+        )  # the newest camera by each of the two
+        apart = se3.log(first_from_other)[:, None]
+        doubt = np.concatenate([apart, se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)], axis=1)
+        self.frames[-1].doubt = doubt
+        modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ doubt
+        modes[:, 0] *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        self.prior = self.prior.with_world_modes(modes)
+        self.amplitudes = np.concatenate([np.zeros(modes.shape[1]), self.amplitudes])
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.

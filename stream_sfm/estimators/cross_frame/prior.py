@@ -153,16 +153,16 @@ class Prior:
             rig=updated_rig,
         )
 
-    def with_world_mode(self, mode: Array) -> "Prior":
-        """Add a mode (6,) of the world alone: points stay where they are in the reference camera, eq. (36a).
+    def with_world_modes(self, modes: Array) -> "Prior":
+        """Add modes (6, j) of the world alone: points stay where they are in the reference camera, eq. (36a).
 
-        It comes first, as the last modes are those of the rig.
+        They come first, as the last modes are those of the rig.
         """
-        no_points = np.zeros((len(self.ids), 3, 1))
+        no_points = np.zeros((len(self.ids), 3, modes.shape[1]))
         return replace(
             self,
             modes=np.concatenate([no_points, self.modes], axis=2),
-            world_modes=np.concatenate([mode[:, None], self.world_modes], axis=1),
+            world_modes=np.concatenate([modes, self.world_modes], axis=1),
         )
 
     def with_rig_size(self, size: Array) -> tuple["Prior", Array]:

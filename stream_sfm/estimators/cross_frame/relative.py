@@ -7,6 +7,7 @@ the window has it directly, eq. (74), with all that the two poses have in common
 import numpy as np
 
 from ...geometry import se3
+from ...geometry.se3 import Array
 from ...types import RelativeMotions
 from .map import Map
 
@@ -25,5 +26,17 @@ def relative_motions(current: Map) -> RelativeMotions:
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=j @ sigma @ np.swapaxes(j, 1, 2),
+        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _doubts(current),
     )
+
+
+def _doubts(current: Map) -> Array:
+    """Return what doubtful motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
+    together, apart, covs = np.zeros(6), np.zeros((6, 6)), []
+    for frame in reversed(current.frames):
+        if frame.doubt.shape[1]:
+            doubt = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(frame.cam_from_ref)) @ frame.doubt
+            together = together + doubt[:, 0]
+            apart = apart + doubt[:, 1:] @ doubt[:, 1:].T
+        covs.append(np.outer(together, together) + apart)
+    return np.stack(covs[::-1])

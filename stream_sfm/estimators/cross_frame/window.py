@@ -85,7 +85,7 @@ class CrossFrame:
             absorb_oldest_frame(current)
         self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, rejected)
+        current.enter(frame, rejected, contested=motion.rival is not None)
         current.doubt(motion)
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         current.refine_rig_effects(frame)
