@@ -5,7 +5,7 @@
     drift     the top of the report of `stream-sfm compare logs/room.mcap`
     transitory  its figure of the tracks against the frames, as in the paper's Figure 1
     surface   `stream-sfm surface logs/room.mcap --all --preview`
-    figure6   `stream-sfm simulate figure6`, 40 trials: some minutes
+    figure6   `stream-sfm simulate figure6`, 100 trials: five to ten minutes
 
 `viewer` needs a Vulkan driver (Debian: mesa-vulkan-drivers draws without a graphics card), `drift` and `transitory`
 need Chromium.
@@ -113,7 +113,7 @@ def surface(folder: Path) -> None:
 
 def figure6(folder: Path) -> None:
     """The paper's Figure 6."""
-    stream_sfm("simulate", "figure6", "--trials", 40, "--out", folder)
+    stream_sfm("simulate", "figure6", "--out", folder)
     shutil.copy(folder / "figure6.png", PICTURES / "figure6.png")
 
 
