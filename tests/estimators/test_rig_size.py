@@ -39,7 +39,7 @@ def test_errors_that_were_not_seen_are_as_large_as_the_learnt_size_says(true: fl
         of_disparity = estimate(rng, errors[:DISPARITY], 1.0)
         size = RigKnowledge.unknown(DISPARITY, OF_DISPARITY[:DISPARITY]).likely_size(of_disparity)
         nees.append((errors[DISPARITY:] ** 2).mean() / (size**2).mean())
-    assert np.mean(nees) < 1.3
+    assert np.mean(nees) < (1.3 if true < 3 else 1.7)  # three is the largest size that is considered
     assert np.mean(nees) > 0.4 or true == 0
 
 

@@ -25,10 +25,9 @@ _SIGNIFICANT = 8.0
 # Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
 # 4 to 16, the most one with a radial error of 12 px in the corner.
 _IMPOSSIBLE = 20.0
-# Sizes that are considered, from those of rendered images to ten times of what is assumed, which is their root mean
-# square: as probable as any other that is so many times larger or smaller, but for large ones.
-_SIZES = 1.3 * np.geomspace(0.02, 10.0, 49)
-_PROBABLE = 1 / (1 + (_SIZES / 1.3) ** 2)
+# Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed,
+# which is their root mean square.
+_SIZES = np.geomspace(0.025, 3.0, 41)
 # One error may be as large as is assumed although the others are zero, as where the right camera has been turned. This
 # part of the variance stays, however small the others are: of errors of the disparity, and of those of both lenses.
 _ALONE = 0.25**2, 0.1**2
@@ -76,7 +75,7 @@ class RigKnowledge:
         ratio = _SIZES[:, None] ** 2 * np.maximum(strength, 0.0)
         gain = _SIZES[:, None] ** 2 * (axes.T @ weighted) ** 2 / (1 + ratio)
         likelihood = 0.5 * (gain - np.log1p(ratio)).sum(axis=1)
-        weight = np.exp(likelihood - likelihood.max()) * _PROBABLE
+        weight = np.exp(likelihood - likelihood.max())
         return np.asarray(np.sqrt(weight @ _SIZES**2 / weight.sum() + np.where(told, *_ALONE)))
 
     def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
