@@ -115,7 +115,9 @@ class TemplateAligner:
 
     def cut(self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]) -> NDArray[np.intp]:
         """Cut new templates around whole template pixels (n, 2) of the left image; slots (n,), none of `taken`."""
-        free = np.setdiff1d(np.arange(2 * self.config.max_tracks), taken)[: len(corners)]
+        is_free = np.ones(2 * self.config.max_tracks, bool)
+        is_free[taken] = False
+        free = np.flatnonzero(is_free)[: len(corners)]
         self.atlas.store(images.grey(self.scale)[0], corners, free)
         return free
 

@@ -8,9 +8,6 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from google.protobuf.descriptor import Descriptor
-from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto
-
 MAX_REPEATED_BYTES = 2**20  # of a message with repeated fields: some ten thousand transforms
 _MAX_JSON_VALUES = 2**22  # as many as a list of the pixels of a 4-megapixel image has
 _MAX_JSON_TEXT_BYTES = 2**24  # of text that is not ASCII, which Python may widen to four bytes; base64 is ASCII
@@ -28,22 +25,6 @@ def bounded(decoder: Decoder) -> Decoder:
         return decoder(data)
 
     return decode
-
-
-def has_repeated_fields(descriptor: Descriptor) -> bool:
-    """Whether a protobuf message, or any message within it, has a repeated field."""
-    seen, left = {descriptor.full_name}, [descriptor]
-    while left:
-        one = left.pop()
-        proto = DescriptorProto()
-        one.CopyToProto(proto)  # the descriptor itself has other names for it in each version of protobuf
-        if any(field.label == FieldDescriptorProto.LABEL_REPEATED for field in proto.field):
-            return True
-        for field in one.fields:
-            if field.message_type is not None and field.message_type.full_name not in seen:
-                seen.add(field.message_type.full_name)
-                left.append(field.message_type)
-    return False
 
 
 def decode_json(data: bytes) -> Any:

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Schema
-from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
+from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.source import Channel, Message
-from .message_limits import MAX_REPEATED_BYTES, bounded, decode_json, has_repeated_fields
+from .message_limits import MAX_REPEATED_BYTES, decode_json
 from .ros import ros_decoder
 
 _PACKAGES = (
@@ -196,11 +195,11 @@ class MessageDecoder:
 
 
 def _protobuf_decoder(channel: Channel) -> Callable[[bytes], Any] | None:
-    schema = Schema(1, channel.definition, channel.schema_encoding, channel.schema_name)
-    decoder = ProtobufFactory().decoder_for(channel.message_encoding, schema)
-    if decoder is None:
+    if channel.message_encoding != MessageEncoding.Protobuf:
         return None
-    return bounded(decoder) if has_repeated_fields(decoder(b"").DESCRIPTOR) else decoder
+    from .protobuf import protobuf_decoder
+
+    return protobuf_decoder(channel)
 
 
 def _has(message: Any, name: str) -> bool:

@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
@@ -14,8 +14,10 @@ from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
 from .image_header import image_format, image_size
-from .profile import ProfileEncoder
 from .source import Attachment, Contents, Message
+
+if TYPE_CHECKING:
+    from .profile import ProfileEncoder
 
 _MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 
@@ -62,7 +64,7 @@ class ImageFilesSource:
 
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
-        encoder = ProfileEncoder(self.rig)
+        encoder = _encoder(self.rig)
         contents = Contents([(c, len(side)) for c, side in zip(encoder.images, self.images, strict=True)])
         if self.rig is not None:
             contents.channels += [(channel, None) for channel in encoder.calibrations]
@@ -75,7 +77,7 @@ class ImageFilesSource:
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
         damage.notes += self.notes
-        encoder = ProfileEncoder(self.rig)
+        encoder = _encoder(self.rig)
         events: Iterator[tuple[int, int, Path | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),
             ((image.stamp_ns, 1, image.path) for image in self.images[0]),
@@ -150,3 +152,9 @@ def _size_of_file(path: Path) -> int:
         return path.stat().st_size
     except OSError:  # it is missing, which its reading will report
         return 0
+
+
+def _encoder(rig: StereoRig | None) -> "ProfileEncoder":
+    from .profile import ProfileEncoder  # here, as most runs read no folder of images and need no protobuf
+
+    return ProfileEncoder(rig)

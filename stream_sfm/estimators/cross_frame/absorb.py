@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
-from ..ids import among
+from ..ids import among, union
 from .inverse_depth import Q_COLUMNS, NormalBlocks, in_reference, linearise, q_jacobian
 from .map import Map
 from .window_frame import WindowFrame
@@ -20,14 +20,14 @@ def absorb_oldest_frame(current: Map) -> None:
     frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
     current.refine_rig_effects(frame)
     seen = frame.ids[frame.used]
-    seen_later = np.unique(np.concatenate([f.ids[f.used] for f in current.frames] or [seen]))
+    seen_later = union(*([f.ids[f.used] for f in current.frames] or [seen]))
     current.ref_from_anchor = se3.orthonormalise(frame.cam_from_ref @ current.ref_from_anchor)  # the new reference
-    prior = current.prior.select(among(current.prior.ids, np.union1d(seen_later, seen)))
+    prior = current.prior.select(among(current.prior.ids, union(seen_later, seen)))
     at = np.searchsorted(current.ids, prior.ids)
     prior = prior.with_drift(_drift_since_previous(current, frame, prior.ids, at))
     blocks = _of_points(current, frame, at)
     prior = prior.absorb_frame(current.amplitudes, frame.cam_from_ref, current.q[at], blocks)
-    new = np.searchsorted(current.ids, np.setdiff1d(seen, prior.ids))
+    new = np.searchsorted(current.ids, seen[~among(seen, prior.ids)])
     blocks = _of_points(current, frame, new)
     cov = symmetric_inverse(blocks.v)
     by_rig = -cov @ blocks.rig_point
@@ -40,7 +40,7 @@ def absorb_oldest_frame(current: Map) -> None:
         cams = se3.orthonormalise(current.cams_from_ref() @ se3.inverse(frame.cam_from_ref))
         for f, cam in zip(current.frames, cams, strict=True):
             f.cam_from_ref = cam
-    current.select(among(current.ids, np.union1d(seen_later, current.prior.ids)))
+    current.select(among(current.ids, union(seen_later, current.prior.ids)))
 
 
 def _of_points(current: Map, frame: WindowFrame, rows: NDArray[np.intp]) -> NormalBlocks:

@@ -15,7 +15,7 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...types import RigEstimate, Solution
-from ..ids import among
+from ..ids import among, union
 from .inverse_depth import WhitenedViews, in_reference, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
@@ -126,7 +126,7 @@ class Map:
         for f in self.frames:
             f.used &= ~among(f.ids, rejected[young])
         self.select(~among(self.ids, rejected[young]))
-        self._dropped = np.union1d(self._dropped, rejected[young])
+        self._dropped = union(self._dropped, rejected[young])
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.

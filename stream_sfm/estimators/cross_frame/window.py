@@ -121,7 +121,8 @@ class CrossFrame:
     ) -> tuple[Resection, NDArray[np.int64]]:
         """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects."""
         robust, previous = self.config.robust, current.marginals
-        _, rows, known = np.intersect1d(observations.track_ids, previous.ids, return_indices=True)
+        rows = np.flatnonzero(among(observations.track_ids, previous.ids))
+        known = np.searchsorted(previous.ids, observations.track_ids[rows])
         usable = ~current.rejections.excluded(observations.track_ids[rows])
         rows, known = rows[usable], known[usable]
         if len(rows) < robust.min_inliers:
