@@ -100,7 +100,16 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
             z_px = o.z_px + model.of(z_px) @ error
         inflation = persistence.inflation(o.track_ids, z_px, o.cov_px)
         effects = model.of(z_px)
-        result.append(replace(o, z_px=z_px, rig_effects=effects, rig_effects_at=model.of, inflation=inflation))
+        result.append(
+            replace(
+                o,
+                z_px=z_px,
+                rig_effects=effects,
+                rig_effects_at=model.of,
+                rig_of_disparity=model.of_disparity,
+                inflation=inflation,
+            )
+        )
     return tuple(result)
 
 
