@@ -225,7 +225,7 @@ class _Run:
             return None
         p = self.observer.projection
         error_px, std_px = disparity_over_image(p, told, (_ROWS, _COLUMNS))
-        figures = describe(told, p.f_px * p.baseline_m, self.rig.refinement is not None)
+        figures = describe(told, p.f_px * p.baseline_m, self.rig.refinement)
         return CalibrationError(figures, error_px, std_px)
 
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:

@@ -72,20 +72,27 @@ def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> 
     return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
 
 
-def describe(estimate: RigEstimate, disparity_at_1m_px: float, refined: bool = False) -> dict[str, Any]:
+def describe(
+    estimate: RigEstimate, disparity_at_1m_px: float, refinement: Refinement | None = None
+) -> dict[str, Any]:
     """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean.
 
-    `refined`: the calibration has a refinement, which the errors contain.
+    `refinement`: of the calibration, which the errors contain.
     """
     std_px, rms_px = np.sqrt(np.diag(estimate.cov)), disparity_rms_px(estimate.mean)
     within_px = _uncertainty_px(estimate.cov)
     far_m = _TELLING * disparity_at_1m_px / max(rms_px, 1e-9)
-    if estimate.applied:
+    if estimate.applied and refinement is not None:
+        text = (
+            f"refined by {disparity_rms_px(refinement.error_px):.2f} px of disparity, and corrected by "
+            f"{disparity_rms_px(estimate.mean - refinement.error_px):.2f} px more, as these images show"
+        )
+    elif estimate.applied:
         text = (
             f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
             "would be off by 10 % and more"
         )
-    elif refined:
+    elif refinement is not None:
         text = (
             f"refined by {rms_px:.2f} px of disparity, with which the images agree; right within {within_px:.2f} px"
         )

@@ -247,9 +247,9 @@ class _Run:
             self.warnings.append(self.depth.problem)
         if self.statistics.rig is not None:
             projection = self.engine.observer.projection
-            refined = isinstance(self.rig, StereoRig) and self.rig.refinement is not None
+            refinement = self.rig.refinement if isinstance(self.rig, StereoRig) else None
             scale = projection.f_px * projection.baseline_m
-            further["rig"] = describe(self.statistics.rig, scale, refined)
+            further["rig"] = describe(self.statistics.rig, scale, refinement)
         if self.self_test is not None:
             further["self_test"] = self.self_test.result()
         if self.test_points is not None:

@@ -28,7 +28,7 @@ class CalibrationField:
 
     def __init__(self, rig: StereoRig) -> None:
         self._projection = Rectifier(rig).projection
-        self._refined = rig.refinement is not None
+        self._refinement = rig.refinement
         self._shown_at = 0
         self._latest: FrameEstimate | None = None
 
@@ -48,7 +48,7 @@ class CalibrationField:
         if self._latest.frame_index > self._shown_at:
             self._show(self._latest.rig, self._latest.frame_index, stream)
         p = self._projection
-        text = describe(self._latest.rig, p.f_px * p.baseline_m, self._refined)["text"]
+        text = describe(self._latest.rig, p.f_px * p.baseline_m, self._refinement)["text"]
         stream.log(layout.STATUS, rr.TextLog(f"calibration: {text}", level="INFO"))
 
     def _show(self, rig: RigEstimate, frame_index: int, stream: rr.RecordingStream) -> None:

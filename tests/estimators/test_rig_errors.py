@@ -8,6 +8,7 @@ import pytest
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.frontend.rig_effects import RigEffects
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene, Sequence
@@ -66,6 +67,16 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
     assert 0.7 < np.sqrt(np.mean(of_rig) / M) < 1.4
     assert 0.7 < np.sqrt(np.mean(of_pose) / 6) < 1.4
     assert np.sqrt(np.min(blind) / 6) > 4
+
+
+def test_errors_are_significant_where_two_frames_in_a_row_find_them_so() -> None:
+    """The views of one frame alone may all be wrong; the next one takes those out that contradict the rest."""
+    far, near = np.full(M, 5.0), np.full(M, 0.5)
+    unknown = RigKnowledge.unknown(M)
+    assert not unknown.judge(far).estimated
+    assert not unknown.judge(far).judge(near).judge(far).estimated
+    found = unknown.judge(far).judge(far)
+    assert found.estimated and found.judge(near).estimated
 
 
 @pytest.mark.slow

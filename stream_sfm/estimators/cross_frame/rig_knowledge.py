@@ -38,8 +38,9 @@ class RigKnowledge:
     """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I).
 
     `mean` is taken out of all views. `estimated`: the amplitudes are estimated in the window, and `offset` is 0 after
-    each absorbed frame; otherwise they are considered and held at 0. `size` (m,): σ of c before any view.
-    `of_disparity` (m,): which errors change the disparity only, and tell the size of all; None where it is known.
+    each absorbed frame; otherwise they are considered and held at 0. `suspected`: the latest frame found them
+    significant. `size` (m,): σ of c before any view. `of_disparity` (m,): which errors change the disparity only, and
+    tell the size of all; None where it is known.
     """
 
     mean: Array
@@ -48,6 +49,7 @@ class RigKnowledge:
     size: Array
     of_disparity: NDArray[np.bool_] | None = None
     estimated: bool = False
+    suspected: bool = False
 
     @classmethod
     def unknown(cls, m: int, of_disparity: NDArray[np.bool_] | None = None) -> "RigKnowledge":
@@ -86,12 +88,15 @@ class RigKnowledge:
         return replace(self, root=self.root @ u, offset=offset, size=size), u
 
     def judge(self, offset: Array) -> "RigKnowledge":
-        """Return the knowledge with the estimate `offset` (m,) of the whitened amplitudes, judged for significance."""
+        """Return the knowledge with the estimate `offset` (m,) of the whitened amplitudes, judged for significance.
+
+        It takes two frames in a row: views that contradict all others are found out with the first one.
+        """
         if self.estimated or not len(self):
             return self
         spread = 2 / (9 * len(self))  # χ² of m degrees of freedom after Wilson and Hilferty (1931)
-        significant = offset @ offset > len(self) * (1 - spread + _SIGNIFICANT * np.sqrt(spread)) ** 3
-        return replace(self, estimated=True) if significant else self
+        significant = bool(offset @ offset > len(self) * (1 - spread + _SIGNIFICANT * np.sqrt(spread)) ** 3)
+        return replace(self, suspected=significant, estimated=significant and self.suspected)
 
     def after(self, amplitudes: Array, root: Array, step: Array) -> "RigKnowledge":
         """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
