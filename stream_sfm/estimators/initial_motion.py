@@ -40,6 +40,7 @@ def initial_motion(
         config.gate_probability,
         weights,
         start_is_close=start is not None,
+        find_second=start is None,
     )
     if not found.ok or found.accepted.sum() < config.min_inliers:
         return None

@@ -143,6 +143,7 @@ class RoughMotionFinder:
             attempt.start,
             self._gate_probability,
             tracks.weights[found],
+            find_second=False,
         )
         if not motion.ok:
             return None

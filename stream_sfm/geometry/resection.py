@@ -119,6 +119,7 @@ def resect(
     gate_probability: float = 0.999,
     weights: Array | None = None,
     start_is_close: bool = False,
+    find_second: bool = True,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
@@ -126,7 +127,8 @@ def resect(
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4). `weights` (n,): how much
     each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
     only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
-    of any; where nearly all of them do, neither another start nor annealing is needed.
+    of any; where nearly all of them do, neither another start nor annealing is needed. `find_second`: whether a second
+    motion is looked for.
     """
     n = len(z_px)
     if n < MIN_VIEWS:
@@ -145,7 +147,7 @@ def resect(
         other = _search(views, cam_from_ref_start, weights)
         if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
             found = other
-    return _with_second_motion(views, found, weights)
+    return _with_second_motion(views, found, weights) if find_second else found
 
 
 def _solve(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
