@@ -25,8 +25,8 @@ def test_the_size_does_not_depend_on_the_prior_that_the_estimate_was_made_with()
     sizes = []
     for size in (0.1, 1.0, 3.0):
         e = estimate(np.random.default_rng(2), errors, size)
-        sizes.append(knowledge.resized(np.full(M, size))[0].likely_size(e))
-    assert sizes[1:] == [pytest.approx(sizes[0], rel=1e-6)] * 2
+        sizes.append(knowledge.resized(size)[0].likely_size(e))
+    assert sizes == pytest.approx([sizes[0]] * 3, rel=1e-6)
 
 
 @pytest.mark.parametrize("true", [0.0, 0.3, 1.0, 3.0])
@@ -38,7 +38,7 @@ def test_errors_that_were_not_seen_are_as_large_as_the_learnt_size_says(true: fl
         errors = true * rng.normal(size=M)
         of_disparity = estimate(rng, errors[:DISPARITY], 1.0)
         size = RigKnowledge.unknown(DISPARITY, OF_DISPARITY[:DISPARITY]).likely_size(of_disparity)
-        nees.append((errors[DISPARITY:] ** 2).mean() / (size**2).mean())
+        nees.append((errors[DISPARITY:] ** 2).mean() / size**2)
     assert np.mean(nees) < (1.3 if true < 3 else 1.7)  # three is the largest size that is considered
     assert np.mean(nees) > 0.4 or true == 0
 
@@ -46,14 +46,13 @@ def test_errors_that_were_not_seen_are_as_large_as_the_learnt_size_says(true: fl
 def test_without_views_errors_are_as_large_as_assumed_and_one_may_be_when_all_others_are_zero() -> None:
     knowledge = RigKnowledge.unknown(M, OF_DISPARITY)
     nothing = RigEstimate(np.zeros(M), (1 - 1e-9) * np.eye(M), False)
-    assert knowledge.likely_size(nothing) == pytest.approx(np.ones(M), rel=0.05)
-    zero = knowledge.likely_size(RigEstimate(np.zeros(M), 1e-8 * np.eye(M), False))
-    assert zero[OF_DISPARITY] == pytest.approx(0.25, rel=0.05)
-    assert zero[~OF_DISPARITY] == pytest.approx(0.1, rel=0.05)
+    assert knowledge.likely_size(nothing) == pytest.approx(1, rel=0.05)
+    zero = RigEstimate(np.zeros(M), 1e-8 * np.eye(M), False)
+    assert knowledge.likely_size(zero) == pytest.approx(0.1, rel=0.05)
 
 
 def test_errors_of_the_lenses_do_not_tell_the_size() -> None:
     """What turning and growing patches do wrong looks like them, and must not make room for more of it."""
     mean, cov = np.zeros(M), 1e-6 * np.eye(M)
     mean[DISPARITY:] = 3.0
-    assert (RigKnowledge.unknown(M, OF_DISPARITY).likely_size(RigEstimate(mean, cov, True)) < 0.3).all()
+    assert RigKnowledge.unknown(M, OF_DISPARITY).likely_size(RigEstimate(mean, cov, True)) < 0.15

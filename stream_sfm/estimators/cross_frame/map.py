@@ -201,7 +201,7 @@ class Map:
             return None
         root = rig.root @ root
         mean = self.rig_error + root @ self.system.rig_offset
-        return RigEstimate(mean, root @ root.T, rig.estimated, rig.size)
+        return RigEstimate(mean, root @ root.T, rig.estimated, np.full(len(rig), rig.size))
 
     def judge_rig(self) -> None:
         """Let the rig's errors be estimated from now on if they have become significant."""

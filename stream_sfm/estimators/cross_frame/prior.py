@@ -165,8 +165,8 @@ class Prior:
             world_modes=np.concatenate([modes, self.world_modes], axis=1),
         )
 
-    def with_rig_size(self, size: Array) -> tuple["Prior", Array]:
-        """Return the prior as if errors of the rig had been of that size (m,) from the start, eq. (72b).
+    def with_rig_size(self, size: float) -> tuple["Prior", Array]:
+        """Return the prior as if errors of the rig had been of that size from the start, eq. (72b).
 
         And U (m, m): the amplitudes a of their modes are now a', with a = U a'.
         """

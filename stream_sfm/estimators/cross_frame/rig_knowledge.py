@@ -29,8 +29,8 @@ _IMPOSSIBLE = 20.0
 # which is their root mean square.
 _SIZES = np.geomspace(0.025, 3.0, 41)
 # One error may be as large as is assumed although the others are zero, as where the right camera has been turned. This
-# part of the variance stays, however small the others are: of errors of the disparity, and of those of both lenses.
-_ALONE = 0.25**2, 0.1**2
+# part of the variance stays, however small the others are: one error in a hundred is such a one.
+_ALONE = 0.1**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,14 @@ class RigKnowledge:
 
     `mean` is taken out of all views. `estimated`: the amplitudes are estimated in the window, and `offset` is 0 after
     each absorbed frame; otherwise they are considered and held at 0. `suspected`: the latest frame found them
-    significant. `size` (m,): σ of c before any view. `of_disparity` (m,): which errors change the disparity only, and
-    tell the size of all; None where it is known.
+    significant. `size`: σ of each error before any view. `of_disparity` (m,): which errors change the disparity only,
+    and tell the size of all; None where it is known.
     """
 
     mean: Array
     root: Array
     offset: Array
-    size: Array
+    size: float = 1.0
     of_disparity: NDArray[np.bool_] | None = None
     estimated: bool = False
     suspected: bool = False
@@ -54,7 +54,7 @@ class RigKnowledge:
     @classmethod
     def unknown(cls, m: int, of_disparity: NDArray[np.bool_] | None = None) -> "RigKnowledge":
         """Return the prior: m errors in units of the σ that is assumed for each."""
-        return cls(np.zeros(m), np.eye(m), np.zeros(m), np.ones(m), of_disparity)
+        return cls(np.zeros(m), np.eye(m), np.zeros(m), of_disparity=of_disparity)
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -63,8 +63,8 @@ class RigKnowledge:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
 
-    def likely_size(self, estimate: RigEstimate) -> Array:
-        """Return the size (m,) of the errors that an estimate from all views makes likely, eq. (72a).
+    def likely_size(self, estimate: RigEstimate) -> float:
+        """Return the size of the errors that an estimate from all views makes likely, eq. (72a).
 
         The root mean square over all sizes, by the probability that each gives to the views where lenses are perfect:
         what patches do wrong that turn and grow looks like errors of the lenses, and must not make room for more of it.
@@ -72,19 +72,19 @@ class RigKnowledge:
         told = np.asarray(self.of_disparity)
         information = np.linalg.inv(estimate.cov)
         weighted = (information @ estimate.mean)[told]
-        of_views = information[np.ix_(told, told)] - np.diag(self.size[told] ** -2)
+        of_views = information[np.ix_(told, told)] - np.eye(len(weighted)) / self.size**2
         strength, axes = np.linalg.eigh(of_views)
         ratio = _SIZES[:, None] ** 2 * np.maximum(strength, 0.0)
         gain = _SIZES[:, None] ** 2 * (axes.T @ weighted) ** 2 / (1 + ratio)
         likelihood = 0.5 * (gain - np.log1p(ratio)).sum(axis=1)
         weight = np.exp(likelihood - likelihood.max())
-        return np.asarray(np.sqrt(weight @ _SIZES**2 / weight.sum() + np.where(told, *_ALONE)))
+        return float(np.sqrt(weight @ _SIZES**2 / weight.sum() + _ALONE))
 
-    def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
+    def resized(self, size: float) -> tuple["RigKnowledge", Array]:
         """Return the knowledge with a prior of another size, and U (m, m): amplitudes a are now a', with a = U a'."""
-        more = (size**-2.0 - self.size**-2.0)[:, None]  # information about zero that is added to what the prior had
-        u = Cholesky(symmetric(np.eye(len(self)) + self.root.T @ (more * self.root))).root
-        offset = u.T @ (self.offset - self.root.T @ (more[:, 0] * self.mean))
+        more = size**-2 - self.size**-2  # information about zero that is added to what the prior had
+        u = Cholesky(symmetric(np.eye(len(self)) + more * (self.root.T @ self.root))).root
+        offset = u.T @ (self.offset - more * (self.root.T @ self.mean))
         return replace(self, root=self.root @ u, offset=offset, size=size), u
 
     def judge(self, offset: Array) -> "RigKnowledge":
