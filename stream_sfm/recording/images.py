@@ -11,7 +11,6 @@ from ..camera.models import MAX_PIXELS
 from ..camera.pixels import Grey
 from ..errors import LogError
 from ..sources import image_header
-from . import sub_filtered_png
 from .messages import ImageMessage
 
 # encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
@@ -99,8 +98,6 @@ def _decode_compressed(message: ImageMessage) -> Grey:
         raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes that declare {width}×{height} pixels")
     if problem := image_header.problem(message.data):
         raise UndecodableImage(f"{message.topic}: an image that is not decoded: {problem}")
-    if message.data.startswith(b"\x89PNG") and (grey := sub_filtered_png.decode(message.data)) is not None:
-        return grey
     # An orientation tag is ignored: the calibration is of the pixels as they were recorded.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)

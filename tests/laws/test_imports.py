@@ -47,7 +47,6 @@ HOMES = {
     "markupsafe": ("report",),
     "rich": ("cli",),
     "argcomplete": ("cli",),
-    "isal": ("recording/sub_filtered_png.py",),
     "lz4": ("mcap_file", "sources"),
     "zstandard": ("mcap_file", "sources"),
     "distributed": ("executors.py",),
