@@ -32,7 +32,7 @@ def processes(workers: int) -> Iterator[Executor]:
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 for worker in set(active_children()) - others:
-                    worker.terminate()
+                    worker.kill()  # a run defers SIGTERM, and a worker has one more piece of work in hand
                 raise
     finally:
         for name, value in before.items():

@@ -1,20 +1,29 @@
 """Processes of this machine do what they are given, and end with the run that started them."""
 
 import time
+from collections.abc import Callable
 from multiprocessing import active_children
 
 import pytest
 
 from stream_sfm.executors import processes
+from stream_sfm.interrupts import deferred_interrupts
 
 _LONG_S = 300
 
 
-def test_an_interrupted_run_waits_for_no_worker() -> None:
+def patient(_: object) -> None:
+    """A run that ends in its own time, as replays do after the current frame."""
+    with deferred_interrupts():
+        time.sleep(_LONG_S)
+
+
+@pytest.mark.parametrize("job", [time.sleep, patient])
+def test_an_interrupted_run_waits_for_no_worker(job: Callable[[float], None]) -> None:
     before = set(active_children())
     start = time.monotonic()
     with pytest.raises(KeyboardInterrupt), processes(2) as pool:
-        running = [pool.submit(time.sleep, _LONG_S) for _ in range(3)]
+        running = [pool.submit(job, _LONG_S) for _ in range(3)]
         while not any(future.running() for future in running):
             time.sleep(0.01)
         raise KeyboardInterrupt

@@ -12,8 +12,11 @@ need Chromium.
 """
 
 import argparse
+import contextlib
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +31,7 @@ PICTURES = ROOT / "docs/pictures"
 VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
 VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
+VIEWER_TRIES = 4
 REPORT_SIZE = (1280, 1245)
 TRANSITORY_SIZE = (1000, 490)
 REPORT_LEFT_OUT = "<style>.links, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
@@ -57,12 +61,18 @@ def viewer(folder: Path) -> None:
     stream_sfm("replay", LOG, "--out", folder / "out", "--rrd", recording, "-q")
     size = "x".join(map(str, VIEWER_SIZE))
     command = ["rerun", "--headless", "--window-size", size, "--port", str(port), str(recording)]
-    with subprocess.Popen([sys.executable, "-m", *command], stderr=subprocess.DEVNULL) as process:
+    # a session of its own, so that the viewer ends with the Python process that starts it
+    with subprocess.Popen(
+        [sys.executable, "-m", *command], stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
         try:
-            time.sleep(VIEWER_LOADS_S)
-            ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy").save_screenshot(str(whole))
+            for _ in range(VIEWER_TRIES):
+                time.sleep(VIEWER_LOADS_S)
+                with contextlib.suppress(TimeoutError, ConnectionError):
+                    ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy").save_screenshot(str(whole))
+                    break
         finally:
-            process.terminate()
+            os.killpg(process.pid, signal.SIGTERM)
     picture = cv2.imread(str(whole))
     assert picture is not None
     cv2.imwrite(str(PICTURES / "viewer.png"), picture[VIEWER_BAR_PX:])
