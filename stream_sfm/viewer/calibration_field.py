@@ -41,15 +41,16 @@ class CalibrationField:
             self._show(estimate.rig, estimate.frame_index, stream)
 
     def close(self, stream: rr.RecordingStream) -> None:
-        """Show the last estimate, and say what it means."""
+        """Show the last estimate, and say what it means where errors are corrected."""
         if self._latest is None or self._latest.rig is None:
             return
         layout.set_time(stream, self._latest)
         if self._latest.frame_index > self._shown_at:
             self._show(self._latest.rig, self._latest.frame_index, stream)
-        p = self._projection
-        text = describe(self._latest.rig, p.f_px * p.baseline_m, self._refinement)["text"]
-        stream.log(layout.STATUS, rr.TextLog(f"calibration: {text}", level="INFO"))
+        if self._latest.rig.applied or self._refinement is not None:
+            p = self._projection
+            text = describe(self._latest.rig, p.f_px * p.baseline_m, self._refinement)["text"]
+            stream.log(layout.STATUS, rr.TextLog(f"calibration: {text}", level="INFO"))
 
     def _show(self, rig: RigEstimate, frame_index: int, stream: rr.RecordingStream) -> None:
         self._shown_at = max(frame_index, 1)
