@@ -10,8 +10,8 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 
 # Frames of agreement after which history counts no more, half a second of most cameras: with more, the last old tracks
-# of a turn would outvote all new ones. And what a track counts before it has agreed once: next to nothing, so that a
-# body that enters the view has no vote, but enough to decide where no track has any history yet.
+# of a turn would outvote all new ones. And what a track counts before it has agreed once: a tenth, so that a body that
+# enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
 _FULL_HISTORY = 10
 _NO_HISTORY = 1.0
 
