@@ -5,6 +5,8 @@ views' own noise, with truncated costs, so that an outlier counts the same howev
 refined by all views near them. Everything is done for all samples at once.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from .stereo import clamp_depth
 # Closed form: with 60 % outliers, P(no clean sample) is (1 - 0.4**3)**256 < 1e-7 for stereo views and
 # (1 - 0.4**4)**256 = 0.0013 for views of one side.
 _SAMPLES = 256
+_CLEAN_SAMPLES = 20  # among them, on average, where it is known how many views agree: some noise makes useless
 _STEREO_SAMPLE = 3  # two views determine a motion; a third keeps its noise from being levered up
 _ONE_SIDED_SAMPLE = 4  # three have up to four solutions
 _SAMPLE_STEPS = 4  # Gauss-Newton from a rough beginning: the fifth changes nothing that the ranking sees
@@ -32,15 +35,19 @@ _EXTENT_POWER, _MIN_EXTENT = 0.25, 0.1
 _PLACES = 8  # per side of the image: as many places as can be told apart by a hundred tracks
 
 
-def search_motion(views: PointViews, start: Array, weights: Array) -> Array:
+def search_motion(views: PointViews, start: Array, weights: Array, agreeing: int | None = None) -> Array:
     """Return the motion cam_from_ref (4, 4) with the largest `support`; `weights` (n,) are at least 0.
 
-    `start` (4, 4) is one of two beginnings of each sample, the other one is taken from its rays. Deterministic: samples
-    depend on the number of views only.
+    `start` (4, 4) is one of two beginnings of each sample, the other one is taken from its rays. `agreeing`: with how
+    many of the views the motion agrees at least, if that is known: among few views few samples then find it.
+    Deterministic: samples depend on the number of views only.
     """
     n = len(views)
     size = _STEREO_SAMPLE if np.mean(views.sides == 4) > 0.5 else _ONE_SIDED_SAMPLE
-    rows = _draw(weights, size)
+    samples = _SAMPLES
+    if agreeing is not None:
+        samples = min(samples, math.ceil(_CLEAN_SAMPLES * math.comb(n, size) / math.comb(agreeing, size)))
+    rows = _draw(weights, size, samples)
     root, _ = views.linearise(start)
     from_rays = _rotations_by_rays(views.points[rows], views.projection.rays(views.z[rows]))
     motions = np.concatenate([np.broadcast_to(start, from_rays.shape), from_rays])
@@ -91,10 +98,10 @@ def _extent(views: PointViews, agreement: Array) -> Array:
     return np.asarray(12.0 * np.sqrt(np.maximum(determinant, 0.0)))  # a uniform square has variances of 1/12
 
 
-def _draw(weights: Array, size: int) -> NDArray[np.intp]:
-    """Return samples (_SAMPLES, size) of different rows each, drawn by weight (Efraimidis and Spirakis 2006)."""
+def _draw(weights: Array, size: int, samples: int) -> NDArray[np.intp]:
+    """Return samples (samples, size) of different rows each, drawn by weight (Efraimidis and Spirakis 2006)."""
     rng = np.random.default_rng(len(weights))
-    keys = np.log(rng.random((_SAMPLES, len(weights)))) / np.maximum(weights, 1e-9)
+    keys = np.log(rng.random((samples, len(weights)))) / np.maximum(weights, 1e-9)
     return np.argpartition(-keys, size, axis=1)[:, :size]
 
 

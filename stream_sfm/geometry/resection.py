@@ -184,7 +184,7 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     off = found.squared_residuals > _RIVAL_BEYOND * views.gate
     if not found.ok or off.sum() < _MIN_RIVAL_VIEWS:
         return found
-    start = search_motion(views.select(off), found.cam_from_ref, weights[off])
+    start = search_motion(views.select(off), found.cam_from_ref, weights[off], _MIN_RIVAL_VIEWS)
     other = _least_squares(views, weights, start, *views.linearise(start))
     only_other = off & other.accepted
     if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS:
