@@ -34,7 +34,10 @@ VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
 VIEWER_TRIES = 4
 REPORT_SIZE = (1280, 1245)
 TRANSITORY_SIZE = (1000, 490)
-REPORT_LEFT_OUT = "<style>.links, #path, #errors figure:nth-of-type(n+3) { display: none }</style>"
+REPORT_LEFT_OUT = (  # of the last column, too: times are those of this machine at this moment
+    "<style>.links, #summary .how, #summary tr > :last-child, #path, #errors figure:nth-of-type(n+3) "
+    "{ display: none }</style>"
+)
 
 
 def stream_sfm(*arguments: object) -> None:
@@ -79,7 +82,7 @@ def viewer(folder: Path) -> None:
 
 
 def drift(folder: Path) -> None:
-    """The drift report in a browser: its verdict, its table and the errors against the frame."""
+    """The drift report in a browser: its conclusion, its table and the errors against the frame."""
     stream_sfm("compare", LOG, "--out", folder, "-q")
     report = (folder / "report.html").read_text(encoding="utf-8")
     photograph(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), folder, "drift", REPORT_SIZE)
