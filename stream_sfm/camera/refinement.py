@@ -52,13 +52,13 @@ class Refinement:
         return f"<Refinement {disparity_rms_px(self.error_px):.2f} px of disparity>"
 
 
-def combine(refinements: Sequence[Refinement], prior_std_px: Array) -> Refinement:
-    """The joint refinement of n independent runs that began with errors of `prior_std_px` (n, m) about zero.
+def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_px: Array) -> Refinement:
+    """The joint refinement of n independent runs that began with errors of `priors_std_px` (n, m) about zero.
 
-    The loosest of these priors is that of the result.
+    The result has the prior `prior_std_px` (m,) in place of these, which are what each run guessed.
     """
-    information, weighted = np.diag(prior_std_px.max(axis=0) ** -2.0), np.zeros(prior_std_px.shape[1])
-    for refinement, std_px in zip(refinements, prior_std_px, strict=True):
+    information, weighted = np.diag(prior_std_px**-2.0), np.zeros(len(prior_std_px))
+    for refinement, std_px in zip(refinements, priors_std_px, strict=True):
         own = np.linalg.inv(refinement.cov_px2)
         information += own - np.diag(std_px**-2.0)
         weighted += own @ refinement.error_px

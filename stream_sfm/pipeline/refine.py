@@ -13,6 +13,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import ConfigError, FrameError
+from ..frontend.rig_effects import prior_std_px
 from ..geometry.se3 import Array
 from ..recording import StereoLog, open_log
 from ..types import RigEstimate, Selection
@@ -60,7 +61,7 @@ def calibrate(
     if not known:
         return RefinedRig(rig, estimates)
     priors_px = np.array([e.prior_std for e in known])
-    refinement = combine([Refinement(e.mean, e.cov) for e in known], priors_px)
+    refinement = combine([Refinement(e.mean, e.cov) for e in known], priors_px, prior_std_px(config.rig))
     return RefinedRig(replace(rig, refinement=refinement), estimates)
 
 

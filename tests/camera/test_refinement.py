@@ -52,17 +52,18 @@ def test_what_is_no_refinement_is_named(tmp_path: Path, section: str, complaint:
         StereoRig.from_calibration(path)
 
 
-def test_independent_runs_are_put_together_as_measurements_with_the_loosest_of_their_priors() -> None:
+def test_independent_runs_are_put_together_as_measurements_with_one_prior_in_place_of_theirs() -> None:
     rng = np.random.default_rng(1)
-    prior_std = np.array([[0.5], [1.5], [1.0]]) * rng.uniform(0.2, 2, N)
-    joint, weighted, each = np.diag(prior_std[1] ** -2), np.zeros(N), []
-    for std in prior_std:
+    prior_std = rng.uniform(0.2, 2, N)
+    priors_std = np.array([[0.5], [1.5], [1.0]]) * prior_std
+    joint, weighted, each = np.diag(prior_std**-2), np.zeros(N), []
+    for std in priors_std:
         a = rng.normal(size=(N, N))
         information, mean = a @ a.T, rng.normal(size=N)
         cov = np.linalg.inv(information + np.diag(std**-2))
         each.append(Refinement(cov @ information @ mean, cov))
         joint, weighted = joint + information, weighted + information @ mean
-    together = combine(each, prior_std)
+    together = combine(each, priors_std, prior_std)
     assert np.allclose(together.error_px, np.linalg.solve(joint, weighted), rtol=1e-9, atol=1e-12)
     assert np.allclose(together.cov_px2, np.linalg.inv(joint), rtol=1e-9)
 
