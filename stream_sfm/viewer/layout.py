@@ -52,7 +52,7 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
     """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
-    `unit` is the unit of length that the labels name. On both timelines the path is
+    A second tab beside the 3-D view has the error of the calibration that was learnt, over the left image. `unit` is the unit of length that the labels name. On both timelines the path is
     shown as far as it goes then.
     """
     whole_past = [
@@ -62,17 +62,15 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
         for timeline in TIMELINES
     ]
     space = rrb.Spatial3DView(
-        name="estimate orange, ground truth green; points by σ: 0.1 % (blue) to 10 % (yellow) of the distance",
+        name="estimate orange, ground truth green; points by σ: 0.1 % blue, 10 % yellow",
         origin="world",
         contents=["$origin/**", f"- /{SIDES[0]}/tracks/**", f"- /{SIDES[1]}/**"],
         overrides={TRAJECTORY: rrb.VisibleTimeRanges(whole_past)},
         line_grid=False,
     )
     images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image with tracks", origin=s) for s in sides]
-    calibration = rrb.Spatial2DView(
-        name="error of the disparity over the left image, px: more orange, less blue", origin="calibration"
-    )
-    beside = [calibration] if len(sides) > 1 else []
+    calibration = rrb.Spatial2DView(name="error of the disparity, px", origin="calibration")
+    large = rrb.Tabs(space, calibration, active_tab=0) if len(sides) > 1 else space
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
@@ -84,10 +82,8 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(space, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
-            rrb.Vertical(
-                rrb.Horizontal(*images), *beside, *series, row_shares=[3] + [2] * (len(beside) + len(series))
-            ),
+            rrb.Vertical(large, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
+            rrb.Vertical(rrb.Horizontal(*images), *series, row_shares=[3, 2, 2, 2]),
             column_shares=[5, 4],
         ),
         rrb.TimePanel(state="collapsed", timeline="frame", play_state="following"),
