@@ -52,8 +52,8 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
     """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
-    A second tab beside the 3-D view has the error of the calibration that was learnt, over the left image. `unit` is the unit of length that the labels name. On both timelines the path is
-    shown as far as it goes then.
+    A second tab beside the 3-D view has the error of the calibration that was learnt, over the left image. `unit` is
+    the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
     """
     whole_past = [
         rrb.VisibleTimeRange(
