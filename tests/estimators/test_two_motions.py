@@ -47,6 +47,15 @@ def test_two_motions_that_agree_are_reported_and_covered() -> None:
     for pose in (poses[5], se3.exp(-OWN) @ poses[5]):
         error = se3.log(se3.inverse(doubtful.world_from_cam) @ pose)
         assert error @ np.linalg.solve(doubtful.cov_pose, error) < 30
+    assert doubtful.relative is not None
+    # or as a third set would have it, whose motion differs by as much in another direction
+    third = se3.exp(OWN[[1, 2, 0, 4, 5, 3]]) @ poses[5]
+    error = se3.log(se3.inverse(doubtful.world_from_cam) @ third)
+    assert error @ np.linalg.solve(doubtful.cov_pose, error) < 30
+    before = np.flatnonzero(doubtful.relative.frame_indices == 4)[0]
+    motion, cov = doubtful.relative.frame_from_newest[before], doubtful.relative.cov[before]
+    error = se3.log(se3.inverse(motion) @ se3.inverse(poses[4]) @ third)
+    assert error @ np.linalg.solve(cov, error) < 30
 
 
 def test_what_has_agreed_for_longer_is_the_background() -> None:

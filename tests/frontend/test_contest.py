@@ -33,6 +33,16 @@ def test_a_doubt_outlives_its_views_by_ten_frames_with_the_same_difference() -> 
     assert contest.judge(motion(turned, None)) is None
 
 
+def test_a_long_contest_is_doubted_for_as_long_again() -> None:
+    contest = Contest()
+    for _ in range(25):
+        assert contest.judge(motion(FIRST, 0.5)) is not None
+    doubted = [contest.judge(motion(FIRST, None)) is not None for _ in range(30)]
+    assert doubted == [True] * 25 + [False] * 5
+    assert contest.judge(motion(FIRST, 0.5)) is not None  # a new one, of which nothing is remembered but itself
+    assert sum(contest.judge(motion(FIRST, None)) is not None for _ in range(30)) == 10
+
+
 def test_no_track_earns_history_while_the_motion_is_contested() -> None:
     none = Tracks.none()
     agreed = np.array([10, 10, 0, 0])

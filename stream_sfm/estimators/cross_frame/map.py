@@ -141,8 +141,9 @@ class Map:
     def doubt(self, motion: Resection) -> None:
         """Take into the world's uncertainty that the newest motion may be the other of two that the views agree with.
 
-        Modes of the world with the difference of the two, and with the error of the other, eq. (36a); the differences
-        of frames in a row have one sign.
+        Modes of the world with the difference of the two, in any direction, as the camera's motion may be that of a
+        third set, which is hidden; and with the error of the other, eq. (36a). The differences of frames in a row have
+        one sign.
         """
         rival = motion.rival
         if rival is None:
@@ -152,11 +153,13 @@ class Map:
         first_from_other = motion.cam_from_ref @ se3.inverse(
             rival.cam_from_ref
         )  # the newest camera by each of the two
-        apart = se3.log(first_from_other)[:, None]
-        doubt = np.concatenate([apart, se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)], axis=1)
+        apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
+        doubt = np.concatenate(
+            [np.diag(np.repeat(apart, 3)), se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)], axis=1
+        )
         self.frames[-1].doubt = doubt
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ doubt
-        modes[:, 0] *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        modes[:, :6] *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
         self.prior = self.prior.with_world_modes(modes)
         self.amplitudes = np.concatenate([np.zeros(modes.shape[1]), self.amplitudes])
 

@@ -32,11 +32,11 @@ def relative_motions(current: Map) -> RelativeMotions:
 
 def _doubts(current: Map) -> Array:
     """Return what doubtful motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
-    together, apart, covs = np.zeros(6), np.zeros((6, 6)), []
+    together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
     for frame in reversed(current.frames):
         if frame.doubt.shape[1]:
             doubt = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(frame.cam_from_ref)) @ frame.doubt
-            together = together + doubt[:, 0]
-            apart = apart + doubt[:, 1:] @ doubt[:, 1:].T
-        covs.append(np.outer(together, together) + apart)
+            together = together + doubt[:, :6]
+            apart = apart + doubt[:, 6:] @ doubt[:, 6:].T
+        covs.append(together @ together.T + apart)
     return np.stack(covs[::-1])
