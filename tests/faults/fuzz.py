@@ -5,7 +5,6 @@ import io
 import json
 import multiprocessing
 import os
-import resource
 import signal
 from collections import Counter
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from stream_sfm.cli.main import main
+from stream_sfm.pipeline.statistics import peak_rss_mib
 from stream_sfm.results.trajectory_files import read_tum
 from tests.faults.mutations import FRAMES, make_base, mutate
 
@@ -125,7 +125,7 @@ def _work(
         signal.alarm(MAX_WAIT_S)
         code, due, problem = trial(seed)
         signal.setitimer(signal.ITIMER_PROF, 0)
-        rss_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        rss_mib = peak_rss_mib() or 0.0
         if rss_mib > MAX_RSS_MIB:
             problem = problem or f"{rss_mib:.0f} MiB"
         send.send((code, due, rss_mib, problem))

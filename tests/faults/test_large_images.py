@@ -18,10 +18,11 @@ from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec
 
 _WIDTH, _HEIGHT = 4096, 3050
 _MEASURED = """
-import resource, sys
+import sys
 from stream_sfm.cli.main import main
+from stream_sfm.pipeline.statistics import peak_rss_mib
 code = main(sys.argv[1:])
-print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+print("peak", round(peak_rss_mib() or 0))
 sys.exit(code)
 """
 
