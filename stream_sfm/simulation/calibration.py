@@ -5,12 +5,12 @@ alone; beside it stand windows that take the rig for exact, the errors for white
 unknowns, eqs. (76) and (77).
 """
 
+from collections.abc import Callable
 from collections.abc import Sequence as Listed
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
-import msgspec
 import numpy as np
 
 from ..camera.refinement import TERMS
@@ -21,11 +21,12 @@ from ..frontend.persistence import Persistence
 from ..frontend.rig_effects import RigEffects
 from ..geometry.se3 import Array
 from ..types import Observations, Solution, Status
-from .measure import errors, stacked, traces
+from . import conditions
+from .conditions import Measured, Report, by_condition, lost_share
+from .measure import errors, traces
 from .scenes import Scene, Sequence
 from .statistics import mean, ratio
-from .studies import Report
-from .trials import Progress, run_trials
+from .trials import Progress
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
@@ -59,35 +60,31 @@ WINDOWS = (
 _OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # which they are right to take for exact
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """What is wrong in a scene: the rig, by its prior, or not; of the trials asked for, the fraction `share` is run."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition(conditions.Condition):
+    """What is wrong in a scene: the rig, by its prior, or not."""
 
-    name: str
-    scene: Scene
     wrong_rig: bool
-    share: float = 1.0
 
     @property
     def windows(self) -> tuple[Window, ...]:
         """The windows that differ under this condition."""
         return WINDOWS if self.wrong_rig else _OF_EXACT_RIG
 
-    def trials(self, asked: int) -> int:
-        """Return how many trials are run."""
-        return max(2, round(asked * self.share)) if asked > 1 else 1
+    def job(self) -> Callable[[np.random.SeedSequence], Measured]:
+        """Return the measurement of one sequence of the scene."""
+        return partial(measure, condition=self)
 
 
-_SCENE = Scene(
-    track_length=8, std_px=0.15, round_off=False
-)  # row differences of real rigs scatter by 0.12 to 0.16 px
+# Row differences of real rigs scatter by 0.12 to 0.16 px.
+_SCENE = Scene(track_length=8, std_px=0.15, round_off=False)
 _LASTING = replace(_SCENE, autocorrelation=0.75)
+_FRAMES = (10, 15, 20, 25, 30)
 CONDITIONS = (
-    Condition("wrong_rig_lasting_errors", _LASTING, wrong_rig=True),
-    Condition("wrong_rig", _SCENE, wrong_rig=True, share=0.5),
-    Condition("lasting_errors", _LASTING, wrong_rig=False, share=0.5),
+    Condition("wrong_rig_lasting_errors", _LASTING, _FRAMES, wrong_rig=True),
+    Condition("wrong_rig", _SCENE, _FRAMES, share=0.5, wrong_rig=True),
+    Condition("lasting_errors", _LASTING, _FRAMES, share=0.5, wrong_rig=False),
 )
-FRAMES = (10, 15, 20, 25, 30)
 
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
@@ -113,12 +110,13 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
     return tuple(result)
 
 
-def measure(seed: np.random.SeedSequence, condition: Condition, frames: Listed[int]) -> dict[str, dict[str, Array]]:
-    """Run one trial, and return label -> quantity -> values (len(frames),), NaN where the frame was lost.
+def measure(seed: np.random.SeedSequence, condition: Condition) -> Measured:
+    """Run one trial, and return label -> quantity -> values at the frames of the condition, NaN where one was lost.
 
     The variances of the bound are under "bound".
     """
     of_scene, of_rig = seed.spawn(2)
+    frames = condition.frames
     sequence = condition.scene.sequence(of_scene)
     error = np.random.default_rng(of_rig).normal(size=len(TERMS)) * condition.wrong_rig
     observations = seen_by_wrong_rig(sequence, error)
@@ -156,13 +154,13 @@ def _nees_rig(solution: Solution, error: Array) -> float:
     return float(away @ np.linalg.solve(solution.rig.cov, away))
 
 
-def _evaluate(data: dict[str, dict[str, Array]]) -> Report:
+def _evaluate(data: Measured) -> Report:
     bound = data["bound"]
     return {
         label: {
             "over_bound": {q: ratio(entry[q], bound[q]) for q in QUANTITIES},
             **{q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()},
-            "lost_share": float(np.isnan(entry["rotation"]).mean()),
+            "lost_share": lost_share(entry),
         }
         for label, entry in data.items()
         if label != "bound"
@@ -177,20 +175,12 @@ def calibration(
     conditions: tuple[Condition, ...] = (),
 ) -> Report:
     """Measure variance over the bound and normalised errors of the windows; by condition."""
-    report: Report = {"experiment": "calibration", "seed": seed, "expected": EXPECTED, "conditions": {}}
-    for condition in conditions or CONDITIONS:
-        job = partial(measure, condition=condition, frames=FRAMES)
-        data = stacked(run_trials(job, condition.trials(trials), seed, executor, progress))
-        report["conditions"][condition.name] = {
-            "trials": condition.trials(trials),
-            "frames": list(FRAMES),
-            "scene": msgspec.to_builtins(condition.scene),
-            "wrong_rig": condition.wrong_rig,
-            "estimators": _evaluate(data),
-        }
-    return report
+    chosen = conditions or CONDITIONS
+    parts = by_condition(chosen, _evaluate, trials, seed, executor, progress)
+    by_name = {c.name: parts[c.name] | {"wrong_rig": c.wrong_rig} for c in chosen}
+    return {"experiment": "calibration", "seed": seed, "expected": EXPECTED, "conditions": by_name}
 
 
 def total_trials(trials: int) -> int:
     """Return how many trials the study runs altogether."""
-    return sum(c.trials(trials) for c in CONDITIONS)
+    return conditions.total_trials(trials, CONDITIONS)

@@ -11,6 +11,7 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import Bound, cramer_rao_bound
 from ..geometry import se3
+from ..geometry.linear import mahalanobis2
 from ..geometry.se3 import Array
 from ..types import Solution, Status
 from .scenes import Scene, Sequence
@@ -100,14 +101,12 @@ def errors(sequence: Sequence, frame: int, solution: Solution) -> dict[str, floa
         "position": float(position @ position),
         "global_structure": float((in_world**2).sum(axis=1).mean()),
         "local_structure": float((in_cam**2).sum(axis=1).mean()),
-        "nees_pose": _nees(xi[None], solution.cov_pose[None]) if solution.cov_pose.any() else np.nan,
-        "nees_point": _nees(in_cam, solution.cov_points),
-        "nees_point_in_world": _nees(in_world, solution.cov_points_in_world),
+        "nees_pose": float(mahalanobis2(xi[None], solution.cov_pose[None]).mean())
+        if solution.cov_pose.any()
+        else np.nan,
+        "nees_point": float(mahalanobis2(in_cam, solution.cov_points).mean()),
+        "nees_point_in_world": float(mahalanobis2(in_world, solution.cov_points_in_world).mean()),
     }
-
-
-def _nees(error: Array, cov: Array) -> float:
-    return float(np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0]).mean())
 
 
 def stacked(trials: list[dict[str, dict[str, Array]]]) -> dict[str, dict[str, Array]]:

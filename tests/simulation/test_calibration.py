@@ -82,8 +82,8 @@ def test_with_white_noise_and_an_exact_rig_it_is_the_bound_of_the_other_studies(
 def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
     """Of eight trials at two frames the mean NEES has a deviation of about 1."""
     scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
-    condition = Condition("small", scene, wrong_rig=True)
-    trials = run_trials(lambda seed: calibration.measure(seed, condition, (15, 20)), 8, seed=1)
+    condition = Condition("small", scene, (15, 20), wrong_rig=True)
+    trials = run_trials(lambda seed: calibration.measure(seed, condition), 8, seed=1)
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
     assert 2 < found["cross-frame"] < 9
     assert found["errors as white"] > found["cross-frame"]

@@ -23,13 +23,11 @@ def short(monkeypatch):
     """The same experiments on short scenes."""
     small = Scene(frames=6, track_length=4)
     methods = (Method("cross-frame"), Method("ekf"))
-    for name in ("NOMINAL", "NOISY", "LONG"):
-        condition = dataclasses.replace(getattr(studies, name), scene=small, methods=methods, frames=(3, 5))
-        monkeypatch.setattr(studies, name, condition)
+    conditions = [dataclasses.replace(c, scene=small, methods=methods, frames=(3, 5)) for c in studies.CONDITIONS]
+    monkeypatch.setattr(studies, "CONDITIONS", tuple(conditions))
     lasting = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
-    conditions = tuple(dataclasses.replace(c, scene=lasting) for c in calibration.CONDITIONS[::2])
-    monkeypatch.setattr(calibration, "CONDITIONS", conditions)
-    monkeypatch.setattr(calibration, "FRAMES", (3, 5))
+    conditions = [dataclasses.replace(c, scene=lasting, frames=(3, 5)) for c in calibration.CONDITIONS[::2]]
+    monkeypatch.setattr(calibration, "CONDITIONS", tuple(conditions))
     monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     run_short = rates.Run("general", small, (3, 4, 5))
