@@ -5,7 +5,6 @@ logs.
 """
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -13,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from .errors import ConfigError
-from .inputs import check_text, check_values, read_small
+from .inputs import parse_toml, read_small
 from .wording import expected, invalid_setting
 
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
@@ -287,7 +286,7 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     if path is not None:
         where = f" in {path}"
         try:
-            data = _parse(read_small(path, _MAX_BYTES).decode("utf-8-sig"))
+            data = parse_toml(read_small(path, _MAX_BYTES).decode("utf-8-sig"))
         except OSError as error:
             raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
         except (ValueError, RecursionError) as error:
@@ -301,21 +300,13 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
 
 
-def _parse(text: str) -> dict[str, Any]:
-    """The content of TOML. Raises ValueError where it is none, or none that a person would write."""
-    check_text(text)
-    data = tomllib.loads(text)
-    check_values(data)
-    return data
-
-
 def _apply(override: str, data: dict[str, Any]) -> None:
     """Set what an override such as `window.frames=12` says in the content of a TOML file."""
     key, sign, text = override.partition("=")
     if not sign:
         raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
     try:
-        value = _parse(f"x = {text}")["x"]
+        value = parse_toml(f"x = {text}")["x"]
     except (ValueError, RecursionError):
         value = text  # a bare word is a string
     *sections, leaf = key.strip().split(".")

@@ -7,6 +7,7 @@ aliases. The limits are far above what a person or a tool writes.
 import os
 import re
 import stat
+import tomllib
 from errno import EFBIG, EINVAL
 from pathlib import Path
 from typing import IO, Any
@@ -32,7 +33,7 @@ _DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{_MAX_DOTS}}}", re.MULTILINE)
 
 
 def open_regular(path: str | Path, buffering: int = -1) -> IO[bytes]:
-    """Open a file to read. Raises OSError where it cannot be, or is no regular file: `strerror` says what it is.
+    """Open a file for reading. Raises OSError where that fails or the file is not a regular one; `strerror` says why.
 
     A pipe or a device might never end, or never begin; a log is read more than once besides.
     """
@@ -65,6 +66,14 @@ def read_small(path: str | Path, max_bytes: int) -> bytes:
     if len(content) > max_bytes:
         raise OSError(EFBIG, f"it is larger than {max_bytes} bytes: is it another file?")
     return content
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The content of TOML. Raises ValueError or RecursionError where it is none, or none that a person would write."""
+    check_text(text)
+    data = tomllib.loads(text)
+    check_values(data)
+    return data
 
 
 def check_text(text: str) -> None:

@@ -42,7 +42,8 @@ class Observer:
     """Rectifies the frames of one rig and runs the front-end on them. Frames come in order of time, from one thread.
 
     `rig`: the cameras that are used, with `Config.mono` the left one only; `projection`: of the rectified images;
-    observations and solutions are in their axes. Raises ConfigError for a rig that cannot work.
+    observations and solutions are in their axes; `unseen`: what errors of the calibration that no view shows do to what
+    is reported. Raises ConfigError for a rig that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -57,7 +58,7 @@ class Observer:
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
-        self._unseen = _unseen_errors(self.rig, config)
+        self.unseen = _unseen_errors(self.rig, config)
         self._scaler = GreyScaler()
         self._next_index = 0
         self._last_stamp_ns: int | None = None
@@ -120,7 +121,7 @@ class Observer:
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
-        observations, axes, unseen = observed.observations, self._axes, self._unseen
+        observations, axes, unseen = observed.observations, self._axes, self.unseen
         n_old = len(observations.track_ids) - observations.n_new
         shown = ~np.isin(solution.track_ids, observations.track_ids[n_old:])
         in_cam, in_world = solution.points_in_cam[shown], solution.points_in_world[shown]
@@ -165,7 +166,7 @@ class Observer:
         if relative is None:
             return None
         poses = relative.frame_from_newest
-        cov = relative.cov + self._unseen.of_pose(poses)
+        cov = relative.cov + self.unseen.of_pose(poses)
         return RelativeMotions(relative.frame_indices, self._axes.poses(poses), self._axes.cov_pose(cov))
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
@@ -183,7 +184,7 @@ class Observer:
         in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
         cov_shared = self._cov_shared(in_last, solution.ended_ids)
         cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
-        return cov + self._unseen.of_points(solution.ended_points_in_world)
+        return cov + self.unseen.of_points(solution.ended_points_in_world)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""

@@ -77,7 +77,7 @@ def resident_mib() -> float:
 def soak(
     name: str, step: Callable[..., Solution | FrameEstimate], inputs: Iterator, frames: int, table: Table
 ) -> list[str]:
-    """Run so many frames; one row in the table, and what is not as asked."""
+    """Run `frames` frames and add a row to the table; return what misses its requirement."""
     size = max(frames // BLOCKS, 1)
     memory, cpu_ms = [], []
     worst_rotation, finite, lost = 0.0, True, 0

@@ -5,6 +5,7 @@ whatever rectification a log proposes; poses are handed out in the physical left
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -35,7 +36,7 @@ class Rectifier:
     """Rectification of a rig's images: to pinholes of one focal length and one row, the baseline along +x.
 
     `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
-    the physical left camera's; `valid` (h, w): pixels of the rectified left image that hold picture. Raises RigError
+    the physical left camera's. Maps are computed when they are first needed. Raises RigError
     where left and right are exchanged, or where the calibration leaves no image.
     """
 
@@ -56,9 +57,16 @@ class Rectifier:
         )
         matrices = [np.array([[f, 0, x], [0, f, cy], [0, 0, 1]]) for x in cx]
         self._sides = list(zip(cameras, rotations, matrices, strict=True))
-        self._maps = [_maps(*side) for side in self._sides]
-        self.valid: NDArray[np.bool_] = np.ones((height, width), bool)
-        self.valid &= self._rectified(np.full((height, width), 255, np.uint8), 0) == 255
+
+    @cached_property
+    def _maps(self) -> list[tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None]:
+        return [_maps(*side) for side in self._sides]  # late: who asks for the projection alone needs none
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which pixels (h, w) of the rectified left image hold picture."""
+        white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
+        return np.asarray(self._rectified(white, 0) == 255)
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
-from ..geometry.linear import symmetric
+from ..geometry.linear import mahalanobis2, symmetric
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Status, Trajectory
 from .association import matched
@@ -110,7 +110,7 @@ def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
 
     `error` (n, 6) and `cov` (n, 6, 6) are of the perturbation on the right of `poses` (n, 4, 4).
     """
-    nees = np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
+    nees = mahalanobis2(error, cov)
     along = np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = along / np.maximum(length, 1e-12)

@@ -17,7 +17,7 @@ from ..camera.axes import RectifiedAxes
 from ..camera.unseen_errors import UnseenErrors
 from ..errors import ConfigError
 from ..geometry import se3
-from ..geometry.linear import matvec
+from ..geometry.linear import mahalanobis2, matvec
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from ..types import Trajectory
@@ -313,8 +313,7 @@ def _nees(errors: Array, cov: Array) -> Array:
     """eᵀ Σ⁻¹ e (n,), NaN where either is not known."""
     result = np.full(len(errors), np.nan)
     known = np.isfinite(errors).all(axis=1) & np.isfinite(cov).all(axis=(1, 2))
-    e = errors[known]
-    result[known] = np.einsum("ni,ni->n", e, np.linalg.solve(cov[known], e[..., None])[..., 0])
+    result[known] = mahalanobis2(errors[known], cov[known])
     return result
 
 

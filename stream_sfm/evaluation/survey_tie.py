@@ -13,9 +13,8 @@ from ..geometry.stereo import StereoProjection, clamp_depth
 from .alignment import umeyama
 
 _MIN_POINTS = 3
-_LINE = (
-    0.02  # of the extent of those points: the least they spread sideways, so that no turn about a line is left open
-)
+# Of the extent of those points: the least they spread sideways, so that no turn about a line is left open.
+_LINE = 0.02
 _STEPS = 20  # Gauss-Newton; from the triangulated points it takes three or four
 _CONVERGED = 1e-12  # metres and radians, squared
 

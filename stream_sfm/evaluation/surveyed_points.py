@@ -14,7 +14,6 @@ left = [312.4, 201.7]     # u, v in the image as recorded; (0, 0) is the centre 
 right = [254.1, 202.0]    # may be left out
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..geometry.se3 import Array
-from ..inputs import INT64, check_text, check_values, read_small
+from ..inputs import INT64, parse_toml, read_small
 from ..wording import invalid_setting
 
 World = Literal["survey", "first camera", "ground truth"]
@@ -96,10 +95,7 @@ class SurveyedPoints:
 def read_surveyed_points(path: str | Path) -> SurveyedPoints:
     """Read surveyed points from a TOML file. Raises ConfigError naming the file and what is wrong in it."""
     try:
-        text = read_small(path, _MAX_BYTES).decode("utf-8-sig")
-        check_text(text)
-        data = tomllib.loads(text)
-        check_values(data)
+        data = parse_toml(read_small(path, _MAX_BYTES).decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"cannot read test points {path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

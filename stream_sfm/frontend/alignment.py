@@ -16,7 +16,7 @@ from ..geometry.se3 import Array
 from .noise import ViewNoise
 from .prepared import PreparedImages
 from .templates import Patches, TemplateAtlas
-from .tracks import Tracks
+from .tracks import Tracks, takes_all
 from .valid_area import ValidArea
 
 WIDE = 4  # image pixels per template pixel of wide templates, for surfaces that are all but bare
@@ -38,8 +38,8 @@ class Candidates:
     right_warps: Array
 
     def keep(self, rows: NDArray[Any] | slice) -> "Candidates":
-        """The given rows (mask, indices or slice of all)."""
-        if isinstance(rows, slice) or (rows.dtype == bool and rows.all()):
+        """The given rows (mask, indices or slice)."""
+        if takes_all(rows):
             return self
         return Candidates(
             self.before.keep(rows),

@@ -16,6 +16,11 @@ _FULL_HISTORY = 10
 _NO_HISTORY = 1.0
 
 
+def takes_all(rows: NDArray[Any] | slice) -> bool:
+    """Whether rows (mask, indices or slice) are those of a mask without gaps, or of a slice without bounds."""
+    return rows == slice(None) if isinstance(rows, slice) else rows.dtype == bool and bool(rows.all())
+
+
 @dataclass(frozen=True, slots=True)
 class Tracks:
     """Rows (n) of one array each.
@@ -65,9 +70,9 @@ class Tracks:
 
     def keep(self, rows: NDArray[Any] | slice) -> "Tracks":
         """The given rows (mask, indices or slice)."""
+        if takes_all(rows):
+            return self
         if not isinstance(rows, slice) and rows.dtype == bool:
-            if rows.all():
-                return self
             rows = np.flatnonzero(rows)  # once, not once per column
         return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
 

@@ -31,6 +31,11 @@ def matvec(a: Array, x: Array) -> Array:
     return np.asarray((a @ x[..., None])[..., 0])
 
 
+def mahalanobis2(errors: Array, cov: Array) -> Array:
+    """Return eᵀ Σ⁻¹ e (n,) of errors (n, d) with covariances (n, d, d)."""
+    return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(cov, errors[..., None])[..., 0]))
+
+
 def scaled_cholesky(covariance: Array) -> Array:
     """Return L (n, n) with L Lᵀ = `covariance`, lower triangular. Raises LinAlgError where it is not definite."""
     scale = np.sqrt(np.diag(covariance))

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from ..camera.models import Camera
-from ..camera.unseen_errors import UnseenErrors
 from ..config import Config
 from ..errors import ConfigError
 from ..evaluation.survey_errors import SurveyErrors, SurveyViews, survey_errors
@@ -40,9 +39,7 @@ class SurveyCheck:
             )
         self._z_px = z_px
         self._effects = RigEffects(projection, config.rig, getattr(observer.rig, "refinement", None))
-        exact = config.rig.exact
-        unseen = UnseenErrors(*((0.0, 0.0) if exact else (config.rig.std_baseline, config.rig.std_axes_rad)))
-        self._observer, self._unseen = observer, unseen
+        self._observer = observer
 
     def compare(
         self, trajectories: Mapping[str, Trajectory], truth: Trajectory | None, rig: RigEstimate | None
@@ -53,7 +50,7 @@ class SurveyCheck:
         """
         observer, found = self._observer, {}
         axes = observer.rectifier.rect_from_cam
-        views = SurveyViews(self._points, *self._corrected(rig), observer.projection, axes, self._unseen)
+        views = SurveyViews(self._points, *self._corrected(rig), observer.projection, axes, observer.unseen)
         try:
             for name, trajectory in trajectories.items():
                 found[name] = survey_errors(views, trajectory, truth)

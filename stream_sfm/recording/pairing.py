@@ -35,7 +35,7 @@ class PairingCounts:
 
 
 class Pairer(Generic[T]):
-    """Pairs two streams of frames: `push` either side's frames as they come; it yields the pairs that are certain."""
+    """Pairs two streams of frames: `push` takes the frames of both sides as they arrive and yields certain pairs."""
 
     def __init__(self) -> None:
         self.counts = PairingCounts()

@@ -16,7 +16,7 @@ from .records import MethodRun
 from .survey_charts import at_test_points
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
-from .traces import broken, trace_of
+from .traces import Trace, broken, trace_of
 
 _TUBE_SIGMAS = 3
 _TUBE_SHARE = 0.02  # of the path's extent: a tube narrower than this is drawn wider by a round factor, and says so
@@ -38,15 +38,16 @@ def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory |
     """Render a run as HTML from its summary, its columns, and its truth if there is any."""
     run = MethodRun(summary["method"], statuses=[str(s) for s in columns.statuses])
     unit = "units" if summary["unscaled"] else "m"
-    errors_unit = UNSCALED if summary["unscaled"] else _errors_unit(columns.trajectory, truth)
+    found = None if truth is None else trace_of(columns.trajectory, truth)
+    errors_unit = UNSCALED if summary["unscaled"] else _errors_unit(columns.trajectory, found)
     return template("run.html.j2").render(
         s=summary,
         version=__version__,
         name=summary["log"].rsplit("/", 1)[-1],
         unit=unit,
         conclusion=conclusion_of_run(summary),
-        paths=_paths(columns.trajectory, truth, summary["method"], unit),
-        errors=_errors(columns.trajectory, truth, summary["method"], errors_unit),
+        paths=_paths(columns.trajectory, found, summary["method"], unit),
+        errors=_errors(columns.trajectory, found, summary["method"], errors_unit),
         errors_unit=errors_unit,
         local_unit=unit_for([(summary.get("ground_truth") or {}).get("local_structure_median_m") or 0.0]),
         points=_points(summary, errors_unit),
@@ -100,9 +101,8 @@ def _length(metres: float) -> str:
     return f"{unit.per_m * metres:.3g} {unit.name}"
 
 
-def _paths(estimate: Trajectory, truth: Trajectory | None, method: str, unit: str) -> list[Markup]:
+def _paths(estimate: Trajectory, found: Trace | None, method: str, unit: str) -> list[Markup]:
     """From above and from the side, with a tube of ±3σ across the path."""
-    found = None if truth is None else trace_of(estimate, truth)
     poses = estimate.world_from_cam if found is None else found.estimate
     cov = (
         estimate.cov_pose
@@ -145,16 +145,14 @@ def _tube(poses: Array, cov: Array, i: int, j: int) -> tuple[Array, float]:
     return np.concatenate([at + offset, np.full((1, 2), np.nan), at - offset]), factor
 
 
-def _errors_unit(estimate: Trajectory, truth: Trajectory | None) -> LengthUnit:
+def _errors_unit(estimate: Trajectory, found: Trace | None) -> LengthUnit:
     """Of the errors of the position, or where they are not known of its σ."""
-    found = None if truth is None else trace_of(estimate, truth)
     sigma = None if estimate.cov_pose is None else np.sqrt(np.trace(estimate.cov_pose[:, :3, :3], axis1=1, axis2=2))
     return unit_for(sigma if found is None else found.position_m)
 
 
-def _errors(estimate: Trajectory, truth: Trajectory | None, method: str, length: LengthUnit) -> list[Markup]:
+def _errors(estimate: Trajectory, found: Trace | None, method: str, length: LengthUnit) -> list[Markup]:
     """σ of position and rotation over the frames, beside the error where the truth is known."""
-    found = None if truth is None else trace_of(estimate, truth)
     frames = np.arange(len(estimate))
     charts = []
     cov = estimate.cov_pose

@@ -131,7 +131,7 @@ def test_without_a_file_or_window_there_is_no_viewer():
 
 def test_a_window_needs_a_display(monkeypatch):
     if not sys.platform.startswith("linux"):
-        pytest.skip("the display is told by the environment on Linux only")
+        pytest.skip("only Linux names the display in environment variables")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(sfm.ConfigError, match="no display"):

@@ -2,7 +2,6 @@
 
 import re
 import reprlib
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
-from ...inputs import check_text, check_values
+from ...inputs import check_text, check_values, parse_toml
 from ..models import DISTORTION_COEFFICIENTS, Camera
 from ..refinement import Refinement
 
@@ -31,9 +30,8 @@ DISTORTION_MODELS = {
     "equidistant": "equidistant", "equi": "equidistant", "fisheye": "equidistant", "kannala_brandt": "equidistant",
 }  # fmt: skip
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
-_ROW = re.compile(
-    r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE
-)  # KITTI: a name and at least three numbers
+# KITTI: a name and at least three numbers.
+_ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: files give as few as four digits
 
 
@@ -164,13 +162,9 @@ def _load_toml(content: bytes, name: str) -> dict[str, Any]:
     try:
         if len(content) > _MAX_TOML_BYTES:
             raise ValueError(f"it has {len(content)} bytes")
-        text = content.decode("utf-8-sig")
-        check_text(text)
-        data = tomllib.loads(text)
-        check_values(data)
+        return parse_toml(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"calibration {name} is not TOML: {error}") from None
-    return data
 
 
 def _load_yaml(text: str, name: str) -> dict[str, Any]:

@@ -150,13 +150,10 @@ class Map:
             self._frames_in_doubt = 0
             return
         self._frames_in_doubt += 1
-        first_from_other = motion.cam_from_ref @ se3.inverse(
-            rival.cam_from_ref
-        )  # the newest camera by each of the two
+        first_from_other = motion.cam_from_ref @ se3.inverse(rival.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
-        doubt = np.concatenate(
-            [np.diag(np.repeat(apart, 3)), se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)], axis=1
-        )
+        own = se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)
+        doubt = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         self.frames[-1].doubt = doubt
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ doubt
         modes[:, :6] *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
@@ -210,13 +207,13 @@ class Map:
         """Let the rig's errors be estimated from now on if they have become significant."""
         self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset))
 
-    def resize_rig(self) -> None:
-        """Let the prior of the rig's errors, from the next frame on, have the size that all views make likely."""
-        rig, estimate, m = self.prior.rig, self.rig_estimate(), len(self.prior.rig)
+    def resize_rig(self, estimate: RigEstimate | None) -> None:
+        """Let the prior of the rig's errors have from now on the size that its `rig_estimate` makes likely."""
+        rig = self.prior.rig
         if estimate is None or rig.of_disparity is None:
             return
         self.prior, u = self.prior.with_rig_size(rig.likely_size(estimate))
-        own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - m])
+        own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 
     def update_marginals(self) -> Marginals:

@@ -180,7 +180,7 @@ class CrossFrame:
             rig=rig,
             relative=relative_motions(current),
         )
-        current.resize_rig()
+        current.resize_rig(rig)
         return recorded(self.motion, observations, solution)
 
 

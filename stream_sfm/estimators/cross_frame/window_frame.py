@@ -19,7 +19,8 @@ class WindowFrame:
     The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
     `rig_effects` (n, 4, m): px per unit of the rig's errors. `doubt` (6, k): by what else the motion from the frame
-    before may be wrong, in axes of this camera; frames in a row share the first column, the others are of each alone.
+    before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
+    alone.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 

@@ -69,11 +69,11 @@ class MonoFrontEnd:
         return replace(observed, note=note or ("" if self.mapped else self.map_start.waiting))
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
-        """As `StereoFrontEnd.std_bias_px`: zero, for there is no other patch."""
+        """As `StereoFrontEnd.std_bias_px`: zero, because there is no other patch."""
         return np.zeros(len(ids))
 
     def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
-        """As `StereoFrontEnd.rig_in_px`: none, for there is no other camera."""
+        """As `StereoFrontEnd.rig_in_px`: None, because a single camera has no rig."""
         return None
 
     def _begin_map(self, images: PreparedImages) -> Followed | None:
