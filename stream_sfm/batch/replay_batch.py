@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from ..camera.calibration.read import Where
-from ..camera.rig import StereoRig
+from ..camera.rig import checked_paths
 from ..config import Config
 from ..executors import cluster
+from ..pipeline.refine import check_calibrates
 from ..recording.truth_file import GroundTruthFile
 from ..types import Selection
 from .collect import run_batch
 from .job import JobResult
 from .logs import find_logs
-
-_ANY_SIZE = (1000, 1000)  # of images, pixels
 
 
 def replay_batch(
@@ -28,6 +27,7 @@ def replay_batch(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | None = None,
+    calibrate: bool = False,
     ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -36,18 +36,17 @@ def replay_batch(
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
-    `logs`: recordings of any kind, folders of them, patterns. `workers` processes of this machine (None: one per
-    core), or those of the Dask `scheduler`. A log that delivers no frame for `timeout_s` is stopped; `on_done` is
-    called with the result of each. `ground_truth`: a file for all logs, or a folder with files that are named after
-    the logs, instead of what the logs have. A second call processes only what is missing or has changed. Raises
-    ConfigError, LogError and OutputError before any log is started.
+    `logs`: recordings of any kind, folders of them, patterns. `calibrate`: as in `replay`, each log by itself.
+    `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of what the logs
+    have. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`. A log that
+    delivers no frame for `timeout_s` is stopped; `on_done` is called with the result of each. A second call processes
+    only what is missing or has changed. Raises ConfigError, LogError and OutputError before any log is started.
     """
     config = config or Config()
     config.needs_scale("a batch, which compares metres,")
-    calibrations = _paths(calibration)
-    if calibration is not None:
-        # A mistake in it is reported once, before any log is started; each log knows the size of its images.
-        StereoRig.from_calibration(calibration, image_size=_ANY_SIZE)
+    if calibrate:
+        check_calibrates(config)
+    calibrations = [] if calibration is None else checked_paths(calibration)
     truth = ground_truth if isinstance(ground_truth, GroundTruthFile | None) else GroundTruthFile(ground_truth)
     skipped: list[str] = []
     found = find_logs([str(log) for log in logs], skipped)
@@ -58,7 +57,7 @@ def replay_batch(
             Path(out_dir),
             config,
             executor,
-            options=_replay_options(left, right, selection or Selection(), truth),
+            options=_replay_options(left, right, selection or Selection(), truth, calibrate),
             calibration=calibrations,
             truth=None if truth is None else Path(truth.path).resolve(),
             timeout_s=timeout_s,
@@ -67,14 +66,8 @@ def replay_batch(
         )
 
 
-def _paths(calibration: Where | None) -> list[Path]:
-    if calibration is None:
-        return []
-    return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]
-
-
 def _replay_options(
-    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None
+    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None, calibrate: bool
 ) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
     chosen = {
@@ -87,7 +80,8 @@ def _replay_options(
     }
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
-    return [f"--{name}={value}" for name, value in chosen.items() if value is not None]
+    given = [f"--{name}={value}" for name, value in chosen.items() if value is not None]
+    return [*given, "--calibrate"] if calibrate else given
 
 
 def _frame(truth: GroundTruthFile) -> str | None:

@@ -17,6 +17,7 @@ from .refinement import Refinement
 _MAX_POSE = 1e6  # metres, of any element: more is a damaged file
 _MAX_SKEW = 1e-3  # of a rotation's products from those of an exact one: three decimals are enough in a file
 _MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline, not a pair
+_ANY_SIZE = (1000, 1000)  # of images, pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -122,3 +123,12 @@ class MonoRig:
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
         return toml_file.text(self.cameras)
+
+
+def checked_paths(calibration: read.Where) -> list[Path]:
+    """The absolute paths of a calibration, for other processes, which has been read once. Raises ConfigError.
+
+    A mistake in it is thus reported once, before any log is opened; each log knows the size of its images.
+    """
+    StereoRig.from_calibration(calibration, image_size=_ANY_SIZE)
+    return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]

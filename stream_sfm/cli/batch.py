@@ -37,7 +37,8 @@ def add_parser(subparsers: Any) -> None:
         type=arguments.seconds,
         default=600.0,
         metavar="S",
-        help="stop a log that delivers no frame for S seconds (default: 600)",
+        help="stop a log that delivers no frame for S seconds (default: 600), which includes the first reading of "
+        "--calibrate",
     )
     compared = parser.add_argument_group("batch compare")
     compared.add_argument(
@@ -47,7 +48,7 @@ def add_parser(subparsers: Any) -> None:
         "--start-step", type=arguments.seconds, default=1.0, metavar="S", help="seconds between starts (default: 1)"
     )
     compared.add_argument("--methods", metavar="NAME,…", help="the methods, separated by commas")
-    arguments.add_cameras(parser)
+    arguments.add_calibrate(arguments.add_cameras(parser))
     arguments.add_truth_file(parser, "FILE|DIR")
     arguments.add_selection(parser)
     arguments.add_settings(parser)
@@ -74,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
             left=args.left,
             right=args.right,
             calibration=args.calibration,
+            calibrate=args.calibrate,
             ground_truth=truth,
             workers=args.workers,
             scheduler=args.scheduler,
@@ -95,10 +97,10 @@ def _compare(args: argparse.Namespace) -> int:
     from .printing import cleaned, print_json
     from .progress import counter
 
-    if args.ground_truth is not None or args.calibration is not None:
-        raise ConfigError(
-            "`batch compare` takes the ground truth and the calibration of each log: leave these options out"
-        )
+    if args.ground_truth is not None:
+        raise ConfigError("`batch compare` takes the ground truth that each log has: leave --ground-truth out")
+    if args.method is not None:
+        raise ConfigError("`batch compare` runs several methods: name them with --methods, and leave --method out")
     config, selection = arguments.read_settings(args), arguments.read_selection(args)
     logs = list(find_logs(args.logs[1:]))
     names = (name.strip() for name in args.methods.split(",")) if args.methods else COMPARED
@@ -108,6 +110,10 @@ def _compare(args: argparse.Namespace) -> int:
             args.out,
             config,
             selection,
+            left=args.left,
+            right=args.right,
+            calibration=args.calibration,
+            calibrate=args.calibrate,
             methods=tuple(dict.fromkeys(names)),
             starts=args.starts,
             start_step_s=args.start_step,

@@ -15,11 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import __version__
+from ..camera.calibration.read import Where
+from ..camera.rig import checked_paths
 from ..config import Config, config_to_toml
 from ..errors import ConfigError, StreamSfmError
 from ..estimators import check_method
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
+from ..pipeline.refine import check_calibrates
+from ..recording import open_log
 from ..report.many_page import conclusion_of_many, render_many
 from ..types import Selection
 from .compare import COMPARED, compare
@@ -39,12 +43,28 @@ class Start(NamedTuple):
     start_s: float
 
 
+class Settings(NamedTuple):
+    """What all samples have in common; the names are those of `compare_many`."""
+
+    config: Config
+    selection: Selection
+    methods: tuple[str, ...]
+    left: str | None = None
+    right: str | None = None
+    calibration: Where | None = None
+    calibrate: bool = False
+
+
 def compare_many(
     logs: Sequence[str | Path],
     out_dir: str | Path | None = None,
     config: Config | None = None,
     selection: Selection | None = None,
     *,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: Where | None = None,
+    calibrate: bool = False,
     methods: Sequence[str] = COMPARED,
     starts: int = 1,
     start_step_s: float = 1.0,
@@ -54,10 +74,11 @@ def compare_many(
 ) -> dict[str, Any]:
     """Compare methods on many logs and return the content of comparison.json, written to `out_dir` with a page.
 
-    `starts`: each log is run from so many starts, `start_step_s` apart. `workers` processes of this machine (None: one
-    per core), or those of the Dask `scheduler`. A log that cannot be compared is listed with its reason. `on_done` is
-    called with the name of each. Ctrl-C ends it with what has been compared until then, `interrupted` in the content.
-    Raises ConfigError, OutputError; KeyboardInterrupt where nothing has been compared yet.
+    `left`, `right`, `calibration`: as in `open_log`, for all logs. `calibrate`: as in `compare`; each run learns from
+    its own frames. `starts`: each log is run from so many starts, `start_step_s` apart. `workers` processes of this
+    machine (None: one per core), or those of the Dask `scheduler`. A log that cannot be compared is listed with its
+    reason. `on_done` is called with the name of each. Ctrl-C ends it with what has been compared until then,
+    `interrupted` in the content. Raises ConfigError, OutputError; KeyboardInterrupt where nothing was compared yet.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
@@ -65,6 +86,8 @@ def compare_many(
         check_method(name)
     if REFERENCE not in methods:
         raise ConfigError(f"ratios are over {REFERENCE}: name it among the methods")
+    if calibrate:
+        check_calibrates(config)
     if starts < 1 or start_step_s <= 0:
         raise ConfigError(f"{starts} starts, {start_step_s:g} s apart: give at least one, and a distance above 0")
     folder = None if out_dir is None else Path(out_dir)
@@ -72,7 +95,9 @@ def compare_many(
         make_folder(folder)
     first_s = selection.start_s or 0.0
     jobs = [Start(Path(log), first_s + k * start_step_s) for log in logs for k in range(starts)]
-    run = partial(run_start, config=config, selection=selection, methods=tuple(methods))
+    files: list[Path] | None = None if calibration is None else checked_paths(calibration)
+    settings = Settings(config, selection, tuple(methods), left, right, files, calibrate)
+    run = partial(run_start, settings=settings)
     done: dict[int, dict[str, Any]] = {}
     interrupted = False
     try:
@@ -91,11 +116,21 @@ def compare_many(
     return content
 
 
-def run_start(job: Start, config: Config, selection: Selection, methods: tuple[str, ...]) -> dict[str, Any]:
+def run_start(job: Start, settings: Settings) -> dict[str, Any]:
     """Compare on one log from one start; a failure is a result, not an exception."""
-    selected = Selection(job.start_s, selection.end_s, selection.max_frames, selection.stride)
+    of_all = settings.selection
+    selected = Selection(job.start_s, of_all.end_s, of_all.max_frames, of_all.stride)
     try:
-        report = compare(job.log, None, config, selected, methods=methods, there_and_back=False).report
+        log = open_log(job.log, settings.left, settings.right, settings.calibration)
+        report = compare(
+            log,
+            None,
+            settings.config,
+            selected,
+            methods=settings.methods,
+            there_and_back=False,
+            calibrate=settings.calibrate,
+        ).report
     except (StreamSfmError, ValueError) as error:
         return _failed(job, str(error))
     ratios = {

@@ -47,7 +47,8 @@ def calibrate(
 
     The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError, LogError.
     """
-    config = _able(config or Config())
+    config = config or Config()
+    check_calibrates(config)
     opened = [log if isinstance(log, StereoLog) else open_log(log, calibration=calibration) for log in logs]
     rig = replace(opened[0].stereo_rig, refinement=None)
     for log in opened[1:]:
@@ -67,7 +68,8 @@ def calibrate(
 
 def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> StereoRig:
     """The rig of a log, refined by the same frames that are going to be estimated with it; as it is if it is right."""
-    estimate = _learn(log, replace(log.stereo_rig, refinement=None), _able(config), selection)
+    check_calibrates(config)
+    estimate = _learn(log, replace(log.stereo_rig, refinement=None), config, selection)
     if estimate is None or not estimate.applied:
         return log.stereo_rig
     return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
@@ -115,14 +117,13 @@ def _uncertainty_px(cov_px2: Array) -> float:
     return float(np.sqrt(sum(disparity_rms_px(column) ** 2 for column in root.T)))
 
 
-def _able(config: Config) -> Config:
-    """The configuration, if calibrating is possible with it."""
+def check_calibrates(config: Config) -> None:
+    """Raise a ConfigError where calibrating is not possible with this configuration."""
     config.needs_scale("calibrate")
     if config.rig.exact:
         raise ConfigError("rig.exact says that the calibration has no error: leave it out to calibrate")
     if config.method != "cross-frame":
         raise ConfigError(f"the method {config.method} does not calibrate: use cross-frame")
-    return config
 
 
 def _learn(log: StereoLog, rig: StereoRig, config: Config, selection: Selection) -> RigEstimate | None:

@@ -57,6 +57,16 @@ def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path) -
     assert found["good4"]["summary"]["ground_truth"] == alone["ground_truth"]
 
 
+def test_a_batch_calibrates_as_a_replay_does(logs: Path, tmp_path: Path) -> None:
+    log = logs / "good5.mcap"
+    assert batch(log, "--out", tmp_path, "--calibrate") == 0
+    assert main(["replay", str(log), "--calibrate", "--out", str(tmp_path / "alone"), "-q"]) == 0
+    assert_same_results(tmp_path / "good5", tmp_path / "alone")
+    assert main(["replay", str(log), "--out", str(tmp_path / "as it is"), "-q"]) == 0
+    tables = [(tmp_path / name / "trajectory.csv").read_bytes() for name in ("alone", "as it is")]
+    assert tables[0] != tables[1]
+
+
 def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, _, _ = first
     before = {name: (out / name / "estimates.mcap").stat().st_mtime_ns for name in GOOD}
@@ -170,6 +180,7 @@ def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, capsys: pytest.Cap
         ((good, "--method", "magic"), 2, "magic"),
         ((good, "--set", "widow.frames=8"), 2, "widow"),
         ((good, "--calibration", "missing.toml"), 2, "missing.toml"),
+        ((good, "--calibrate", "--set", "rig.exact=true"), 2, "exact"),
         ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "not allowed with"),
         ((tmp_path / "empty",), 3, "empty"),
     ):

@@ -1,6 +1,7 @@
 """Comparisons over many logs: intervals over logs, failures beside them, the same numbers as one comparison."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ import pytest
 from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import compare
 from stream_sfm.comparison.many import compare_many, summarise_many
-from stream_sfm.config import read_config
+from stream_sfm.config import Config, RigConfig, read_config
 from stream_sfm.errors import ConfigError
+from stream_sfm.recording import open_log
 from stream_sfm.types import Selection
 from tests.comparison.test_compare import FEW, spec
+from tests.helpers.places import ROOM
 from tests.helpers.stereo_logs import write_log
 
 METHODS = ("cross-frame", "frame-to-frame")
@@ -94,10 +97,40 @@ def test_an_interruption_keeps_what_has_been_compared(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out/comparison.json").read_text())["interrupted"]
 
 
-def test_what_cannot_be_compared_is_refused() -> None:
+@pytest.mark.slow
+def test_every_run_learns_the_calibration_that_it_is_given(tmp_path: Path) -> None:
+    """The numbers are those of `compare(calibrate=True)` with that calibration, and not those without."""
+    wrong = open_log(ROOM).stereo_rig
+    k = wrong.left.K.copy()
+    k[0, 2] += 3.0
+    file, out = tmp_path / "wrong.toml", tmp_path / "out"
+    file.write_text(replace(wrong, left=replace(wrong.left, K=k)).to_toml(), encoding="utf-8")
+    options = {"calibration": file, "selection": Selection(max_frames=42), "methods": METHODS}
+    with_, without = (
+        compare(ROOM, None, read_config(None, [FEW]), calibrate=calibrate, **options).report
+        for calibrate in (True, False)
+    )
+    chosen = ["--calibrate", "--calibration", str(file), "--max-frames", "42", "--methods", ",".join(METHODS)]
+    assert main(["batch", "compare", str(ROOM), "--out", str(out), *chosen, "--set", FEW, "-q"]) == 0
+    found = json.loads((out / "comparison.json").read_text())["samples"][0]["ratios"]["frame_to_frame"]
+    for quantity, ratio in with_["error_over_cross_frame"]["frame_to_frame"].items():
+        assert found[quantity] == pytest.approx(ratio["value"], rel=1e-9)
+        before = without["error_over_cross_frame"]["frame_to_frame"][quantity]["value"]
+        assert found[quantity] != pytest.approx(before, rel=1e-2)
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ConfigError, match="name it among the methods"):
         compare_many([], methods=("ekf",))
     with pytest.raises(ConfigError, match="unknown method"):
         compare_many([], methods=("cross-frame", "magic"))
     with pytest.raises(ConfigError, match="0 starts"):
         compare_many([], starts=0)
+    with pytest.raises(ConfigError, match="exact"):
+        compare_many([], None, Config(rig=RigConfig(exact=True)), calibrate=True)
+    with pytest.raises(ConfigError, match="missing"):
+        compare_many([], calibration=tmp_path / "missing.toml")
+    log = str(write_log(tmp_path / "log.mcap", spec(range(2))))
+    for option, value in (("--method", "ekf"), ("--ground-truth", log)):
+        assert main(["batch", "compare", log, "--out", str(tmp_path / "out"), option, value]) == 2
+        assert f"leave {option} out" in capsys.readouterr().err

@@ -73,7 +73,7 @@ def _single(content: bytes, name: str | Path) -> Format:
 
 def _documents(where: Where) -> list[Document]:
     if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
-        return [_read(Path(path)) for path in where]
+        return _documents(where[0]) if len(where) == 1 else [_read(Path(path)) for path in where]
     if not isinstance(where, str | Path):
         kind = "None" if where is None else f"of type {type(where).__name__}"
         raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
