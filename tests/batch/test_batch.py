@@ -19,6 +19,7 @@ from stream_sfm.batch import job as jobs
 from stream_sfm.batch.job import RESULTS, Job, run_job
 from stream_sfm.cli.main import main
 from stream_sfm.config import Config, config_to_toml
+from stream_sfm.recording import open_log
 from tests.batch.running import GOOD, NEEDS_PROC, batch, in_the_midst, meanwhile, outcomes, process_of
 from tests.helpers.same_results import assert_same_results
 
@@ -58,11 +59,17 @@ def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path) -
 
 
 def test_a_batch_calibrates_as_a_replay_does(logs: Path, tmp_path: Path) -> None:
-    log = logs / "good5.mcap"
-    assert batch(log, "--out", tmp_path, "--calibrate") == 0
-    assert main(["replay", str(log), "--calibrate", "--out", str(tmp_path / "alone"), "-q"]) == 0
+    """A calibration whose right principal point is off by three pixels."""
+    log, file = logs / "good5.mcap", tmp_path / "wrong.toml"
+    rig = open_log(log).stereo_rig
+    k = rig.right.K.copy()
+    k[0, 2] += 3.0
+    file.write_text(replace(rig, right=replace(rig.right, K=k)).to_toml(), encoding="utf-8")
+    chosen = ["--calibration", str(file)]
+    assert batch(log, "--out", tmp_path, *chosen, "--calibrate") == 0
+    assert main(["replay", str(log), *chosen, "--calibrate", "--out", str(tmp_path / "alone"), "-q"]) == 0
     assert_same_results(tmp_path / "good5", tmp_path / "alone")
-    assert main(["replay", str(log), "--out", str(tmp_path / "as it is"), "-q"]) == 0
+    assert main(["replay", str(log), *chosen, "--out", str(tmp_path / "as it is"), "-q"]) == 0
     tables = [(tmp_path / name / "trajectory.csv").read_bytes() for name in ("alone", "as it is")]
     assert tables[0] != tables[1]
 
