@@ -2,11 +2,11 @@
 
 Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and are correlated
 in time; intervals therefore come from a jackknife over contiguous blocks of starts, each at least twice as long as the
-longest span. Frames without a truth are NaN, and no span begins or ends there. Under equal methods they exclude
-equality as often as they say; `tests/evaluation/test_intervals.py`.
+longest span (docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there. Under
+equal methods intervals exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,8 +105,9 @@ def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent]
 def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
     x = np.log(spans)
     design = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=1))[1]
-    slopes = design @ np.log(np.stack([_means(s) for s in squares]))
-    return Exponent(*_interval(slopes, _CONFIDENCE))
+    blocks = [_Blocks.of(s) for s in squares]
+    slopes = design @ np.log(np.stack([b.means for b in blocks]))
+    return Exponent(*_interval(slopes, _shares(blocks), _CONFIDENCE))
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
@@ -122,32 +123,50 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
     for k in range(2):
         if any(not np.nansum(m[k]) or not np.nansum(r[k]) for m, r in pairs):
             return None
-        logs = [0.5 * np.log(_means(m[k] ** 2) / _means(r[k] ** 2)) for m, r in pairs]
+        blocks = [(_Blocks.of(m[k] ** 2), _Blocks.of(r[k] ** 2)) for m, r in pairs]
+        logs = np.mean([0.5 * np.log(m.means / r.means) for m, r in blocks], axis=0)
         of_both = 1 - (1 - _CONFIDENCE) / 2
-        result.append(Ratio(*_interval(np.mean(logs, axis=0), of_both, np.exp)))
+        result.append(Ratio(*_interval(logs, _shares([b for both in blocks for b in both]), of_both, np.exp)))
     return result[0], result[1]
 
 
-def _means(values: Array) -> Array:
-    """The mean, then the means without one block each, (1 + blocks,); NaN left out."""
-    blocks = np.array_split(values[np.isfinite(values)], _BLOCKS)
-    sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
-    rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
-    return np.concatenate([[sums.sum() / counts.sum()], rest])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """Squared errors in contiguous blocks: their mean, then those without one block each; each block's share."""
+
+    means: Array
+    shares: Array
+
+    @classmethod
+    def of(cls, squares: Array) -> "_Blocks":
+        """NaN are left out."""
+        blocks = np.array_split(squares[np.isfinite(squares)], _BLOCKS)
+        sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
+        rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
+        return cls(np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum())
+
+
+def _shares(blocks: Sequence[_Blocks]) -> Array:
+    """The mean share of each block in the squared error."""
+    return np.asarray(np.mean([b.shares for b in blocks], axis=0))
 
 
 def _interval(
-    estimates: Array, confidence: float, transform: Callable[[float], float] = float
+    estimates: Array, shares: Array, confidence: float, transform: Callable[[float], float] = float
 ) -> tuple[float, float, float]:
     """The value and the ends of its interval, from the estimate of all blocks and those without one block each.
 
-    Student's t on the jackknife's standard error: ten blocks know the spread of their estimate only roughly.
+    Neighbouring blocks share the spans that reach from one into the next: where they err alike, that is counted. Few
+    blocks know the spread of their estimate only roughly, hence Student's t; and they are as many as their `shares`
+    of the error say, since a block with most of it decides alone.
     """
     from scipy.special import stdtrit  # here, as a replay needs no SciPy, which takes a while to import
 
-    value, without = estimates[0], estimates[1:]
-    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * ((without - without.mean()) ** 2).sum())
-    half = stdtrit(_BLOCKS - 1, 0.5 + confidence / 2) * std
+    value, off = estimates[0], estimates[1:] - estimates[1:].mean()
+    neighbours = max(float(off[1:] @ off[:-1]), 0.0)
+    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * (float(off @ off) + 2 * neighbours))
+    freedom = max(1 / float(shares @ shares) - 1, 1.0)
+    half = stdtrit(freedom, 0.5 + confidence / 2) * std
     return float(transform(value)), float(transform(value - half)), float(transform(value + half))
 
 
