@@ -3,20 +3,31 @@
     python examples/live.py calibration.toml --cameras 0 1
     python examples/live.py calibration.toml --videos left.mp4 right.mp4
     python examples/live.py calibration.toml --video side_by_side.mkv --rrd run.rrd --no-view
-    python examples/live.py calibration.toml --folders left right --no-view
+    python examples/live.py calibration.toml --folders left right --no-view --out run
 
 In folders, an image and its partner have the same name, and names are in the order of time. Ctrl-C ends the run.
+A frame that cannot be used, such as one whose stamp goes backwards, is reported and left out.
 """
 
 import argparse
+import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 import stream_sfm as sfm
+
+
+def opened(given: int | str) -> cv2.VideoCapture:
+    """A camera by its number, or a video by its path."""
+    capture = cv2.VideoCapture(given)
+    if not capture.isOpened():
+        raise SystemExit(f"{'camera' if isinstance(given, int) else 'video'} {given} cannot be opened")
+    return capture
 
 
 def from_captures(captures: list[cv2.VideoCapture], live: bool) -> Iterator[sfm.StereoFrame]:
@@ -27,8 +38,10 @@ def from_captures(captures: list[cv2.VideoCapture], live: bool) -> Iterator[sfm.
     try:
         while all([capture.grab() for capture in captures]):
             stamp_ns = time.time_ns() if live else round(captures[0].get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-            images = [np.asarray(capture.retrieve()[1], np.uint8) for capture in captures]
-            left, right = images if len(images) == 2 else np.split(images[0], 2, axis=1)
+            images = [np.asarray(image, np.uint8) for good, image in (c.retrieve() for c in captures) if good]
+            if len(images) < len(captures):
+                continue  # grabbed, but not decodable
+            left, right = images if len(images) == 2 else np.array_split(images[0], 2, axis=1)
             yield sfm.StereoFrame(stamp_ns, left, right)
     finally:
         for capture in captures:
@@ -62,35 +75,48 @@ def parsed() -> argparse.Namespace:
     )
     parser.add_argument("--rrd", metavar="FILE", help="write what is shown to this file")
     parser.add_argument("--no-view", action="store_true", help="open no window")
+    parser.add_argument("--out", metavar="DIR", help="write the results of the run to this folder")
     return parser.parse_args()
 
 
-def main() -> None:
-    """Step the engine with each frame and show the estimate."""
-    args = parsed()
+def run(args: argparse.Namespace) -> int:
+    """Step the engine with each frame, show and keep the estimates; the number of frames."""
     rig = sfm.StereoRig.from_calibration(args.calibration)
-    engine = sfm.Engine(rig)
-    viewer = None if args.no_view and not args.rrd else sfm.open_viewer(rig, args.rrd, view=not args.no_view)
-    if args.folders:
-        frames = from_folders(args.folders[0], args.folders[1], args.timeout)
-    else:
-        captures = [cv2.VideoCapture(given) for given in args.cameras or args.videos or args.video]
-        frames = from_captures(captures, live=bool(args.cameras))
-    count = 0
+    engine, count = sfm.Engine(rig), 0
+    with ExitStack() as stack:  # whatever ends the run, viewer and files are closed
+        sinks: list[sfm.Sink] = []
+        if args.rrd or not args.no_view:
+            sinks.append(stack.enter_context(closing(sfm.open_viewer(rig, args.rrd, view=not args.no_view))))
+        if args.out:
+            sinks.append(stack.enter_context(sfm.ResultFolder(args.out, rig, engine.config)))
+        if args.folders:
+            frames = from_folders(args.folders[0], args.folders[1], args.timeout)
+        else:
+            captures = [opened(given) for given in args.cameras or args.videos or args.video]
+            frames = from_captures(captures, live=bool(args.cameras))
+        try:
+            for frame in frames:
+                try:
+                    estimate = engine.step(frame)
+                except sfm.FrameError as error:
+                    print(f"\nleft out: {error}", file=sys.stderr)
+                    continue
+                for sink in sinks:
+                    sink.write(estimate, frame)
+                x, y, z = estimate.world_from_cam[:3, 3]
+                print(f"\r{estimate.status:12} x {x:8.3f}  y {y:8.3f}  z {z:8.3f} m", end="")
+                count += 1
+        except KeyboardInterrupt:
+            pass
+    return count
+
+
+def main() -> None:
+    """Run, and say what prevents it in one sentence."""
     try:
-        for frame in frames:
-            estimate = engine.step(frame)
-            if viewer is not None:
-                viewer.write(estimate, frame)
-            x, y, z = estimate.world_from_cam[:3, 3]
-            print(f"\r{estimate.status:12} x {x:8.3f}  y {y:8.3f}  z {z:8.3f} m", end="")
-            count += 1
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if viewer is not None:
-            viewer.close()
-    print(f"\n{count} frames")
+        print(f"\n{run(parsed())} frames")
+    except sfm.StreamSfmError as error:
+        raise SystemExit(f"error: {error}") from None
 
 
 if __name__ == "__main__":

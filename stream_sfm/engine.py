@@ -4,6 +4,7 @@ frame -> observer (rectification and front-end) -> observations -> estimator -> 
 the axes of the physical left camera.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ from functools import partial
 from typing import NoReturn
 
 from .blas import one_thread
-from .camera.rig import MonoRig, StereoRig
+from .camera.rig import MonoRig, StereoRig, baseline_question
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
@@ -28,7 +29,7 @@ class Engine:
     One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
     thread. Linear algebra is done in one thread meanwhile (`blas.py`), so that estimates are the same to the byte
     whatever the environment sets. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a
-    rig or configuration that cannot work.
+    rig or configuration that cannot work; a baseline that is hardly in metres is a warning of the logger `stream_sfm`.
 
     `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
     """
@@ -46,6 +47,8 @@ class Engine:
             self.estimator = make(self.observer.projection, self.config)
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
+        if question := baseline_question(self.rig):
+            logging.getLogger("stream_sfm").warning(question)
 
     @property
     def rig(self) -> StereoRig | MonoRig:

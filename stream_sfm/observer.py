@@ -29,6 +29,10 @@ from .geometry.stereo import StereoProjection
 from .inputs import INT64
 from .types import Frame, FrameEstimate, MonoFrame, Observations, RelativeMotions, Solution, StereoFrame
 
+# Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones count milliseconds or
+# frames.
+_MIN_INTERVAL_NS = 10_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
@@ -85,7 +89,7 @@ class Observer:
         """
         self._check_images(frame, "the frame")
         images = self.rectify(frame) if rectified is None else rectified
-        return self._frontend.prepare(images[0], images[-1], frame_index)
+        return self._frontend.prepare(images[0], images[-1], frame_index).of_frame(frame.stamp_ns)
 
     def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
@@ -96,15 +100,8 @@ class Observer:
         where = f"frame {self._next_index}"
         self._check_images(frame, where)
         self._check_stamp(frame, where)
-        if prepared is not None and not isinstance(prepared, PreparedImages):
-            raise FrameError(
-                f"{where}: prepared is {_described(prepared)}; give what `prepare` returned for this frame"
-            )
-        if prepared is not None and prepared.left.shape != self.rectifier.valid.shape:
-            raise FrameError(
-                f"{where}: prepared has shape {prepared.left.shape}, the calibration says "
-                f"{self.rectifier.valid.shape}; give what `prepare` returned for this frame"
-            )
+        if prepared is not None and (problem := self._prepared_problem(frame, prepared)):
+            raise FrameError(f"{where}: prepared {problem}; give what `prepare` returned for this frame")
         began = time.perf_counter()
         images = self.prepare(frame, self._next_index) if prepared is None else prepared
         rectified = time.perf_counter()
@@ -203,6 +200,16 @@ class Observer:
                     f"({camera.height}, {camera.width}); {_size_fix(image.shape, camera)}"
                 )
 
+    def _prepared_problem(self, frame: Frame, prepared: object) -> str:
+        """Why something is not what `prepare` returned for a frame; empty where it is."""
+        if not isinstance(prepared, PreparedImages):
+            return f"is {_described(prepared)}"
+        if prepared.left.shape != self.rectifier.valid.shape:
+            return f"has shape {prepared.left.shape}, the calibration says {self.rectifier.valid.shape}"
+        if prepared.stamp_ns != frame.stamp_ns:
+            return f"is of the frame with stamp {prepared.stamp_ns} ns, this one has {frame.stamp_ns} ns"
+        return ""
+
     def _check_stamp(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the stamp is not an integer after that of the last frame."""
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
@@ -212,7 +219,13 @@ class Observer:
         if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
             raise FrameError(
                 f"{where} (stamp {frame.stamp_ns} ns): stamps must increase, and the last frame had "
-                f"{self._last_stamp_ns} ns; drop this frame"
+                f"{self._last_stamp_ns} ns; drop this frame, or make a new engine if the clock was set back"
+            )
+        if self._last_stamp_ns is not None and frame.stamp_ns - self._last_stamp_ns < _MIN_INTERVAL_NS:
+            raise FrameError(
+                f"{where} (stamp {frame.stamp_ns} ns): only {frame.stamp_ns - self._last_stamp_ns} ns after the last "
+                "frame; give nanoseconds: of milliseconds, stamp * 10**6, of a frame counter, "
+                "round(count / frames_per_s * 1e9)"
             )
 
 
@@ -266,6 +279,8 @@ def _size_fix(shape: tuple[int, ...], camera: Camera) -> str:
     height, width = shape[:2]
     if (height, width) == (camera.width, camera.height):
         return "give (h, w), not (w, h): image.T, or the calibration of a camera that stands upright"
+    if (height, width) == (camera.height, 2 * camera.width):
+        return f"give its halves, if left and right are side by side: image[:, :{camera.width}] and the rest"
     if width * camera.height == height * camera.width:
         return "give images of the calibrated size, or the calibration of this one (K scales with the images)"
     return "give images of the calibrated size, not cropped, or the calibration of this one"

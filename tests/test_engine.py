@@ -193,6 +193,12 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
             r"channels first; give image.transpose\(1, 2, 0\)",
         ),
         (dataclasses.replace(good, left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour as OpenCV"),
+        (dataclasses.replace(good, left=np.hstack([good.left, good.right])), r"side by side: image\[:, :320\]"),
+        (dataclasses.replace(good, stamp_ns=-1), "or make a new engine if the clock was set back"),
+        (
+            dataclasses.replace(good, stamp_ns=33),
+            r"only 33 ns after .*; give nanoseconds: of milliseconds, stamp \* ",
+        ),
     ]
     for frame, message in wrong:
         with pytest.raises(sfm.FrameError, match=message):
@@ -286,6 +292,10 @@ K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
 POSE = se3.exp([-0.1, 0, 0, 0, 0, 0])
 
 
+def pair(*pose_and_refinement) -> sfm.StereoRig:
+    return sfm.StereoRig(sfm.Camera(320, 240, K), sfm.Camera(320, 240, K), *pose_and_refinement)
+
+
 @pytest.mark.parametrize(
     "make,message",
     [
@@ -296,6 +306,14 @@ POSE = se3.exp([-0.1, 0, 0, 0, 0, 0])
         (lambda: sfm.Camera(320.5, 240, K), r"the camera's size holds 320.5"),
         (lambda: sfm.Camera(float("nan"), 240, K), r"the camera's size holds nan"),
         (lambda: sfm.Camera(320, 240, "K.txt"), r"the camera's K is 'K.txt': give an array of numbers"),
+        (lambda: sfm.Camera(320, 240, K.T), r"is transposed, as MATLAB has it: .*; give K.T"),
+        (lambda: sfm.Camera(320, 240, K / 320 * np.array([[1], [1], [320]])), "not fractions of the image"),
+        (lambda: sfm.Camera(320, 240, K + np.array([[0, 2, 0], [0, 0, 0], [0, 0, 0]])), r"so that K\[0, 1\] is 0"),
+        (lambda: sfm.Camera(320, 240, K, [0.1] * 8), "8 are those of rational_polynomial"),
+        (lambda: sfm.Camera(320, 240, K, [0.1] * 12), "thin prism and tilt are not supported: rectify"),
+        (lambda: pair((np.eye(3), [-0.1, 0, 0])), r"of rotation and translation it is \[\[R, t\], \[0, 1\]\]"),
+        (lambda: pair(POSE.T), r"last row 0 0 0 1, got .*; it is transposed"),
+        (lambda: pair(POSE, 0.5), "the refinement is of type float; give a Refinement"),
         (
             lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE),
             "the right camera is of type NoneType; give a",
@@ -380,6 +398,23 @@ def test_prepared_images_of_another_size_are_refused(frames, engine) -> None:
     with pytest.raises(sfm.FrameError, match="prepared has shape"):
         engine.step(frames[0], prepared)
     assert engine.step(frames[0]).frame_index == 0
+
+
+def test_prepared_images_of_another_frame_are_refused(frames, engine) -> None:
+    """One too early or too late, as is easily done in a loop: the images would have the other frame's stamp."""
+    engine.step(frames[0])
+    with pytest.raises(sfm.FrameError, match=f"prepared is of the frame with stamp {frames[2].stamp_ns} ns"):
+        engine.step(frames[1], engine.prepare(frames[2]))
+    assert engine.step(frames[1], engine.prepare(frames[1])).frame_index == 1
+
+
+def test_a_baseline_that_is_hardly_in_metres_is_questioned(caplog) -> None:
+    millimetres = rig().right_from_left.copy()
+    millimetres[:3, 3] *= 1000
+    sfm.Engine(rig())
+    assert not caplog.messages
+    sfm.Engine(dataclasses.replace(rig(), right_from_left=millimetres))
+    assert "are these millimetres?" in caplog.messages[0]
 
 
 def half(camera: sfm.Camera) -> sfm.Camera:

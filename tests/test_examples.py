@@ -59,8 +59,9 @@ def test_live(tmp_path: Path) -> None:
             writer.write(image)
         writer.release()
     for given in (("--videos", left, right), ("--video", both)):
-        said = run("live.py", tmp_path / "calibration.toml", *given, "--no-view")
+        said = run("live.py", tmp_path / "calibration.toml", *given, "--no-view", "--out", tmp_path / given[0])
         assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2]
+        assert len(sfm.read_results(tmp_path / given[0]).stamps_ns) == FRAMES
 
 
 def test_read_results(tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ MANY_PIXELS = 2**22  # of an image: nothing is done ahead of larger ones, for wh
 _MIN_EDGE_PX = 16  # of an image: less holds no patch
 _MAX_EDGE_PX = 2**15 - 1  # of an image: OpenCV's maps count in 16 bits
 _MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a tenth of it
+_MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole sees 168° then, and a fisheye more than there is
+_MAX_SKEW_PX = 0.1  # of K: OpenCV's lens models have none, and this much moves no pixel by a tenth of one
 # How many coefficients each lens model takes, in OpenCV's order.
 DISTORTION_COEFFICIENTS = {
     "none": (0,),
@@ -19,6 +21,12 @@ DISTORTION_COEFFICIENTS = {
     "rational_polynomial": (8,),
     "equidistant": (4,),
 }
+# What these models are called by others.
+DISTORTION_MODELS = {
+    "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",
+    "rational_polynomial": "rational_polynomial", "none": "none",
+    "equidistant": "equidistant", "equi": "equidistant", "fisheye": "equidistant", "kannala_brandt": "equidistant",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -26,7 +34,8 @@ class Camera:
     """One pinhole camera as delivered, before rectification.
 
     `K` (3, 3) pixels; `D` distortion coefficients in OpenCV's order; `distortion_model` one of none, plumb_bob
-    (4 or 5), rational_polynomial (8), equidistant (4). Raises ConfigError for the impossible.
+    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. Raises ConfigError for the
+    impossible.
     """
 
     width: int
@@ -37,8 +46,13 @@ class Camera:
 
     def __post_init__(self) -> None:
         edges = (_pixels(self.width), _pixels(self.height))
-        k, d = _numbers("K", self.K), tuple(_numbers("D", self.D).ravel().tolist())
-        for name, value in (("width", edges[0]), ("height", edges[1]), ("K", k), ("D", d)):
+        k, d = _numbers("K", self.K), () if self.D is None else tuple(_numbers("D", self.D).ravel().tolist())
+        model = DISTORTION_MODELS.get(str(self.distortion_model).strip().lower())
+        if model is None:
+            names = ", ".join(DISTORTION_COEFFICIENTS)
+            raise ConfigError(f"distortion model {self.distortion_model!r} is not known; known are {names}")
+        values = {"width": edges[0], "height": edges[1], "K": k, "D": d, "distortion_model": model}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
         if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
@@ -46,23 +60,10 @@ class Camera:
                 f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, together at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger "
                 "images"
             )
-        if k.shape != (3, 3) or not np.isfinite(k).all():
-            raise ConfigError(f"camera matrix K must be 3×3 and finite, got shape {k.shape}: {k.tolist()}")
-        if k[0, 0] <= 0 or k[1, 1] <= 0 or not np.allclose(k[2], (0, 0, 1)):
-            raise ConfigError(
-                f"camera matrix K must have fx, fy > 0 and last row 0 0 1, got {k.tolist()}: "
-                "is the camera calibrated?"
-            )
-        if np.abs(k).max() > _MAX_K_PX:
-            raise ConfigError(f"camera matrix K must be in pixels, none over {_MAX_K_PX:g}, got {k.tolist()}")
-        allowed = DISTORTION_COEFFICIENTS.get(self.distortion_model)
-        if allowed is None:
-            names = ", ".join(DISTORTION_COEFFICIENTS)
-            raise ConfigError(f"distortion model {self.distortion_model!r} is not known; known are {names}")
-        if not np.isfinite(d).all() or (any(d) and len(d) not in allowed):
-            raise ConfigError(
-                f"distortion model {self.distortion_model} takes {allowed} finite coefficients, got {list(d)}"
-            )
+        if problem := _matrix_problem(k, max(edges)):
+            raise ConfigError(f"camera matrix K {problem}")
+        if not np.isfinite(d).all() or (any(d) and len(d) not in DISTORTION_COEFFICIENTS[model]):
+            raise ConfigError(_coefficients_problem(model, d))
 
     def __repr__(self) -> str:
         (fx, _, cx), (_, fy, cy) = self.K[:2]
@@ -85,3 +86,38 @@ def _numbers(name: str, value: object) -> Array:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise ConfigError(f"the camera's {name} is {value!r}: give an array of numbers") from None
+
+
+def _matrix_problem(k: Array, longer_edge: int) -> str:
+    """What is wrong with a camera matrix of images with this longer edge, and the cure; empty where it is right."""
+    if k.shape != (3, 3) or not np.isfinite(k).all():
+        return f"must be 3×3 and finite, got shape {k.shape}: {k.tolist()}"
+    if k[0, 0] > 0 and k[1, 1] > 0 and np.allclose(k[:, 2], (0, 0, 1)) and k[2, :2].any():
+        return f"is transposed, as MATLAB has it: {k.tolist()}; give K.T"
+    if k[0, 0] <= 0 or k[1, 1] <= 0 or not np.allclose(k[2], (0, 0, 1)):
+        return f"must have fx, fy > 0 and last row 0 0 1, got {k.tolist()}: is the camera calibrated?"
+    if np.abs(k).max() > _MAX_K_PX:
+        return f"must be in pixels, none over {_MAX_K_PX:g}, got {k.tolist()}"
+    focal = min(k[0, 0], k[1, 1])
+    if focal < _MIN_FOCAL_FRACTION * longer_edge:
+        return (
+            f"has a focal length of {focal:g} for images whose longer edge has {longer_edge} pixels: give pixels of "
+            "these images, not millimetres and not fractions of the image"
+        )
+    if max(abs(k[0, 1]), abs(k[1, 0])) > _MAX_SKEW_PX:
+        return (
+            f"has a skew, which no lens model here has: {k.tolist()}; calibrate without one, so that K[0, 1] is 0"
+        )
+    return ""
+
+
+def _coefficients_problem(model: str, d: tuple[float, ...]) -> str:
+    """The sentence about coefficients that the model does not have."""
+    counts = " or ".join(str(n) for n in DISTORTION_COEFFICIENTS[model] if n > 0) or "no"
+    text = f"distortion model {model} takes {counts} finite coefficients, got {list(d)}"
+    if any(d[8:]):
+        return f"{text}; thin prism and tilt are not supported: rectify the images first"
+    others = [m for m, numbers in DISTORTION_COEFFICIENTS.items() if len(d) in numbers and m != model]
+    if np.isfinite(d).all() and others:
+        return f"{text}; {len(d)} are those of {' or '.join(others)}"
+    return text

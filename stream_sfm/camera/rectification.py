@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RigError
+from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .models import Camera
@@ -30,6 +31,9 @@ _MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: below, a third of the vie
 # rectified camera, as with a lens of 180°.
 _MIN_RAY_DEPTH = 0.2
 _EXCHANGED = -0.5  # x of the direction from left to right camera: within 60° of exactly left, no such pair is meant
+_BESIDE = 0.7  # the same: less, and the right camera is above, below, in front or behind rather than beside
+_PARALLEL = 1e-3  # sine of the angle between baseline and view: less, and both cameras see along one line
+_MIN_VALID = 0.02  # of the rectified image's area: with less picture there is nothing to track
 
 
 class Rectifier:
@@ -37,14 +41,14 @@ class Rectifier:
 
     `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
     the physical left camera's. Maps are computed when they are first needed. Raises RigError
-    where left and right are exchanged, or where the calibration leaves no image.
+    where left and right are exchanged or not beside each other, or where the calibration leaves no image.
     """
 
     def __init__(self, rig: StereoRig | MonoRig) -> None:
         cameras, rotations = list(rig.cameras.values()), _rectifying_rotations(rig)
         width, height = cameras[0].width, cameras[0].height
         self.rect_from_cam: Array = rotations[0]
-        extents, spans = _extents(cameras, rotations)
+        extents, spans = _extents(rig, cameras, rotations)
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
         f = f_lens if f_fit > _SAME_FOCAL_FRACTION * f_lens else max(f_fit, _MIN_FOCAL_FRACTION * f_lens)
@@ -64,9 +68,12 @@ class Rectifier:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of the rectified left image hold picture."""
+        """Which pixels (h, w) of the rectified left image hold picture. Raises RigError where hardly any does."""
         white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
-        return np.asarray(self._rectified(white, 0) == 255)
+        valid = np.asarray(self._rectified(white, 0) == 255)
+        if valid.mean() < _MIN_VALID:
+            raise _no_image([camera for camera, *_ in self._sides])
+        return valid
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
@@ -91,11 +98,11 @@ class Rectifier:
 
 def check_rectifiable(rig: StereoRig | MonoRig) -> None:
     """Raise the RigError that a rectifier of this rig would raise, without computing its maps."""
-    _extents(list(rig.cameras.values()), _rectifying_rotations(rig))
+    _extents(rig, list(rig.cameras.values()), _rectifying_rotations(rig))
 
 
 def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
-    """Rotations (3, 3) of each camera's axes into the rectified ones. Raises RigError for exchanged sides."""
+    """Rotations (3, 3) of each camera's axes into the rectified ones. Raises RigError if not left and right."""
     if isinstance(rig, MonoRig):
         return (np.eye(3),)
     rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
@@ -109,20 +116,42 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
         )
     z = rotation[2] + (0, 0, 1)
     z = z - (z @ x) * x
+    if np.linalg.norm(z) < _PARALLEL:  # |z| is 2 for cameras that look the same way
+        raise _not_beside(right_in_left)
     z /= np.linalg.norm(z)
     rect_from_left = np.stack([x, np.cross(z, x), z])
     return rect_from_left, rect_from_left @ rotation.T
 
 
-def _extents(cameras: Sequence[Camera], rotations: Sequence[Array]) -> tuple[list[Array], Array]:
+def _not_beside(right_in_left: Array) -> RigError:
+    _, y, z = right_in_left
+    above = abs(y) > abs(z)
+    where = ("below" if y > 0 else "above") if above else ("in front of" if z > 0 else "behind")
+    cure = "turn images and calibration by 90°, or " if above else ""
+    return RigError(
+        f"the right camera stands {max(abs(y), abs(z)):.3f} m {where} the left one, not beside it: {cure}give "
+        "right_from_left in axes x right, y down, z forward"
+    )
+
+
+def _no_image(cameras: Sequence[Camera]) -> RigError:
+    return RigError(
+        f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
+        "they must be of these cameras, in OpenCV's order"
+    )
+
+
+def _extents(
+    rig: StereoRig | MonoRig, cameras: Sequence[Camera], rotations: Sequence[Array]
+) -> tuple[list[Array], Array]:
     """The extent of each camera's rectified rays and their mean span (2,). Raises RigError where there is none."""
     extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
     spans: Array = np.mean([e[1] - e[0] for e in extents], axis=0)
     if not (spans > 0).all():  # false for NaN too
-        raise RigError(
-            f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
-            "they must be of these cameras, in OpenCV's order"
-        )
+        right_in_left = se3.inverse(rig.right_from_left)[:3, 3] if isinstance(rig, StereoRig) else np.eye(3)[0]
+        if right_in_left[0] < _BESIDE * np.linalg.norm(right_in_left):
+            raise _not_beside(right_in_left)
+        raise _no_image(cameras)
     return extents, spans
 
 

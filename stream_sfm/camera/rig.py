@@ -1,5 +1,6 @@
 """Rigs: what the images of a log or a program come from, two cameras or one."""
 
+import reprlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -17,6 +18,7 @@ from .refinement import Refinement
 _MAX_POSE = 1e6  # metres, of any element: more is a damaged file
 _MAX_SKEW = 1e-3  # of a rotation's products from those of an exact one: three decimals are enough in a file
 _MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline, not a pair
+_USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 _ANY_SIZE = (1000, 1000)  # of images, pixels
 
 
@@ -38,9 +40,9 @@ class StereoRig:
         for side, camera in (("left", self.left), ("right", self.right)):
             if not isinstance(camera, Camera):
                 raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
-        pose = np.array(self.right_from_left, dtype=float)
-        if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
-            raise ConfigError(f"right_from_left must be a 4×4 pose in metres, got {pose.tolist()}")
+        if self.refinement is not None and not isinstance(self.refinement, Refinement):
+            raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
+        pose = _checked_pose(self.right_from_left)
         r = pose[:3, :3]
         if not np.allclose(r @ r.T, np.eye(3), atol=_MAX_SKEW) or np.linalg.det(r) < 0:
             raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")
@@ -123,6 +125,40 @@ class MonoRig:
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
         return toml_file.text(self.cameras)
+
+
+def baseline_question(rig: StereoRig | MonoRig) -> str:
+    """Ask about a baseline that is hardly in metres, as all lengths are; empty for an ordinary one."""
+    low_m, high_m = _USUAL_BASELINE_M
+    if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
+        return ""
+    unit = "millimetres" if rig.baseline_m > high_m else "another unit"
+    return (
+        f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}? Lengths must be in metres, and "
+        "all estimated lengths follow from it"
+    )
+
+
+def _checked_pose(given: object) -> Array:
+    """`right_from_left` as an array (4, 4) of finite numbers in metres. Raises ConfigError."""
+    wanted = "right_from_left must be a 4×4 pose in metres"
+    try:
+        pose: Array = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigError(
+            f"{wanted}, got {_short(given)}; of rotation and translation it is [[R, t], [0, 1]]"
+        ) from None
+    if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
+        raise ConfigError(f"{wanted}, got {pose.tolist()}")
+    if not np.allclose(pose[3], (0, 0, 0, 1)):
+        turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
+        raise ConfigError(f"{wanted} with the last row 0 0 0 1, got {pose.tolist()}{turned}")
+    return pose
+
+
+def _short(value: object) -> str:
+    text = " ".join(reprlib.repr(value).split())
+    return text if len(text) <= 120 else f"{text[:119]}…"
 
 
 def checked_paths(calibration: read.Where) -> list[Path]:

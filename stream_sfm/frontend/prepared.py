@@ -23,7 +23,7 @@ _CONTRAST = 12.0
 class PreparedImages:
     """The two smoothed images (h, w) of one frame; the left one at half the size, for flow; and both as float32, for
     alignment, because interpolated bytes are rounded, which is too coarse for dark images. `rectified`: both
-    as they came."""
+    as they came. `stamp_ns`: of the frame they were made of, where `of_frame` has said it."""
 
     left: Image
     right: Image
@@ -31,6 +31,7 @@ class PreparedImages:
     left_grey: NDArray[np.float32]
     right_grey: NDArray[np.float32]
     rectified: tuple[Image, Image]
+    stamp_ns: int | None = None
 
     @classmethod
     def of(cls, left: Image, right: Image, sigma_px: float) -> "PreparedImages":
@@ -41,6 +42,11 @@ class PreparedImages:
         left_grey = left.astype(np.float32)
         right_grey = left_grey if same else right.astype(np.float32)
         return cls(left, right, _halved(left), left_grey, right_grey, rectified)
+
+    def of_frame(self, stamp_ns: int) -> "PreparedImages":
+        """Themselves, marked with the stamp of their frame: a step with those of another one can be refused."""
+        object.__setattr__(self, "stamp_ns", stamp_ns)
+        return self
 
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:

@@ -13,14 +13,13 @@ from ..camera.calibration import ros
 from ..camera.calibration.document import make_camera
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
-from ..camera.rig import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig, baseline_question
 from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .messages import CalibrationMessage
 
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
-_USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 REMEDY = "give the calibration of these cameras"
 
 
@@ -69,15 +68,9 @@ def right_is_left(rig: StereoRig) -> float | None:
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
-    """Ask about a baseline that is hardly in metres, as all lengths are; empty for an ordinary one."""
-    low_m, high_m = _USUAL_BASELINE_M
-    if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
-        return []
-    unit = "millimetres" if rig.baseline_m > high_m else "another unit"
-    return [
-        f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}? Lengths must be in metres, and "
-        "all estimated lengths follow from it"
-    ]
+    """What is to be asked about a baseline, as a list of none or one."""
+    question = baseline_question(rig)
+    return [question] if question else []
 
 
 def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from ..types import Trajectory
 from .record_messages import from_message
 from .ros_messages import POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
+
+_OURS = "/stream_sfm/"  # how most topics of a run's file begin
+_FEW_MESSAGES = 100  # of a file, which show what it is
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -78,8 +82,10 @@ def read_clouds(path: str | Path, topic: str = "/stream_sfm/points") -> Iterator
 
 
 def _messages(path: str | Path, topic: str) -> Iterator[tuple[int, Any]]:
-    """Yield the log times and the decoded messages of a topic."""
+    """Yield the log times and the decoded messages of a topic; of a file that is not ours, a LogError."""
+    found = False
     for channel, schema, log_time_ns, data, *_ in LogFile(path).messages(Damage(), frozenset([topic])):
+        found = True
         if channel.message_encoding != MessageEncoding.CDR or schema is None:
             raise LogError(
                 f"{path}: {topic} is encoded as {channel.message_encoding!r}, not as this version writes it "
@@ -91,3 +97,15 @@ def _messages(path: str | Path, topic: str) -> Iterator[tuple[int, Any]]:
         except Exception as error:  # rosbags raises exceptions of many kinds
             raise LogError(f"{path}: a message of {topic} cannot be read: {error}") from None
         yield log_time_ns, message
+    if not found:
+        _check_it_is_ours(path, topic)
+
+
+def _check_it_is_ours(path: str | Path, topic: str) -> None:
+    """Raise LogError where a file without messages of a topic has others: a topic of ours may be empty, as in a short
+    run or a killed one."""
+    topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), _FEW_MESSAGES)}
+    ours = any(name.startswith(_OURS) for name in topics) and topic.startswith(_OURS)
+    if topics and not ours:
+        others = ", ".join(sorted(topics))
+        raise LogError(f"{path} has no messages on {topic}, but on {others}: give the estimates.mcap of a run")

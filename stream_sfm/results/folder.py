@@ -9,6 +9,7 @@ from typing import Any
 
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
+from ..errors import OutputError
 from ..files import json_bytes, make_folder, write_whole
 from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
@@ -25,7 +26,8 @@ class ResultFolder:
     """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and at last summary.json.
 
     The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
-    behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder.
+    behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder. In a `with`
+    statement the files are finished however it ends, so that nothing is lost.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -33,9 +35,21 @@ class ResultFolder:
         self._rig, self._config = rig, config
         self._files: list[Sink] = []
         self._lock: int | None = None
+        self._closed = False
+
+    def __enter__(self) -> "ResultFolder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Append one frame to each file."""
+        if not isinstance(estimate, FrameEstimate):
+            kind = type(estimate).__name__
+            raise OutputError(f"{self.path}: what is to be written is of type {kind}; give write(estimate, frame)")
+        if self._closed:
+            raise OutputError(f"{self.path} is closed; write to a new ResultFolder of another path")
         if not self._files:
             self._open()
         for file in self._files:
@@ -55,6 +69,7 @@ class ResultFolder:
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
+        self._closed = True
         try:
             close_all(self._files)
             self._write_metadata()

@@ -52,6 +52,29 @@ def test_exchanged_cameras_are_refused_with_a_cure() -> None:
         Rectifier(StereoRig(stereo.right, stereo.left, se3.inverse(stereo.right_from_left)))
 
 
+@pytest.mark.parametrize(
+    "translation, where", [((0, -0.1, 0), "below"), ((0, 0.1, 0), "above"), ((0, 0, -0.1), "in front of")]
+)
+def test_a_pair_that_is_not_side_by_side_is_refused_for_this_reason(translation, where) -> None:
+    camera = rig().left
+    pose = se3.from_rotation_translation(np.eye(3), np.array(translation, dtype=float))
+    with pytest.raises(ConfigError, match=f"stands 0.100 m {where} the left one, not beside it"):
+        Rectifier(StereoRig(camera, camera, pose))
+
+
+def test_a_lens_that_leaves_next_to_nothing_is_refused() -> None:
+    camera = Camera(320, 240, rig().left.K, (100.0, 100.0, 100.0, 100.0))
+    with pytest.raises(ConfigError, match="leave no image"):
+        _ = Rectifier(StereoRig(camera, camera, rig().right_from_left)).valid
+
+
+def test_lens_models_have_the_names_that_others_give_them() -> None:
+    k = rig().left.K
+    assert Camera(320, 240, k, (0.1, 0, 0, 0), "radtan").distortion_model == "plumb_bob"
+    assert Camera(320, 240, k, (0.1, 0, 0, 0), "Fisheye").distortion_model == "equidistant"
+    assert Camera(320, 240, k, None).D == ()
+
+
 def test_fisheye_and_strong_distortion_keep_the_middle() -> None:
     k = np.array([[260.0, 0, 159.5], [0, 260.0, 119.5], [0, 0, 1]])
     lenses = (("equidistant", (0.01, -0.002, 0.0, 0.0)), ("equidistant", ()), ("plumb_bob", (-0.35, 0.15, 0, 0)))

@@ -25,6 +25,7 @@ from stream_sfm.results.estimates_reader import read_clouds, read_estimates, rea
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import KittiWriter, TumWriter, read_tum
 from stream_sfm.types import FrameEstimate, Status
+from tests.helpers.places import ROOM
 
 START_NS = 1_700_000_000_123_456_789
 
@@ -224,6 +225,17 @@ def test_a_file_of_an_earlier_version_is_refused_with_the_way_out(tmp_path: Path
         writer.finish()
     with pytest.raises(LogError, match=r"/stream_sfm/estimate is encoded as 'json'.*replay the log again"):
         list(read_estimates(tmp_path / "old.mcap"))
+
+
+@pytest.mark.parametrize("read", [read_trajectory, lambda path: list(read_clouds(path))])
+def test_a_file_of_something_else_is_not_an_empty_run(read):
+    with pytest.raises(LogError, match=r"has no messages on /stream_sfm/\w+, but on /camera/left/.*: give the est"):
+        read(ROOM)
+
+
+def test_a_run_without_ended_points_has_an_empty_map(tmp_path: Path):
+    path = write(tmp_path / "estimates.mcap", [])
+    assert list(read_clouds(path, "/stream_sfm/map")) == []
 
 
 def test_two_runs_differ_in_the_timing_topic_only(tmp_path: Path):

@@ -45,6 +45,19 @@ def test_live_estimates_are_written_as_those_of_a_replay(steps, tmp_path: Path) 
     assert np.allclose(poses, [e.world_from_cam[:3] for e, _ in steps], atol=1e-9)
 
 
+def test_a_program_that_fails_keeps_what_it_has_written(steps, tmp_path: Path) -> None:
+    with pytest.raises(ConnectionError), ResultFolder(tmp_path / "run", rig(), sfm.Config()) as folder:
+        for step in steps:
+            folder.write(*step)
+        raise ConnectionError
+    assert len(sfm.read_results(tmp_path / "run").stamps_ns) == len(steps)
+    assert not list((tmp_path / "run").glob("*.part"))
+    with pytest.raises(sfm.OutputError, match="is closed; write to a new ResultFolder"):
+        folder.write(*steps[0])
+    with pytest.raises(sfm.OutputError, match=r"is of type StereoFrame; give write\(estimate, frame\)"):
+        folder.write(*reversed(steps[0]))
+
+
 def test_without_an_estimate_nothing_is_written(tmp_path: Path) -> None:
     folder = ResultFolder(tmp_path / "run", rig(), sfm.Config())
     folder.close()

@@ -13,7 +13,7 @@ from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...inputs import check_text, check_values, parse_toml
-from ..models import DISTORTION_COEFFICIENTS, Camera
+from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import Refinement
 
 # left, right, right_from_left (4, 4) in metres, and what is known about their errors
@@ -23,12 +23,6 @@ Size = tuple[int, int]  # width, height in pixels
 MAX_BYTES = 2**20  # calibration files are kilobytes
 _MAX_TOML_BYTES = 2**16
 _MAX_YAML_CHARACTERS = 2**18  # which take the parser seconds
-# What the models of this package are called elsewhere.
-DISTORTION_MODELS = {
-    "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",
-    "rational_polynomial": "rational_polynomial", "none": "none",
-    "equidistant": "equidistant", "equi": "equidistant", "fisheye": "equidistant", "kannala_brandt": "equidistant",
-}  # fmt: skip
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
 # KITTI: a name and at least three numbers.
 _ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
