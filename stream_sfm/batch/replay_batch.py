@@ -81,7 +81,7 @@ def _replay_options(
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
     given = [f"--{name}={value}" for name, value in chosen.items() if value is not None]
-    return [*given, "--calibrate"] if calibrate else given
+    return [*given, *(f"--{flag}" for flag in ["calibrate"] if calibrate)]
 
 
 def _frame(truth: GroundTruthFile) -> str | None:
