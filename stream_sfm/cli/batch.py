@@ -93,6 +93,7 @@ def _compare(args: argparse.Namespace) -> int:
     from ..batch.logs import find_logs
     from ..comparison.compare import COMPARED
     from ..comparison.many import compare_many
+    from ..wording import printable
     from .batch_table import print_many
     from .printing import cleaned, print_json
     from .progress import counter
@@ -126,6 +127,7 @@ def _compare(args: argparse.Namespace) -> int:
     elif not args.quiet:
         print_many(content)
         print(content["conclusion"])
+        print(printable(str(Path(args.out) / "report.html")))
     failed = [s for s in cleaned(content["samples"]) if s["failure"]]
     for s in failed:
         print(f"stream-sfm: {s['log']} from {s['start_s']:g} s: {s['failure']}", file=sys.stderr)

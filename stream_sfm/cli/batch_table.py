@@ -34,7 +34,8 @@ def print_batch(content: dict[str, Any]) -> None:
 def print_many(content: dict[str, Any]) -> None:
     """Print the ratios of comparison.json, one row per method."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("error over cross-frame", "position", "rotation", content["interval_over"]):
+    runs = "logs" if content["interval_over"] == "logs" else "starts"
+    for heading in ("error over cross-frame", "position", "rotation", runs):
         table.add_column(heading, no_wrap=True)
     for key, found in content["error_over_cross_frame"].items():
         cells = [_with_interval(found[quantity]) for quantity in ("position", "rotation")]

@@ -1,14 +1,16 @@
 """Compares methods over many logs, or over many starts of one: the answer that one log cannot give.
 
 Each job compares the methods on one log from one start, in a process of its own. One log is one sample: its starts are
-averaged first, and the interval of a ratio is Student's over the logs (over the starts where there is one log only,
-which then says something about this log and no other).
+averaged first, and the interval of a ratio is Student's over the logs. Of one log, starts that share no frame are its
+samples. Starts that share frames share their errors, too: together they are worth hardly more than one run, and the
+interval is no narrower than that of one.
 """
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +24,7 @@ from ..errors import ConfigError, StreamSfmError
 from ..estimators import check_method
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
+from ..geometry.se3 import Array
 from ..pipeline.refine import check_calibrates
 from ..recording import open_log
 from ..report.many_page import conclusion_of_many, render_many
@@ -77,7 +80,7 @@ def compare_many(
     `left`, `right`, `calibration`: as in `open_log`, for all logs. `calibrate`: as in `compare`; each run learns from
     its own frames. `starts`: each log is run from so many starts, `start_step_s` apart. `workers` processes of this
     machine (None: one per core), or those of the Dask `scheduler`. A log that cannot be compared is listed with its
-    reason. `on_done` is called with the name of each. Ctrl-C ends it with what has been compared until then,
+    reason. `on_done` is called with the name and start of each. Ctrl-C ends it with what has been compared until then,
     `interrupted` in the content. Raises ConfigError, OutputError; KeyboardInterrupt where nothing was compared yet.
     """
     config, selection = config or Config(), selection or Selection()
@@ -122,7 +125,7 @@ def run_start(job: Start, settings: Settings) -> dict[str, Any]:
     selected = Selection(job.start_s, of_all.end_s, of_all.max_frames, of_all.stride)
     try:
         log = open_log(job.log, settings.left, settings.right, settings.calibration)
-        report = compare(
+        result = compare(
             log,
             None,
             settings.config,
@@ -130,19 +133,24 @@ def run_start(job: Start, settings: Settings) -> dict[str, Any]:
             methods=settings.methods,
             there_and_back=False,
             calibrate=settings.calibrate,
-        ).report
+        )
     except (StreamSfmError, ValueError) as error:
         return _failed(job, str(error))
-    ratios = {
-        key: {q: found[q]["value"] for q in QUANTITIES} for key, found in report["error_over_cross_frame"].items()
-    }
+    report = result.report
+    ratios, intervals = (
+        {key: {q: found[q][what] for q in QUANTITIES} for key, found in report["error_over_cross_frame"].items()}
+        for what in ("value", "ci95")
+    )
+    stamps_ns = result.comparison.runs[0].stamps_ns
     nees = {key: m["nees_pose_mean"] for key, m in report["methods"].items()}
     failure = None if ratios else "no ratios: too few frames with ground truth in a row, or a method that stopped"
     return {
         "log": str(job.log),
         "start_s": job.start_s,
+        "end_s": job.start_s + (stamps_ns[-1] - stamps_ns[0]) / 1e9,
         "failure": failure,
         "ratios": ratios,
+        "ci95": intervals,
         "nees_pose_mean": nees,
         "frames": report["frames_with_ground_truth"],
         "frames_in_doubt": report["frames_in_doubt"],
@@ -165,7 +173,7 @@ def _run_all(
         except Exception as error:
             done[k] = _failed(jobs[k], f"{type(error).__name__}: {error}")
         if on_done is not None:
-            on_done(jobs[k].log.name)
+            on_done(f"{jobs[k].log.name} from {jobs[k].start_s:g} s")
 
 
 def _failed(job: Start, failure: str) -> dict[str, Any]:
@@ -176,46 +184,50 @@ def summarise_many(samples: Sequence[dict[str, Any]], methods: Sequence[str]) ->
     """The content of comparison.json: the samples, and for each method ratios over all logs with intervals."""
     good = [s for s in samples if s["ratios"]]
     logs = list(dict.fromkeys(s["log"] for s in good))
-    over_logs = len(logs) > 1
+    over = "logs" if len(logs) > 1 else "frames" if _share_frames(good) else "starts"
     overall: dict[str, Any] = {}
     for name in methods:
         key = name.replace("-", "_")
         if name == REFERENCE or not any(key in s["ratios"] for s in good):
             continue
-        overall[key] = {q: _interval(_values(good, logs, key, q, over_logs)) for q in QUANTITIES}
+        overall[key] = {q: _figure(good, logs, key, q, over) for q in QUANTITIES}
     content = {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
         "samples": list(samples),
         "logs": len(logs),
-        "interval_over": "logs" if over_logs else "starts",
+        "interval_over": over,
         "error_over_cross_frame": overall,
     }
     return content | {"conclusion": " ".join(conclusion_of_many(content))}
 
 
-def _values(
-    samples: Sequence[dict[str, Any]], logs: Sequence[str], key: str, quantity: str, over_logs: bool
-) -> list[float]:
-    """Logarithms of a ratio: the mean of each log, or those of all starts of one log."""
-    found = [(s["log"], float(np.log(s["ratios"][key][quantity]))) for s in samples if key in s["ratios"]]
-    if not over_logs:
-        return [value for _, value in found]
-    of_logs = [[value for log, value in found if log == wanted] for wanted in logs]
-    return [float(np.mean(values)) for values in of_logs if values]
+def _share_frames(samples: Sequence[dict[str, Any]]) -> bool:
+    """Whether a start of a log lies before the end of the run before it; also of a single run, whose frames are all."""
+    runs = sorted((s["start_s"], s["end_s"]) for s in samples)
+    return len(runs) == 1 or any(start_s <= end_s for (_, end_s), (start_s, _) in pairwise(runs))
 
 
-def _interval(logs_of_ratio: Sequence[float]) -> dict[str, Any]:
-    """The geometric mean, and its interval where there are samples enough.
+def _figure(
+    samples: Sequence[dict[str, Any]], logs: Sequence[str], key: str, quantity: str, over: str
+) -> dict[str, Any]:
+    """The geometric mean of a ratio with its interval, None where nothing is known of its spread."""
+    runs = [s for s in samples if key in s["ratios"]]
+    found = [(s["log"], float(np.log(s["ratios"][key][quantity]))) for s in runs]
+    if over == "logs":
+        of_logs = [[value for log, value in found if log == wanted] for wanted in logs]
+        found = [("", float(np.mean(values))) for values in of_logs if values]
+    x = np.array([value for _, value in found])
+    halves = [_students(x)] if len(x) >= _MIN_SAMPLES else []
+    if over == "frames":
+        halves.append(float(np.mean([0.5 * np.diff(np.log(s["ci95"][key][quantity]))[0] for s in runs])))
+    ends = [float(np.exp(x.mean() + sign * max(halves))) for sign in (-1, 1)] if halves else None
+    return {"value": float(np.exp(x.mean())), "ci95": ends, "samples": len(x)}
 
-    Those of position and rotation hold together in 95 % of cases: each of them in 97.5 %.
-    """
-    x = np.array(logs_of_ratio)
-    result: dict[str, Any] = {"value": float(np.exp(x.mean())), "ci95": None, "samples": len(x)}
-    if len(x) >= _MIN_SAMPLES:
-        from scipy.special import stdtrit
 
-        of_both = 1 - (1 - _CONFIDENCE) / 2
-        half = float(stdtrit(len(x) - 1, 0.5 + of_both / 2)) * float(x.std(ddof=1)) / np.sqrt(len(x))
-        result["ci95"] = [float(np.exp(x.mean() - half)), float(np.exp(x.mean() + half))]
-    return result
+def _students(x: Array) -> float:
+    """Half the width of Student's interval of the mean; position and rotation hold together in 95 % of cases."""
+    from scipy.special import stdtrit
+
+    of_both = 1 - (1 - _CONFIDENCE) / 2
+    return float(stdtrit(len(x) - 1, 0.5 + of_both / 2) * x.std(ddof=1) / np.sqrt(len(x)))

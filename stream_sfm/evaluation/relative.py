@@ -1,13 +1,14 @@
 """Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios between methods.
 
-Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and are correlated
-in time; intervals therefore come from a jackknife over contiguous blocks of starts, each at least twice as long as the
-longest span (docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there. Under
-equal methods intervals exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
+Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and errors differ in
+size from one part of a log to another; intervals therefore come from contiguous blocks, each at least twice as long as
+the longest span (docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there.
+Under equal methods intervals exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-_BLOCKS = 10  # of the jackknife: long blocks keep the correlation of the errors, many give a stable interval
+_BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stable interval
 _SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
 _SPANS = 12  # at most, evenly spaced in the logarithm
 _MIN_FRAMES = 24  # with fewer, the charts have less than five spans
@@ -24,6 +25,11 @@ MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one fr
 MIN_FRAMES_GROWTH = _MIN_SPANS_OF_GROWTH * _SPANS_PER_BLOCK * _BLOCKS
 _LEAST_KNOWN = 0.8  # of the frames: of a span up to a quarter of them, a third of the starts is left at least
 _CONFIDENCE = 0.95
+_OF_BOTH = 1 - (1 - _CONFIDENCE) / 2  # of each interval, where position and rotation are looked at together
+# Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio counts.
+_EXCHANGES = (np.arange(2 ** (_BLOCKS - 1)) >> np.arange(_BLOCKS)[:, None] & 1).astype(float)
+_SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
+_HALVINGS = 10
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
@@ -107,27 +113,68 @@ def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
     design = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=1))[1]
     blocks = [_Blocks.of(s) for s in squares]
     slopes = design @ np.log(np.stack([b.means for b in blocks]))
-    return Exponent(*_interval(slopes, _shares(blocks), _CONFIDENCE))
+    shares = np.mean([b.shares for b in blocks], axis=0)
+    return Exponent(*_interval(slopes, shares))
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
     """Ratios of the RMS relative errors of `method` and `reference`, position and rotation; None below 40 frames.
 
-    Each is the geometric mean over the spans; both methods share the frames and the blocks of the jackknife.
+    Each is the geometric mean over the spans, of those that lie within one of the blocks: so that no two blocks share
+    the motion between any two frames.
     """
-    spans = [s for s in tested_spans(int(known_frames(truth).sum())) if s > 1]
+    known = np.flatnonzero(known_frames(truth))
+    spans = [s for s in tested_spans(len(known)) if s > 1]
     if not spans:
         return None
+    edges = known[np.linspace(0, len(known) - 1, _BLOCKS + 1).round().astype(int)]
     result = []
     pairs = [(relative_errors(method, truth, s), relative_errors(reference, truth, s)) for s in spans]
     for k in range(2):
-        if any(not np.nansum(m[k]) or not np.nansum(r[k]) for m, r in pairs):
+        mine, theirs = (
+            np.stack([_in_blocks(pair[side][k] ** 2, s, edges) for s, pair in zip(spans, pairs, strict=True)])
+            for side in range(2)
+        )
+        if not mine.any(axis=1).all() or not theirs.any(axis=1).all():
             return None
-        blocks = [(_Blocks.of(m[k] ** 2), _Blocks.of(r[k] ** 2)) for m, r in pairs]
-        logs = np.mean([0.5 * np.log(m.means / r.means) for m, r in blocks], axis=0)
-        of_both = 1 - (1 - _CONFIDENCE) / 2
-        result.append(Ratio(*_interval(logs, _shares([b for both in blocks for b in both]), of_both, np.exp)))
+        result.append(_exchange_ratio(mine, theirs))
     return result[0], result[1]
+
+
+def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
+    """The sum of squared errors by their starts, of the spans in each block (blocks,); NaN count nothing."""
+    return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
+
+
+def _exchange_ratio(mine: Array, theirs: Array) -> Ratio:
+    """The ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
+
+    If the methods were equal but for a factor, any block of the one could be exchanged with that of the other, whatever
+    the size of the errors there. The interval has the factors with which the observed ratio is not among the extreme
+    ones of all exchanges.
+    """
+    kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - _EXCHANGES, _EXCHANGES))
+    value = 0.5 * float(np.mean(np.log(kept[0, :, 0] / kept[1, :, 0])))
+
+    def plausible(log_factor: float) -> bool:
+        scale = np.exp(-2 * log_factor)
+        ratios = (scale * kept[0] + swapped[1]) / (kept[1] + scale * swapped[0])
+        sizes = np.abs(np.log(ratios).sum(axis=0))
+        return bool(np.mean(sizes >= sizes[0] * (1 - 1e-9)) > 1 - _OF_BOTH)
+
+    low, high = (_end(plausible, value, sign) for sign in (-1, 1))
+    return Ratio(float(np.exp(value)), float(np.exp(low)), float(np.exp(high)))
+
+
+def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
+    """The first number from `value` on, towards `sign`, that is not plausible; to a thousandth of the way."""
+    inside, outside = 0.0, _SHORTEST
+    while plausible(value + sign * outside) and outside < _LONGEST:
+        inside, outside = outside, 2 * outside
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if plausible(value + sign * middle) else (inside, middle)
+    return value + sign * outside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,14 +193,7 @@ class _Blocks:
         return cls(np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum())
 
 
-def _shares(blocks: Sequence[_Blocks]) -> Array:
-    """The mean share of each block in the squared error."""
-    return np.asarray(np.mean([b.shares for b in blocks], axis=0))
-
-
-def _interval(
-    estimates: Array, shares: Array, confidence: float, transform: Callable[[float], float] = float
-) -> tuple[float, float, float]:
+def _interval(estimates: Array, shares: Array) -> tuple[float, float, float]:
     """The value and the ends of its interval, from the estimate of all blocks and those without one block each.
 
     Neighbouring blocks share the spans that reach from one into the next: where they err alike, that is counted. Few
@@ -166,8 +206,8 @@ def _interval(
     neighbours = max(float(off[1:] @ off[:-1]), 0.0)
     std = np.sqrt((_BLOCKS - 1) / _BLOCKS * (float(off @ off) + 2 * neighbours))
     freedom = max(1 / float(shares @ shares) - 1, 1.0)
-    half = stdtrit(freedom, 0.5 + confidence / 2) * std
-    return float(transform(value)), float(transform(value - half)), float(transform(value + half))
+    half = stdtrit(freedom, 0.5 + _CONFIDENCE / 2) * std
+    return float(value), float(value - half), float(value + half)
 
 
 def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> NDArray[np.bool_]:

@@ -38,7 +38,9 @@ def conclusion_of_many(content: dict[str, Any]) -> list[str]:
     for key, found in overall.items():
         said.append(_sentence(label(key.replace("_", "-")), found))
     if logs == 1:
-        said.append("Starts of one log share its scene and its motion: this holds for this log.")
+        said.append("All of this holds for this log: its starts share its scene and its motion.")
+    if content["interval_over"] == "frames" and starts > 1:
+        said.append("The starts share frames, so that an interval is that of one run, however many there are.")
     if any(f[q]["ci95"] is None for f in overall.values() for q in f):
         said.append("Intervals need three samples.")
     return said

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from stream_sfm.evaluation.relative import growth_exponents, paired_ratio
 from stream_sfm.geometry import se3
 
-TRIALS = 600  # standard error of a share of 5 %: 0.9 %
+TRIALS = 400  # standard error of a share of 5 %: 1.1 %
 STD = np.repeat([1e-3, 3e-4], 3)  # m and rad per frame
 STEP = se3.exp(np.array([0, 0, 0.05, 0, 0.01, 0]))
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def test_short_logs_do_not_tell_more(frames: int) -> None:
     """Blocks of a few frames each."""
     rng = np.random.default_rng(frames)
     found = told_apart(noise(rng, frames), noise(rng, frames))
-    assert 0.02 <= found <= 0.08, found
+    assert 0.03 <= found <= 0.08, found
 
 
 @pytest.mark.parametrize(("frames", "lasting"), [(150, 0.5), (300, 0.8), (1000, 0.95)])
@@ -74,7 +74,7 @@ def test_errors_that_last_for_a_block_tell_somewhat_more() -> None:
     """The limit that docs/accuracy.md states: over 10 frames, in blocks of 15."""
     rng = np.random.default_rng(5)
     found = told_apart(noise(rng, 150, 0.9), noise(rng, 150, 0.9))
-    assert 0.06 <= found <= 0.12, found  # 9 %, and two and a half standard errors
+    assert 0.06 <= found <= 0.12, found  # 9 %, and two standard errors
 
 
 @pytest.mark.parametrize("kind", ["waves", "a part", "growing", "one burst"])
@@ -90,7 +90,7 @@ def test_errors_of_uneven_size_do_not_tell_more(kind: str) -> None:
     rng = np.random.default_rng(len(kind))
     one, other = (size[:, None] * noise(rng, 300) for _ in range(2))
     found = told_apart(one, other)
-    assert found <= 0.08, found
+    assert 0.03 <= found <= 0.08, found
 
 
 def test_a_difference_that_is_there_is_found() -> None:
