@@ -14,13 +14,15 @@ def render_many(content: dict[str, Any]) -> str:
     methods = list(content["error_over_cross_frame"])
     return template("many.html.j2").render(
         n=content,
+        subject=_subject(content),
         methods=methods,
-        label=lambda key: label(key.replace("_", "-")),
+        label=_name,
         name=lambda sample: Path(sample["log"]).name,
         failed=[s for s in content["samples"] if s["failure"]],
         good=[s for s in content["samples"] if s["ratios"]],
         said=conclusion_of_many(content),
         css=inline("page.css"),
+        js=inline("page.js"),
     )
 
 
@@ -31,19 +33,38 @@ def conclusion_of_many(content: dict[str, Any]) -> list[str]:
     if not overall:
         return ["No log could be compared; the reasons are listed below."]
     logs, starts = content["logs"], len(good)
-    of = f"{logs} logs" if logs > 1 else f"{starts} starts of one log"
+    of = f"{logs} logs" if logs > 1 else f"{starts} starts of one log" if starts > 1 else "one log"
     if logs > 1 and starts > logs:
         of += f", {starts} starts"
-    said = [f"Errors over {of}, over those of {_REFERENCE}."]
-    for key, found in overall.items():
-        said.append(_sentence(label(key.replace("_", "-")), found))
+    said = [f"Errors in {of}, over those of {_REFERENCE}."]
+    level = [key for key, found in overall.items() if _level(found)]
+    said += [_sentence(_name(key), found) for key, found in overall.items() if key not in level]
+    if level:
+        said.append(f"Not told apart from {_REFERENCE} in position or rotation: {', '.join(map(_name, level))}.")
     if logs == 1:
-        said.append("All of this holds for this log: its starts share its scene and its motion.")
+        said.append("This holds for this log; another one is another sample.")
     if content["interval_over"] == "frames" and starts > 1:
         said.append("The starts share frames, so that an interval is that of one run, however many there are.")
     if any(f[q]["ci95"] is None for f in overall.values() for q in f):
         said.append("Intervals need three samples.")
     return said
+
+
+def _subject(content: dict[str, Any]) -> str:
+    """What was compared, as a title."""
+    names = list(dict.fromkeys(Path(s["log"]).name for s in content["samples"]))
+    good = sum(bool(s["ratios"]) for s in content["samples"])
+    runs = "1 run" if good == 1 else f"{good} runs"
+    return f"{names[0] if len(names) == 1 else f'{len(names)} logs'}, {runs}"
+
+
+def _name(key: str) -> str:
+    return label(key.replace("_", "-"))
+
+
+def _level(found: dict[str, Any]) -> bool:
+    """Whether neither quantity is told apart."""
+    return all(f["ci95"] is not None and f["ci95"][0] <= 1 <= f["ci95"][1] for f in found.values())
 
 
 def _sentence(name: str, found: dict[str, Any]) -> str:

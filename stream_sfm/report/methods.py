@@ -6,7 +6,7 @@ LABELS = {
     "cross-frame-cc": "per-point CC",
     "ekf": "EKF",
     "iterated-ekf": "iterated EKF",
-    "ekf-cv": "EKF, constant velocity",
+    "ekf-cv": "constant-velocity EKF",
     "frame-to-frame": "frame-to-frame",
 }
 

@@ -19,7 +19,7 @@ from .methods import LABELS
 
 SMOOTHED = "mean over 5 frames"  # what `smoothed` draws
 WIDTH, HEIGHT = 480, 270
-_LEFT, _RIGHT, _TOP, _BOTTOM = 56, 12, 12, 40
+_LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 12, 40
 MAX_POINTS = 500
 EXPLAINED = frozenset({"ground truth", *LABELS.values()})
 
@@ -218,7 +218,7 @@ def _frame(chart: Chart, ax: _Axis, ay: _Axis, width: int, height: int) -> Marku
     out.append(f'<text x="{middle:.0f}" y="{height - 5}" class="label mid">{escape(x_label)}</text>')
     turn = (_TOP + bottom) / 2
     out.append(
-        f'<text x="13" y="{turn:.0f}" transform="rotate(-90 13 {turn:.0f})" class="label mid">'
+        f'<text x="12" y="{turn:.0f}" transform="rotate(-90 12 {turn:.0f})" class="label mid">'
         f"{escape(y_label)}</text>"
     )
     return Markup("".join(out))

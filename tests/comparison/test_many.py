@@ -40,9 +40,7 @@ def test_intervals_are_over_logs_and_starts_are_averaged_first() -> None:
     position = found["error_over_cross_frame"]["ekf"]["position"]
     assert position["value"] == pytest.approx(4 ** (1 / 4)) and position["samples"] == 4
     assert position["ci95"][0] < 1 < position["ci95"][1] and found["interval_over"] == "logs"
-    assert (
-        "Errors over 4 logs, 53 starts," in found["conclusion"] and "position not told apart" in found["conclusion"]
-    )
+    assert "Errors in 4 logs, 53 starts," in found["conclusion"] and "Not told apart" in found["conclusion"]
 
 
 def test_intervals_hold_in_95_percent() -> None:
@@ -62,7 +60,7 @@ def test_intervals_hold_in_95_percent() -> None:
 def test_starts_of_one_log_are_not_logs() -> None:
     pieces = [sample("a", 20 * k, 1.1 + 0.01 * k, 1.0) for k in range(3)]
     found = summarise_many(pieces, ("cross-frame", "ekf"))
-    assert found["interval_over"] == "starts" and "Errors over 3 starts of one log," in found["conclusion"]
+    assert found["interval_over"] == "starts" and "Errors in 3 starts of one log," in found["conclusion"]
     assert "position larger" in found["conclusion"] and "holds for this log" in found["conclusion"]
     assert found["error_over_cross_frame"]["ekf"]["position"]["ci95"][0] > 1.1 / 1.05
 
@@ -74,7 +72,7 @@ def test_starts_that_share_frames_are_not_told_apart_more_often_than_one_run() -
     assert found["interval_over"] == "frames" and "share frames" in found["conclusion"]
     position = found["error_over_cross_frame"]["ekf"]["position"]
     assert position["ci95"] == pytest.approx([position["value"] / 1.1, position["value"] * 1.1])
-    assert "position not told apart" in found["conclusion"]
+    assert "Not told apart from cross-frame in position or rotation: EKF." in found["conclusion"]
     differing = summarise_many([sample("a", k, 1.1**k, 1.0) for k in range(3)], ("cross-frame", "ekf"))[
         "error_over_cross_frame"
     ]["ekf"]["position"]
