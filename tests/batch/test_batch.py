@@ -59,11 +59,11 @@ def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path) -
 
 
 def test_a_batch_calibrates_as_a_replay_does(logs: Path, tmp_path: Path) -> None:
-    """A calibration whose right principal point is off by three pixels."""
+    """A calibration whose right principal point is off by five pixels."""
     log, file = logs / "good5.mcap", tmp_path / "wrong.toml"
     rig = open_log(log).stereo_rig
     k = rig.right.K.copy()
-    k[0, 2] += 3.0
+    k[0, 2] -= 5.0
     file.write_text(replace(rig, right=replace(rig.right, K=k)).to_toml(), encoding="utf-8")
     chosen = ["--calibration", str(file)]
     assert batch(log, "--out", tmp_path, *chosen, "--calibrate") == 0

@@ -16,12 +16,12 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...types import RigEstimate, Solution
 from ..ids import among, union
-from .inverse_depth import WhitenedViews, in_reference, linearise, q_of_views
+from .inverse_depth import WhitenedViews, in_reference, linearise, q_of_views, whitened_residuals
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
-from .rig_knowledge import RigKnowledge
+from .rig_knowledge import RigKnowledge, followed_by_most
 from .window_frame import WindowFrame
 
 
@@ -204,8 +204,18 @@ class Map:
         return RigEstimate(mean, root @ root.T, rig.estimated, np.full(len(rig), rig.size))
 
     def judge_rig(self) -> None:
-        """Let the rig's errors be estimated from now on if they have become significant."""
-        self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset))
+        """Let the rig's errors be estimated from now on if they have become significant, and most tracks follow."""
+        self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset, self._rig_followed))
+
+    def _rig_followed(self) -> float:
+        """Return how far most tracks go with the step to the estimate of the rig's errors, eq. (72c)."""
+        views = self.views()
+        cams, anchors, rig_error = self.cams_from_ref(), self.ref_from_anchor, self.rig_error
+        dx, dq, dc = self.system.step_of_rig()
+        _, held = whitened_residuals(self.projection, cams, anchors, self.q, rig_error, views)
+        cams, q, rig_error = se3.exp(dx) @ cams, self.q + dq, rig_error + dc
+        _, left = whitened_residuals(self.projection, cams, anchors, q, rig_error, views)
+        return followed_by_most(views.point, held, held - left)
 
     def resize_rig(self, estimate: RigEstimate | None) -> None:
         """Let the prior of the rig's errors have from now on the size that its `rig_estimate` makes likely."""

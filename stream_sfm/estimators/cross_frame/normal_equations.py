@@ -86,6 +86,12 @@ class System:
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
+    def step_of_rig(self) -> tuple[Array, Array, Array]:
+        """Return by how much poses (F, 6), points (P, 3) and errors of the rig (m,) moved if these were estimated."""
+        delta = self.chol.root[:, self.rig] @ self.rig_offset
+        dq = -matvec(self.std_given, self.reach @ delta)
+        return delta[: self.poses].reshape(-1, 6), dq, self.prior.rig.root @ delta[self.rig]
+
     def covariance(self) -> Array:
         """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72).
 

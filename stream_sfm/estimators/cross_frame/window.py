@@ -25,7 +25,7 @@ from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
 from .relative import relative_motions
-from .rig_knowledge import RigKnowledge, impossible
+from .rig_knowledge import RigKnowledge, disputed, impossible
 from .window_frame import WindowFrame
 
 _NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
@@ -152,7 +152,7 @@ class CrossFrame:
         current.judge_rig()
         rig = current.rig_estimate()
         self._rig_doubt = self._rig_doubt or impossible(rig)
-        observations = _with_doubt(observations, self._rig_doubt)
+        observations = _with_doubt(observations, self._rig_doubt or disputed(current.prior.rig))
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
