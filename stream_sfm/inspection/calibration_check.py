@@ -80,6 +80,14 @@ def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCh
     return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))
 
 
+def check_as_they_are(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
+    """The same check as if the images were rectified already: pinholes side by side, whatever the calibration says."""
+    pinhole = Camera(rig.left.width, rig.left.height, rig.left.K)
+    pose = np.eye(4)
+    pose[0, 3] = -rig.baseline_m
+    return check_calibration(StereoRig(pinhole, pinhole, pose), frames)
+
+
 def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: CalibrationCheck) -> tuple[int, float]:
     """The shift of the right images that fits the rows best, in frames later (1, −1 or 0), and its row error, px.
 

@@ -49,15 +49,21 @@ def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
 
 
 def calibration_findings(
-    rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
+    rig: StereoRig,
+    check: CalibrationCheck,
+    swapped: CalibrationCheck,
+    as_they_are: CalibrationCheck,
+    choice: PairChoice,
 ) -> Findings:
     """Report the first cause that explains the check; whatever else the rows show follows from it.
 
-    `swapped`: the check of the same images with left and right exchanged.
+    `swapped`: the check of the same images with left and right exchanged; `as_they_are`: as if they were rectified.
     """
     if (problem := side_problem(rig, check, swapped, choice)) is not None:
         return [problem], []
     problems, warnings = scale_findings(rig)
+    if not problems and (problem := rectified_problem(check, as_they_are)) is not None:
+        return [problem], warnings
     if problems:
         return problems, warnings
     more_problems, more_warnings = row_findings(check)
@@ -121,6 +127,18 @@ def side_problem(
             "topics"
         )
     return None
+
+
+def rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
+    """Report images that fit better as they are: they are rectified already, or cameras side by side are others."""
+    before, after = as_they_are.row_error_px, check.row_error_px
+    if after <= _LARGE_ROW_ERROR_PX or before >= min(_CLEARLY_BETTER * after, _LARGE_ROW_ERROR_PX):
+        return None
+    return (
+        f"the calibration does not belong to these images: matched corners lie on one row to {before:.2f} px as they "
+        f"are, but only to {after:.2f} px once rectified by it; if the images are rectified already, name their topics "
+        f"image_rect or give a calibration with K = P[:3, :3] and neither distortion nor rotation, else {REMEDY}"
+    )
 
 
 def row_findings(check: CalibrationCheck) -> Findings:

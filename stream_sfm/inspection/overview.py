@@ -27,7 +27,7 @@ from ..recording.topics import PairChoice, is_rectified
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from . import findings
-from .calibration_check import CalibrationCheck, Images, better_shift, check_calibration
+from .calibration_check import CalibrationCheck, Images, better_shift, check_as_they_are, check_calibration
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
@@ -197,7 +197,8 @@ class _Inspection:
             problems = [of_stamps]  # whatever else the rows show follows from it
         else:
             swapped = check_calibration(rig, [(right, left) for run in decoded for left, right in run])
-            problems, warnings = findings.calibration_findings(rig, check, swapped, choice)
+            as_they_are = check_as_they_are(rig, [images for run in decoded for images in run])
+            problems, warnings = findings.calibration_findings(rig, check, swapped, as_they_are, choice)
             self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]
 

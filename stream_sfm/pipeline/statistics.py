@@ -19,6 +19,7 @@ from ..types import Frame, FrameEstimate, RigEstimate, Status, Trajectory
 STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
 _STATUSES = list(Status)
+_MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
 T = TypeVar("T")
 
 
@@ -64,6 +65,7 @@ class RunStatistics:
         self.refused = 0
         self.first_refusal: FrameError | None = None
         self._first_lost: FrameEstimate | None = None
+        self._first_degraded = (0, "")  # stamp and reason
         self.rig: RigEstimate | None = None  # the latest one
         self.relative = RelativeRecord()
 
@@ -91,6 +93,8 @@ class RunStatistics:
         self.relative.add(estimate)
         if estimate.status == Status.LOST and self._first_lost is None:
             self._first_lost = estimate
+        if estimate.status == Status.DEGRADED and self.statuses[Status.DEGRADED] == 1:
+            self._first_degraded = (estimate.stamp_ns, estimate.reason)
 
     def close(self) -> None:
         """Nothing to finish."""
@@ -123,7 +127,7 @@ class RunStatistics:
         )
 
     def warnings(self) -> list[str]:
-        """Return sentences about frames that were refused or lost."""
+        """Return sentences about frames that were refused or lost, and about many that are degraded."""
         notes = []
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
@@ -132,6 +136,12 @@ class RunStatistics:
             notes.append(
                 f"tracking was lost in {self.statuses['lost']} frames, first at {at_s:.2f} s: "
                 f"{self._first_lost.reason}"
+            )
+        if self.statuses[Status.DEGRADED] > _MANY_DEGRADED * len(self):
+            stamp_ns, reason = self._first_degraded
+            at_s = (stamp_ns - self.stamps_ns[0]) / 1e9
+            notes.append(
+                f"{self.statuses[Status.DEGRADED]} of {len(self)} frames are degraded, first at {at_s:.2f} s: {reason}"
             )
         return notes
 

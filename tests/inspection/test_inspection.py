@@ -159,6 +159,20 @@ def test_the_wrong_calibration(path, frames):
     assert "does not belong to these images" in problem
 
 
+def test_rectified_images_with_the_calibration_of_those_before(path):
+    """The images are rectified, their topics do not say so, and the calibration has lenses and an angle."""
+    bent = [
+        replace(c, D=(-0.3, 0.1, 0, 0, 0), R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0])
+        for c, x in zip(infos(), (0.0, 0.01), strict=True)
+    ]
+    frames = Wall(5).frames(STEREO, camera_path(4))
+    (problem,) = inspect_log(write(path, frames, bent))["problems"]
+    assert "if the images are rectified already, name their topics image_rect" in problem
+    topics = tuple(topic.replace("image", "image_rect") for topic in (LEFT, RIGHT))
+    renamed = write(path.with_name("renamed.mcap"), frames, bent, sides=topics)
+    assert inspect_log(renamed)["problems"] == []
+
+
 def test_a_log_without_texture_cannot_be_checked_and_says_so(path, frames):
     grey = [replace(f, left=np.full_like(f.left, 90), right=np.full_like(f.right, 90)) for f in frames]
     found = inspect_log(write(path, grey))

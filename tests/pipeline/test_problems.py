@@ -76,6 +76,14 @@ def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, capsys) ->
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 8, "what there is, is written"
 
 
+def test_a_run_that_is_degraded_throughout_says_so(frames, tmp_path) -> None:
+    covered = [StereoFrame(f.stamp_ns, f.left, 0 * f.right if n > 1 else f.right) for n, f in enumerate(frames)]
+    result = sfm.replay(write(tmp_path / "a.mcap", covered))
+    (warning,) = result.summary["warnings"]
+    assert warning.startswith(f"{len(frames) - 2} of {len(frames)} frames are degraded, first at 0.10 s: ")
+    assert warning.endswith("the right image is black")
+
+
 def test_a_single_frame_is_enough_only_if_it_was_asked_for(frames, tmp_path, capsys) -> None:
     log = write(tmp_path / "a.mcap", frames[:1])
     assert main(["replay", str(log), "--out", str(tmp_path / "out"), "-q"]) == 3
