@@ -35,6 +35,8 @@ def print_error(message: str) -> None:
 def hint(error: StreamSfmError, args: argparse.Namespace) -> str:
     """One line that says which options of this command, or which other commands, help; empty where none does."""
     options = [OPTIONS[name] for name in error.hint if name in OPTIONS and hasattr(args, name)]
+    if args.command == "import":
+        options = [option.replace("TOPIC", "FILES") for option in options]
     parts = [f"use {' '.join(options)}"] if options else []
     parts += [COMMANDS[name] for name in error.hint if name in COMMANDS and name != args.command]
     return f"hint: {'; '.join(parts)}" if parts else ""

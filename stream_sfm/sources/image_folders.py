@@ -21,6 +21,7 @@ _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
 _MAX_RATE_HZ = 1e6
 DEFAULT_RATE_HZ = 10.0
+_MOST_ALONE = 0.5  # of all numbers on one side only: more, and the numbers are not those of frames
 
 
 def is_image_folder(folder: Path) -> bool:
@@ -66,14 +67,17 @@ def open_images(
             _stamped(times, side) for times, side in zip(named, sides, strict=True) if times
         )
         return ImageFilesSource(path, "image files", rig, (left_images, right_images))
-    _check_partners(*sides)
+    places, count = _places(*sides)
     if stamps is not None:
         times = read_times(Path(stamps))
-        if len(times) != len(sides[0]):
-            raise LogError(f"{stamps} has {len(times)} times for {len(sides[0])} pairs of images")
+        if len(times) != count:
+            raise LogError(f"{stamps} has {len(times)} times for {count} pairs of images; give one line for each")
     else:
-        times = _at_rate(len(sides[0]), rate_hz, notes)
-    left_images, right_images = (_stamped(times, side) for side in sides)
+        times = _at_rate(count, rate_hz, notes)
+    left_images, right_images = (
+        sorted(_stamped([times[n] for n in of_side], side), key=lambda image: image.stamp_ns)
+        for of_side, side in zip(places, sides, strict=True)
+    )
     return ImageFilesSource(path, "image files", rig, (left_images, right_images), notes=notes)
 
 
@@ -145,21 +149,31 @@ def _named_stamps(files: Sequence[Path]) -> list[int] | None:
     return stamps
 
 
-def _check_partners(left: list[Path], right: list[Path]) -> None:
-    """Raise LogError where the order of names would pair images of different moments, as far as names tell."""
-    numbers = [{_number(p): p for p in side} for side in (left, right)]
-    numbered = all(len(n) == len(side) for n, side in zip(numbers, (left, right), strict=True))
-    alone = sorted(str(n[k]) for n, other in (numbers, numbers[::-1]) for k in n.keys() - other.keys())
-    if numbered and alone and numbers[0].keys() & numbers[1].keys():
-        raise LogError(
-            f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, the "
-            f"first: {alone[0]}; leave them out"
-        )
+def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
+    """The place in time of each image of both sides, and the number of places.
+
+    Images of one number belong together; one that has no partner keeps its place, and no pair is made of it. Raises
+    LogError where names do not tell who belongs together, and the numbers of images differ.
+    """
+    numbers = [[_number(p) for p in side] for side in (left, right)]
+    of_left, of_right = map(set, numbers)
+    alone = of_left ^ of_right
+    if all(len(set(n)) == len(n) for n in numbers) and alone and of_left & of_right:
+        every = list(of_left | of_right)
+        if not all(n.isdecimal() for n in every) or len(alone) > _MOST_ALONE * len(every):
+            first = next(p for p in (*left, *right) if _number(p) in alone)
+            raise LogError(
+                f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, "
+                f"the first: {first}; leave them out"
+            )
+        place = {number: n for n, number in enumerate(sorted(every, key=int))}
+        return [[place[n] for n in side] for side in numbers], len(every)
     if len(left) != len(right):
         raise LogError(
             f"there are {len(left)} left and {len(right)} right images: both must be as many, because they are "
             "paired in the order of their names"
         )
+    return [list(range(len(left)))] * 2, len(left)
 
 
 def _number(path: Path) -> str:

@@ -126,7 +126,6 @@ def test_images_are_given_as_a_folder_as_files_or_by_a_glob_that_the_shell_expan
 @pytest.mark.parametrize(
     ("left", "right", "words"),
     [
-        (["0.png", "1.png", "2.png"], ["0.png", "2.png"], "1 of 3 left and 2 right images have no partner.*1.png"),
         # as many on both sides: in order of names, 1 would be paired with 2
         (["a_000.png", "a_001.png"], ["b_000.png", "b_002.png"], "2 of 2 left and 2 right .*a_001.png"),
         (["a.png", "b.png"], ["c.png"], "2 left and 1 right"),
@@ -137,6 +136,24 @@ def test_images_without_a_partner_are_named(tmp_path, left, right, words):
     with pytest.raises(sfm.InputError, match=words):
         import_images(str(tmp_path / "l"), str(tmp_path / "r"), tmp_path / "c.toml", tmp_path / "o.mcap")
     assert not (tmp_path / "o.mcap").exists()
+
+
+def test_an_image_whose_partner_is_missing_keeps_its_place_in_time(tmp_path):
+    """As where a camera dropped a frame; in order of names all that follow would be paired with their neighbours."""
+    numbers = {"l": (7, 8, 9, 10, 12), "r": (7, 9, 10, 11, 12)}
+    _folders(tmp_path, *([f"{side}_{n}.png" for n in found] for side, found in numbers.items()))
+    stamps = tmp_path / "times.txt"
+    stamps.write_text("".join(f"{n}.5\n" for n in range(7, 13)))
+    done = import_images(str(tmp_path / "l"), str(tmp_path / "r"), tmp_path / "c.toml", tmp_path / "o.mcap", stamps)
+    assert any("2 images have no partner" in warning for warning in done.warnings)
+    pairs = list(sfm.open_log(tmp_path / "o.mcap").pairs())
+    assert [p.stamp_ns for p in pairs] == [n * 10**9 + 5 * 10**8 for n in (7, 9, 10, 12)]
+    for pair, n in zip(pairs, (7, 9, 10, 12), strict=True):
+        assert pair.left.data == (tmp_path / "l" / f"l_{n}.png").read_bytes()
+        assert pair.right.data == (tmp_path / "r" / f"r_{n}.png").read_bytes()
+    stamps.write_text("1.0\n2.0\n")
+    with pytest.raises(sfm.InputError, match="has 2 times for 6 pairs of images; give one line for each"):
+        import_images(str(tmp_path / "l"), str(tmp_path / "r"), tmp_path / "c.toml", tmp_path / "p.mcap", stamps)
 
 
 def test_images_of_another_size_or_kind_are_named(tmp_path):
