@@ -186,13 +186,15 @@ class RigEstimate:
 
     `applied`: they are significant and taken out of all views; otherwise they only count in the covariances. Of a
     Solution in σ of what was assumed beforehand, of a FrameEstimate in pixels (`stream_sfm.frontend.rig_effects`).
-    `prior_std` (m,): σ of each before any view, as far as has been learnt.
+    `prior_std` (m,): σ of each before any view, as far as has been learnt. `refined` (m,): the part of `mean` that a
+    refinement of the calibration has already, and which is taken out of all views, too; None without one.
     """
 
     mean: Array
     cov: Array
     applied: bool
     prior_std: Array | None = None
+    refined: Array | None = None
 
     def __repr__(self) -> str:
         return f"<RigEstimate {len(self.mean)} terms{', applied' if self.applied else ''}>"

@@ -19,12 +19,11 @@ from ..evaluation.survey_errors import SurveyErrors
 from ..evaluation.surveyed_points import SurveyedPoints
 from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
 from ..frontend.prepared import PreparedImages
-from ..frontend.rig_effects import disparity_over_image
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..pipeline.prefetch import prepared_ahead
-from ..pipeline.refine import describe, refined_for_itself
+from ..pipeline.refine import calibration_error, refined_for_itself
 from ..pipeline.self_test import SelfTest
 from ..pipeline.statistics import Stopwatch
 from ..pipeline.structure import TrueDepth
@@ -38,8 +37,6 @@ from ..results.folder import close_all
 from ..types import FrameEstimate, RigEstimate, Selection, Sink, Status, Trajectory
 from .method import ComparedMethod
 from .recorder import Recorder
-
-_ROWS, _COLUMNS = 5, 9  # of the places in the image where the report gives the error of the calibration
 
 COMPARED = (
     "cross-frame",
@@ -221,12 +218,7 @@ class _Run:
     def _calibration(self) -> CalibrationError | None:
         """What the methods have told about the calibration, in numbers and over the image."""
         told = self._told()
-        if told is None:
-            return None
-        p = self.observer.projection
-        error_px, std_px = disparity_over_image(p, told, (_ROWS, _COLUMNS))
-        figures = describe(told, p.f_px * p.baseline_m, self.rig.refinement)
-        return CalibrationError(figures, error_px, std_px)
+        return None if told is None else calibration_error(self.observer.projection, told)
 
     def backwards(self, kept: KeptFrames, interruption: Interruption) -> str:
         """Feed the frames backwards; return what the report says about it."""

@@ -58,7 +58,8 @@ class RigEffects:
         prior_std = estimate.prior_std
         if prior_std is not None:
             prior_std = np.linalg.norm(self._root * prior_std, axis=1)
-        return replace(estimate, mean=error_px, cov=self._root @ estimate.cov @ self._root.T, prior_std=prior_std)
+        cov = self._root @ estimate.cov @ self._root.T
+        return replace(estimate, mean=error_px, cov=cov, prior_std=prior_std, refined=self._error_px)
 
     def disparity(self, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
         """Error (n,) of far points' disparity at left positions (n, 2), by an estimate in pixels, and its σ; px."""

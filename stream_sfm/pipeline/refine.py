@@ -13,15 +13,18 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import ConfigError, FrameError
-from ..frontend.rig_effects import prior_std_px
+from ..frontend.rig_effects import disparity_over_image, prior_std_px
 from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
 from ..recording import StereoLog, open_log
+from ..report.records import CalibrationError
 from ..types import RigEstimate, Selection
 from .prefetch import prepared_ahead
 
 # σ that a refinement is given when the same frames are used once more, in units of its own: they count twice then, and
 # with this their second say is a quarter of the first.
 _USED_AGAIN = 2.0
+_ROWS, _COLUMNS = 5, 9  # of the places in the image where the pages give the error of the disparity
 _TELLING = 0.1  # of a distance: what is said about an error is where it reaches that
 
 
@@ -75,27 +78,29 @@ def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> 
     return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
 
 
-def describe(
-    estimate: RigEstimate, disparity_at_1m_px: float, refinement: Refinement | None = None
-) -> dict[str, Any]:
-    """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean.
+def calibration_error(projection: StereoProjection, estimate: RigEstimate) -> CalibrationError:
+    """The whole error of the given calibration for the pages, from an estimate in pixels: in numbers and as a field."""
+    error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
+    return CalibrationError(describe(estimate, projection.f_px * projection.baseline_m), error_px, std_px)
 
-    `refinement`: of the calibration, which the errors contain.
-    """
+
+def describe(estimate: RigEstimate, disparity_at_1m_px: float) -> dict[str, Any]:
+    """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean."""
+    refined = estimate.refined
     std_px, rms_px = np.sqrt(np.diag(estimate.cov)), disparity_rms_px(estimate.mean)
     within_px = _uncertainty_px(estimate.cov)
     far_m = _TELLING * disparity_at_1m_px / max(rms_px, 1e-9)
-    if estimate.applied and refinement is not None:
+    if estimate.applied and refined is not None:
         text = (
-            f"refined by {disparity_rms_px(refinement.error_px):.2f} px of disparity, and corrected by "
-            f"{disparity_rms_px(estimate.mean - refinement.error_px):.2f} px more, as these images show"
+            f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
+            f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
         )
     elif estimate.applied:
         text = (
             f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
             "would be off by 10 % and more"
         )
-    elif refinement is not None:
+    elif refined is not None:
         text = (
             f"refined by {rms_px:.2f} px of disparity, with which the images agree; right within {within_px:.2f} px"
         )

@@ -22,12 +22,13 @@ from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording import RecordedFrame, StereoLog, open_log
+from ..report.records import CalibrationError
 from ..report.run_page import render_run
 from ..results.folder import ResultFolder, close_all
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
 from .prefetch import PreparedFrames, prepared_ahead
-from .refine import describe, refined_for_itself
+from .refine import calibration_error, refined_for_itself
 from .self_test import SelfTest
 from .statistics import RunStatistics, Stopwatch, peak_rss_mib
 from .structure import StructureSink, TrueDepth
@@ -152,6 +153,7 @@ class _Run:
         self.self_test: SelfTest | None = None
         self.std_truth = (0.0, 0.0)
         self.compared_truth: Trajectory | None = None
+        self.calibration_error: CalibrationError | None = None
         self.warnings: list[str] = []
         self.complete = True
 
@@ -206,7 +208,9 @@ class _Run:
                 self.folder.write_summary(summary)
                 there = len(trajectory) - summary["frames"]["backwards"]
                 if there:
-                    self.folder.write_page(render_run(summary, self.statistics.columns(there), self.compared_truth))
+                    columns = self.statistics.columns(there)
+                    page = render_run(summary, columns, self.compared_truth, self.calibration_error)
+                    self.folder.write_page(page)
             except Exception as error:
                 failure = failure or error
         if failure is not None and problem is None:
@@ -246,10 +250,8 @@ class _Run:
         if self.depth.problem:
             self.warnings.append(self.depth.problem)
         if self.statistics.rig is not None:
-            projection = self.engine.observer.projection
-            refinement = self.rig.refinement if isinstance(self.rig, StereoRig) else None
-            scale = projection.f_px * projection.baseline_m
-            further["rig"] = describe(self.statistics.rig, scale, refinement)
+            self.calibration_error = calibration_error(self.engine.observer.projection, self.statistics.rig)
+            further["rig"] = self.calibration_error.numbers
         if self.self_test is not None:
             further["self_test"] = self.self_test.result()
         if self.test_points is not None:

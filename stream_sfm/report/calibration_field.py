@@ -23,14 +23,14 @@ def picture(calibration: CalibrationError | None) -> Markup:
             error_px, std_px = calibration.disparity_px[row, column], calibration.std_px[row, column]
             sign = "more" if error_px > 0 else "less"
             x, y = column * w, row * h
-            text = f"{error_px:+.2f} ± {std_px:.2f}"
+            text = f"{error_px:+.2f} ± {std_px:.2f}".replace("-", "−")
             cells.append(
                 f'<rect class="f-{sign}" x="{x:.1f}" y="{y}" width="{w:.1f}" height="{h}" '
                 f'style="fill-opacity:{0.75 * abs(error_px) / strongest_px:.2f}"/>'
-                f'<text class="tick mid" x="{x + w / 2:.1f}" y="{y + h / 2 + 4:.0f}">{text}</text>'
+                f'<text class="tick mid figure" x="{x + w / 2:.1f}" y="{y + h / 2 + 4:.0f}">{text}</text>'
             )
     return Markup(
-        '<figure class="wide"><figcaption><b>Error of the disparity</b> <span>over the left image, px</span>'
-        "</figcaption>"
+        '<figure class="wide"><figcaption><b>Error of the disparity</b> '
+        "<span>of the given calibration, over the left image, px</span></figcaption>"
         '<svg viewBox="0 0 {} {}" role="img">{}</svg></figure>'
     ).format(2 * WIDTH, rows * h, Markup("".join(cells)))

@@ -8,11 +8,11 @@ from markupsafe import Markup
 from .. import __version__
 from ..geometry.se3 import Array
 from ..types import Status, Trajectory
-from . import pictures
+from . import calibration_field, pictures
 from .consistency_charts import innovations
 from .lengths import UNSCALED, LengthUnit, unit_for
 from .methods import label, style
-from .records import MethodRun
+from .records import CalibrationError, MethodRun
 from .survey_charts import at_test_points
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
@@ -34,8 +34,13 @@ class RunColumns(NamedTuple):
     times_ms: dict[str, Array]
 
 
-def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory | None) -> str:
-    """Render a run as HTML from its summary, its columns, and its truth if there is any."""
+def render_run(
+    summary: dict[str, Any],
+    columns: RunColumns,
+    truth: Trajectory | None,
+    calibration: CalibrationError | None = None,
+) -> str:
+    """Render a run as HTML from its summary and columns, and from its truth and the calibration's error, if known."""
     run = MethodRun(summary["method"], statuses=[str(s) for s in columns.statuses])
     unit = "units" if summary["unscaled"] else "m"
     found = None if truth is None else trace_of(columns.trajectory, truth)
@@ -51,6 +56,8 @@ def render_run(summary: dict[str, Any], columns: RunColumns, truth: Trajectory |
         errors_unit=errors_unit,
         local_unit=unit_for([(summary.get("ground_truth") or {}).get("local_structure_median_m") or 0.0]),
         points=_points(summary, errors_unit),
+        consistency=_consistency(summary),
+        field=calibration_field.picture(calibration),
         work=_work(columns),
         timeline=pictures.timeline([run], len(columns.statuses), ()),
         label=label,
@@ -172,6 +179,15 @@ def _errors(estimate: Trajectory, found: Trace | None, method: str, length: Leng
         note = "first poses aligned" if found is not None else "relative to the first frame"
         charts.append(draw(Chart(title, "frame", unit, series, note=note, zero=True)))
     return charts
+
+
+def _consistency(summary: dict[str, Any]) -> tuple[list[int], list[tuple[str, dict[int, float]]]]:
+    """Spans in frames, and rows of error over σ by span: against ground truth, and of halves against each other."""
+    against = (summary.get("ground_truth") or {}).get("relative_consistency")
+    found = {"against ground truth": against or []}
+    found |= {f"halves of the {half}": rows for half, rows in (summary.get("self_test") or {}).items()}
+    rows = [(name, {row["frames"]: row["factor"] for row in spans}) for name, spans in found.items() if spans]
+    return sorted({span for _, factors in rows for span in factors}), rows
 
 
 def _points(summary: dict[str, Any], length: LengthUnit) -> list[Markup]:

@@ -1,5 +1,7 @@
 """What the images tell about the calibration, as a picture: by how much the disparity errs over the left image, and σ.
 
+It is the whole error of the calibration that was given, whether it was learnt before or in this run.
+
 It changes slowly: it is shown whenever a run has become half as long again, and at its end.
 """
 
@@ -28,7 +30,6 @@ class CalibrationField:
 
     def __init__(self, rig: StereoRig) -> None:
         self._projection = Rectifier(rig).projection
-        self._refinement = rig.refinement
         self._shown_at = 0
         self._latest: FrameEstimate | None = None
 
@@ -47,9 +48,9 @@ class CalibrationField:
         layout.set_time(stream, self._latest)
         if self._latest.frame_index > self._shown_at:
             self._show(self._latest.rig, self._latest.frame_index, stream)
-        if self._latest.rig.applied or self._refinement is not None:
+        if self._latest.rig.applied or self._latest.rig.refined is not None:
             p = self._projection
-            text = describe(self._latest.rig, p.f_px * p.baseline_m, self._refinement)["text"]
+            text = describe(self._latest.rig, p.f_px * p.baseline_m)["text"]
             stream.log(layout.STATUS, rr.TextLog(f"calibration: {text}", level="INFO"))
 
     def _show(self, rig: RigEstimate, frame_index: int, stream: rr.RecordingStream) -> None:

@@ -69,7 +69,7 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
         line_grid=False,
     )
     images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image with tracks", origin=s) for s in sides]
-    calibration = rrb.Spatial2DView(name="error of the disparity, px", origin="calibration")
+    calibration = rrb.Spatial2DView(name="disparity, px: error of the given calibration", origin="calibration")
     large = rrb.Tabs(space, calibration, active_tab=0) if len(sides) > 1 else space
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [

@@ -11,8 +11,8 @@ from stream_sfm.report.records import CalibrationError
 def test_each_part_of_the_image_has_its_error_with_sigma() -> None:
     error_px = np.array([[0.21, -0.4, 0.0], [0.1, -0.2, 0.3]])
     text = str(picture(CalibrationError({}, error_px, np.full((2, 3), 0.05))))
-    shown = re.findall(r">([+-][0-9.]+) ± 0.05<", text)
-    assert [float(x) for x in shown] == error_px.ravel().tolist()
+    shown = re.findall(r">([+−][0-9.]+) ± 0.05<", text)
+    assert [float(x.replace("−", "-")) for x in shown] == error_px.ravel().tolist()
     opacity = [float(x) for x in re.findall(r"fill-opacity:([0-9.]+)", text)]
     assert np.argsort(opacity).tolist() == np.argsort(np.abs(error_px).ravel()).tolist()
     assert text.count("f-less") == 3 and text.count("f-more") == 3

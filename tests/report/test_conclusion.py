@@ -80,7 +80,7 @@ def test_every_method_is_named_as_in_the_tables() -> None:
         )
     )
     assert "Frame-to-frame and cross-frame cannot be told apart: position ×1.03" in text
-    assert "constant-velocity EKF against cross-frame: in position ×0.80 [0.70, 0.90]" in text
+    assert "Constant-velocity EKF against cross-frame: in position ×0.80 [0.70, 0.90]" in text
     assert "Not told apart from cross-frame in either: per-point WC." in text
     assert "Larger errors than cross-frame in position, rotation or both: per-point CC." in text
 

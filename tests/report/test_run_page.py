@@ -8,6 +8,7 @@ import pytest
 
 from stream_sfm.evaluation.association import without_frames
 from stream_sfm.geometry import se3
+from stream_sfm.report.records import CalibrationError
 from stream_sfm.report.run_page import RunColumns, _tube, conclusion_of_run, render_run
 from stream_sfm.types import Status, Trajectory
 
@@ -98,3 +99,14 @@ def test_the_tube_is_as_wide_as_it_says() -> None:
     narrow = trajectory(std_m=1e-6)
     assert narrow.cov_pose is not None
     assert _tube(narrow.world_from_cam, narrow.cov_pose, 0, 2)[1] == 1000
+
+
+def test_spans_are_columns_and_the_field_of_the_calibration_is_shown() -> None:
+    tracks = [{"frames": 1, "factor": 0.9}, {"frames": 2, "factor": 1.2}]
+    rig = {"text": "agrees", "terms": ["1"], "error_px": [0.1], "std_px": [0.2]}
+    field = CalibrationError(rig, np.array([[-0.25, 0.1]]), np.array([[0.03, 0.03]]))
+    page = render_run(summary(ground_truth=TRUTH, self_test={"tracks": tracks}, rig=rig), columns(), None, field)
+    rows = dict(re.findall(r"<tr><th>([^<]*)</th>((?:<td>.*?</td>)+)</tr>", page))
+    assert re.findall(r"[\d.]+|–", rows["against ground truth"]) == ["1.10", "–"]
+    assert re.findall(r"[\d.]+|–", rows["halves of the tracks"]) == ["0.90", "1.20"]
+    assert "−0.25 ± 0.03" in page

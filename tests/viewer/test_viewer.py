@@ -103,6 +103,24 @@ def test_the_error_of_the_calibration_is_shown_now_and_then_and_at_the_end():
     assert "wrong by 0.25 px of disparity" in str(stream.entries[-1][2].text.as_arrow_array()[0])
 
 
+def test_a_refined_calibration_is_shown_whole():
+    """Nothing is left to correct after the refinement; what is shown is what the given calibration has wrong."""
+    from stream_sfm.viewer import layout
+    from stream_sfm.viewer.calibration_field import CalibrationField
+
+    error_px = np.zeros(len(TERMS))
+    error_px[0] = 0.25
+    refinement = sfm.Refinement(error_px, 1e-4 * np.eye(len(TERMS)))
+    engine = sfm.Engine(dataclasses.replace(_rig(), refinement=refinement))
+    stream, field = Logged(), CalibrationField(_rig())
+    for n in range(3):
+        field.write(engine.step(sfm.StereoFrame(100_000_000 * n, *_images(n))), stream)
+    field.close(stream)
+    labels = next(what for _, path, what in reversed(stream.entries) if path == layout.CALIBRATION_LABELS)
+    assert str(labels.labels.as_arrow_array()[4]).startswith("-0.25 ± ")
+    assert "refined by 0.25 px of disparity" in str(stream.entries[-1][2].text.as_arrow_array()[0])
+
+
 def test_a_recording_is_written_in_few_pieces(tmp_path):
     rrd = tmp_path / "room.rrd"
     arguments = ["--max-frames", "12", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
