@@ -156,6 +156,7 @@ class Observer:
             unscaled=self.rig.unscaled,
             rig=self._frontend.rig_in_px(solution.rig),
             relative=self._relative(solution.relative),
+            rig_change=observations.rig_change,
         )
 
     def _relative(self, relative: RelativeMotions | None) -> RelativeMotions | None:

@@ -150,6 +150,8 @@ class Observations:
       the calibration is exact. `rig_effects_at`: the same of views (k, 4) at any positions.
     - `rig_of_disparity` (m,): which of these errors change the disparity only; None where σ is that of a refined
       calibration, and not a guess whose size can be learnt.
+    - `rig_change`: the right camera has turned against the left one; the turn is taken out of the views from this frame
+      on, and `rig_change_root` (m, j) is a root of the covariance of what is left, in σ of each error of the rig.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -169,11 +171,41 @@ class Observations:
     rig_effects: Array | None = None
     rig_effects_at: Callable[[Array], Array] | None = None
     rig_of_disparity: NDArray[np.bool_] | None = None
+    rig_change: "RigChange | None" = None
+    rig_change_root: Array | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:
         note = f", {self.note}" if self.note else ""
         return f"<Observations {self.frame_index} {len(self.track_ids)} points, {self.n_new} new{note}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigChange:
+    """The right camera has turned against the left one during the run, as by a knock.
+
+    `frame_index`: the first frame that shows it; `turn_rad` (3,): about x, y and z of the rectified axes; `shift_px`:
+    how far the right image has moved, and `disparity_px`: the same along the rows, root mean squares over the image;
+    `error_per_m`: by which share distances would be wrong from then on, per metre of distance.
+    """
+
+    frame_index: int
+    turn_rad: Array
+    shift_px: float
+    disparity_px: float
+    error_per_m: float
+
+    def __str__(self) -> str:
+        pitch, yaw, roll = 1e3 * self.turn_rad
+        return (
+            f"from frame {self.frame_index} on the right camera is turned against the left one (pitch {pitch:+.2f}, "
+            f"yaw {yaw:+.2f}, roll {roll:+.2f} mrad) and its image moved by {self.shift_px:.2f} px: was a camera "
+            "knocked? The turn is corrected; without that distances of 10 m would be off by "
+            f"{10 * self.error_per_m:.1%}"
+        )
+
+    def __repr__(self) -> str:
+        return f"<RigChange at frame {self.frame_index}, {self.shift_px:.2f} px>"
 
 
 def _no_ids() -> NDArray[np.int64]:
@@ -283,6 +315,7 @@ class FrameEstimate:
     - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
       the method has no joint covariance of them, or left and right do not fit each other.
     - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
+    - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
     """
 
     frame_index: int
@@ -308,6 +341,7 @@ class FrameEstimate:
     unscaled: bool = False
     rig: RigEstimate | None = None
     relative: RelativeMotions | None = None
+    rig_change: RigChange | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")

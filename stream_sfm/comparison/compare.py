@@ -260,6 +260,7 @@ class _Run:
             *self.log.stats.warnings,
             *about_points,
             *([self.depth.problem] if self.depth.problem else []),
+            *(str(change) for method in self.methods[:1] for change in method.statistics.rig_changes),
             *self.problems,
         ]
         return Comparison(

@@ -75,13 +75,15 @@ class ComparedMethod:
         if self._folder is None:
             return
         failure, points = self.record.failure, comparison.test_points.get(self.name)
+        projection = self._observer.projection
+        of_run = self.statistics.warnings(projection.f_px * projection.baseline_m)
         summary = summarise(
             log,
             self._config,
             selection,
             self.statistics,
             complete=comparison.complete and not failure,
-            warnings=[*comparison.warnings, *self.statistics.warnings(), *([failure] if failure else [])],
+            warnings=[*comparison.warnings, *of_run, *([failure] if failure else [])],
             truth=comparison.truth,
             structure=self.record.structure,
             ignored=comparison.ignored,

@@ -35,6 +35,7 @@ class EveryKth:
         self._previous_from_last: Array | None = None  # motion from the method's last frame to the previous one
         self._drift_ids = np.empty(0, np.int64)
         self._var_drift_px = np.empty(0)
+        self._rig_change_roots: list[Array] = []  # since the method's last frame
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -52,10 +53,13 @@ class EveryKth:
             self._newest_id = int(observations.track_ids[-1])
         self._between, self._previous_from_last = 0, np.eye(4)
         self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
+        self._rig_change_roots = []
         return solution
 
     def _accumulate(self, observations: Observations) -> None:
-        """Add the drift of this frame to that since the method's last frame."""
+        """Add the drift of this frame, and a change of the rig, to those since the method's last frame."""
+        if observations.rig_change_root is not None:
+            self._rig_change_roots.append(observations.rig_change_root)
         if observations.std_drift_px is None:
             return
         variances = observations.std_drift_px**2
@@ -75,6 +79,7 @@ class EveryKth:
             cam_from_previous=start,
             n_new=int((observations.track_ids > self._newest_id).sum()),
             std_drift_px=None if observations.std_drift_px is None else np.sqrt(self._var_drift_px),
+            rig_change_root=np.concatenate(self._rig_change_roots, axis=1) if self._rig_change_roots else None,
         )
 
     def _resect(self, last: Solution, observations: Observations) -> Resection | None:

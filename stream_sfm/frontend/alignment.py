@@ -4,7 +4,7 @@ What a track is aligned with in the right image, if there is one, is said by its
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,11 +54,18 @@ class Candidates:
 @dataclass(frozen=True, slots=True)
 class AlignedViews:
     """Views of candidates (n): which were `found` (n,), at least on the left; `z_px` (n, 4), NaN where the right side
-    was not found; `cov_px` (n, 4, 4)."""
+    was not found; `cov_px` (n, 4, 4). `any_row_px` (n, 4): the same with right sides that are not on their row."""
 
     found: NDArray[np.bool_]
     z_px: Array
     cov_px: Array
+    any_row_px: Array
+
+    def left_only(self) -> "AlignedViews":
+        """Without right sides."""
+        z_px = self.z_px.copy()
+        z_px[:, 2:] = np.nan
+        return replace(self, z_px=z_px)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .alignment import AlignedViews, Candidates, LeftViews, TemplateAligner, TemplateAligners
 from .prepared import PreparedImages
+from .right_turn import RightTurn
 from .tracks import Tracks
 from .vertical_disparity import VerticalDisparity
 
@@ -40,18 +41,23 @@ class StereoDepth:
         self.config = config
         self.aligners = aligners
         self.vertical_disparity = VerticalDisparity(projection, config.max_vertical_disparity_px)
+        self.turn = RightTurn(projection)
 
     def align(self, images: PreparedImages, candidates: Candidates) -> AlignedViews:
         """Find the candidates (n) in the left image, and what is found there in the right one."""
         n = len(candidates.now)
-        found, z_px, cov_px = np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4))
+        found, any_row_px, cov_px = np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4))
+        on_row = np.zeros(n, bool)
         for aligner, rows in self.aligners.split(candidates.now.scale):
             some = candidates.keep(rows)
             left = aligner.align_left(images, some.now.slots, some.left_warps, some.left_px)
             right_px, error_grey = self._align_right(aligner, images, some, left)
-            found[rows], z_px[rows] = left.found, np.concatenate([left.at_px, right_px], axis=1)
+            found[rows], any_row_px[rows] = left.found, np.concatenate([left.at_px, right_px], axis=1)
+            on_row[rows] = self.vertical_disparity.agrees(left.at_px, right_px, aligner.scale)
             cov_px[rows] = aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
-        return AlignedViews(found, z_px, cov_px)
+        z_px = any_row_px.copy()
+        z_px[~on_row, 2:] = np.nan
+        return AlignedViews(found, z_px, cov_px, any_row_px)
 
     def _align_right(
         self, aligner: TemplateAligner, images: PreparedImages, candidates: Candidates, left: LeftViews
@@ -63,12 +69,12 @@ class StereoDepth:
         start_px = np.stack([start_u, left.at_px[:, 1] - vertical_px], axis=1)
         slanted = np.asarray(candidates.now.slopes.any(axis=1))  # of the others left and right patch are the same
         patches = left.patches.replaced(slanted, aligner.warped(slots[slanted], candidates.right_warps[slanted]))
-        at_px, found, error_grey = aligner.find(images.grey(aligner.scale)[1], patches, start_px)
-        at_px[:, 1] += vertical_px
-        found &= error_grey < self.config.max_photometric_error
-        found &= self.vertical_disparity.agrees(left.at_px, at_px, aligner.scale)
+        at_px, found, error_grey = aligner.find(images.grey(aligner.scale)[1], patches, self.turn.put_in(start_px))
         r, width = aligner.scale * self.config.window_radius_px, images.right.shape[1]
         found &= (at_px[:, 0] > r) & (at_px[:, 0] < width - 1 - r)
+        at_px = self.turn.taken_out(at_px)
+        at_px[:, 1] += vertical_px
+        found &= error_grey < self.config.max_photometric_error
         return np.where(found[:, None], at_px, np.nan), error_grey
 
     def update(self, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array) -> Tracks:

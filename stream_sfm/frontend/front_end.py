@@ -14,7 +14,7 @@ from ..camera.refinement import Refinement
 from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..types import Observations, RigEstimate
+from ..types import Observations, RigChange, RigEstimate
 from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
@@ -23,6 +23,7 @@ from .pair_check import PairCheck, PairFit
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .rig_effects import RigEffects
+from .right_turn import TurnWatch, rig_change, shift_of_turn
 from .tracker import Followed, Tracker
 
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
@@ -46,12 +47,13 @@ class StereoFrontEnd:
         self._min_points = config.robust.min_inliers
         self._gate_probability = config.robust.gate_probability
         self.aligners = TemplateAligners(self.config, valid)
-        depth = StereoDepth(projection, self.config, self.aligners)
-        self.tracker = Tracker(projection, config, self.aligners, depth)
+        self.depth = depth = StereoDepth(projection, self.config, self.aligners)
+        self.turn_watch = None if config.rig.exact else TurnWatch(projection)
+        self.tracker = Tracker(projection, config, self.aligners, depth, self.turn_watch)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
         self.pair_check = PairCheck(projection, depth.vertical_disparity, self.aligners.fine.noise)
         self.persistence = Persistence(config.estimate_every)
-        self.rig_effects = RigEffects(projection, config.rig, refinement)
+        self.rig_effects = RigEffects(projection, config.rig, refinement, depth.turn)
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -67,6 +69,25 @@ class StereoFrontEnd:
 
     def step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
         """Observations of the next frame; indices count the frames from 0, stamps ascend."""
+        change = self._take_out_turn(frame_index)
+        observed = self._step(frame_index, stamp_ns, images)
+        if change is None:
+            return observed
+        return replace(observed, rig_change=change, rig_change_root=self.rig_effects.unknown_after_turn())
+
+    def _take_out_turn(self, frame_index: int) -> RigChange | None:
+        """Take a turn of the right camera that the frames before have shown out of all that is measured from now on."""
+        watch = self.turn_watch
+        rad = None if watch is None else watch.lasting_rad
+        if watch is None or rad is None:
+            return None
+        first = frame_index - watch.suspected_frames
+        watch.forget()
+        self.depth.turn.add(rad)
+        return rig_change(self.tracker.projection, first, rad)
+
+    def _step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
+        """Observations of the next frame, with the right camera as it is known to stand."""
         tracker = self.tracker
         followed = tracker.follow(images, stamp_ns)
         fit = self._fit(followed)
@@ -74,7 +95,7 @@ class StereoFrontEnd:
         if followed is None or start_anew:
             return self._start_over(frame_index, stamp_ns, images, wait=not start_anew)
         drift_px = self.aligners.drift(tracker.tracks, followed.cam_from_previous)
-        z_new, cov_new = self.new_points.add(images, frame_index)
+        z_new, cov_new = self._new_views(images, frame_index)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         observed = self._observed(frame_index, stamp_ns, z_px, cov_px, self._note(images, z_px))
@@ -87,6 +108,12 @@ class StereoFrontEnd:
             n_new=len(z_new),
             std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
         )
+
+    def _new_views(self, images: PreparedImages, frame_index: int) -> tuple[Array, Array]:
+        """Views (k, 4) of new points and their covariances; none while depths cannot be measured."""
+        if self.turn_watch is not None and self.turn_watch.suspected_frames:
+            return np.empty((0, 4)), np.empty((0, 4, 4))
+        return self.new_points.add(images, frame_index)
 
     def _fit(self, followed: Followed | None) -> PairFit | None:
         """How left and right fit each other, where tracks were followed."""
@@ -124,13 +151,24 @@ class StereoFrontEnd:
             track_ids=ids,
             z_px=self.rig_effects.corrected(z_px),
             cov_px=cov_px,
-            note=note or self.pair_check.doubt,
+            note=self._turn_note() or note or self.pair_check.doubt,
             doubtful=bool(self.pair_check.doubt),
             std_drift_px=np.zeros(len(z_px)),
             rig_effects=self.rig_effects.of(z_px),
             rig_effects_at=self.rig_effects.of,
             rig_of_disparity=self.rig_effects.of_disparity,
             inflation=self.persistence.inflation(ids, z_px, cov_px),
+        )
+
+    def _turn_note(self) -> str:
+        """Say that the right camera seems to have turned."""
+        watch = self.turn_watch
+        if watch is None or not watch.suspected_frames:
+            return ""
+        shift_px = shift_of_turn(self.tracker.projection, watch.latest_rad)
+        return (
+            f"the right image has moved against the left one, by {shift_px:.2f} px: estimated from the left image "
+            "until it is clear whether the cameras have moved"
         )
 
     def _note(self, images: PreparedImages, z_px: Array) -> str:

@@ -76,6 +76,7 @@ class NewPoints:
         self.tracker = tracker
         self.aligners = aligners
         self.vertical_disparity = depth.vertical_disparity
+        self.turn = depth.turn
         self.projection = depth.projection
         self.config = depth.config
         self.bias = DisparityBias()
@@ -124,8 +125,7 @@ class NewPoints:
             images.coarse_left(), images.coarse_right(), corners, self._disparity_range(scale, frame_index)
         )
         left_px = corners[unique] * round(1 / scale)
-        v = left_px[:, 1] - self.vertical_disparity.at(left_px.astype(float))
-        return left_px, np.stack([left_px[:, 0] - disparity[unique] / scale, v], axis=1)
+        return left_px, self._on_row(left_px, disparity[unique] / scale)
 
     def _match_wide(self, images: PreparedImages, wanted: int) -> tuple[NDArray[np.intp], Array]:
         """As `_match_along_row`, of faint corners, in pixels of the reduced images."""
@@ -144,8 +144,14 @@ class NewPoints:
         limits = int(np.floor(far)) - 1, int(np.ceil(near))
         disparity, unique = match_along_rows(left, right, corners, limits)
         corners = corners[unique]
-        v = corners[:, 1] - self.vertical_disparity.at(WIDE * corners.astype(float)) / WIDE
-        return corners, np.stack([corners[:, 0] - disparity[unique], v], axis=1)
+        return corners, self._on_row(WIDE * corners, WIDE * disparity[unique]) / WIDE
+
+    def _on_row(self, left_px: NDArray[np.intp], disparity_px: Array) -> Array:
+        """Where in the right image (n, 2) pixels (n, 2) of the left one are, by the disparities (n,) seen there."""
+        v = left_px[:, 1] - self.vertical_disparity.at(left_px.astype(float))
+        right_px = np.stack([left_px[:, 0] - disparity_px, v], axis=1)
+        right_px[:, 1] = self.turn.put_in(right_px)[:, 1]
+        return right_px
 
     def _disparity_range(self, scale: float, frame_index: int) -> tuple[int, int]:
         """First and last disparity to search, px of the scaled image."""
@@ -208,7 +214,7 @@ class NewPoints:
         From here on everything is in image pixels.
         """
         scale = aligner.scale
-        left_px, right_px = scale * m.left_px.astype(float), scale * m.right_px
+        left_px, right_px = scale * m.left_px.astype(float), self.turn.taken_out(scale * m.right_px)
         if scale == 1:
             self.vertical_disparity.learn(left_px[m.good], (left_px - right_px)[m.good, 1])
         right_px[:, 1] += self.vertical_disparity.at(left_px)

@@ -18,18 +18,29 @@ from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import RigEstimate
+from .right_turn import RightTurn, effects_of_turn, far_right_px
 
 _OF_DISPARITY = (*TERMS[:6], "radial difference")
+# σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
+# estimator starts, and is not used a second time.
+_STD_TURN_RAD = 3e-3
 
 
 class RigEffects:
     """Effects of the possible errors; none where the calibration is exact.
 
-    A `refinement` of the calibration is taken out of the views; its covariance is then what is not known.
+    A `refinement` of the calibration is taken out of the views; its covariance is then what is not known. A `turn` of
+    the right camera during the run is out of them already, and part of the calibration's error.
     `of_disparity` (m,): which errors change the disparity only; None where σ is known.
     """
 
-    def __init__(self, projection: StereoProjection, config: RigConfig, refinement: Refinement | None) -> None:
+    def __init__(
+        self,
+        projection: StereoProjection,
+        config: RigConfig,
+        refinement: Refinement | None,
+        turn: RightTurn | None = None,
+    ) -> None:
         self._projection = p = projection
         self._error_px: Array | None = None if refinement is None else refinement.error_px
         self._root: Array = np.zeros((len(TERMS), 0))
@@ -37,6 +48,7 @@ class RigEffects:
             cov_px2 = refinement.cov_px2 if refinement is not None else np.diag(prior_std_px(config) ** 2)
             self._root = np.asarray(np.linalg.cholesky(cov_px2), np.float64)
         self.of_disparity = None if refinement is not None or config.exact else np.isin(TERMS, _OF_DISPARITY)
+        self._turn = RightTurn(projection) if turn is None else turn
         self._centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
         corner = np.hypot(max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)) / p.f_px
         self._corner = float(corner)  # the one that is farthest from the lens's middle, as the slope of its ray
@@ -50,16 +62,29 @@ class RigEffects:
         """Views (n, 4) without the errors that are known."""
         return z_px if self._error_px is None else z_px - self._per_pixel(z_px) @ self._error_px
 
+    def unknown_after_turn(self) -> Array:
+        """What is not known about a turn, a root (m, 3) of its covariance in σ of each error."""
+        return np.asarray(np.linalg.solve(self._root, _STD_TURN_RAD * self._terms_of_turn()))
+
     def in_px(self, estimate: RigEstimate) -> RigEstimate:
         """An estimate in units of σ as the whole error of the calibration, in pixels."""
         error_px = self._root @ estimate.mean
         if self._error_px is not None:
             error_px = error_px + self._error_px
+        turned = bool(self._turn.rad.any())
+        if turned:
+            error_px = error_px + self._terms_of_turn() @ self._turn.rad
         prior_std = estimate.prior_std
         if prior_std is not None:
             prior_std = np.linalg.norm(self._root * prior_std, axis=1)
-        cov = self._root @ estimate.cov @ self._root.T
-        return replace(estimate, mean=error_px, cov=cov, prior_std=prior_std, refined=self._error_px)
+        return replace(
+            estimate,
+            mean=error_px,
+            cov=self._root @ estimate.cov @ self._root.T,
+            applied=estimate.applied or turned,
+            prior_std=prior_std,
+            refined=self._error_px,
+        )
 
     def disparity(self, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
         """Error (n,) of far points' disparity at left positions (n, 2), by an estimate in pixels, and its σ; px."""
@@ -78,6 +103,15 @@ class RigEffects:
         values, vectors = np.linalg.eigh(estimate.cov)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         return effects @ estimate.mean, np.asarray(effects @ root)
+
+    def _terms_of_turn(self) -> Array:
+        """(m, 3) px of each term per radian of a turn of the right camera: of far points it is just these."""
+        places_px = np.stack(np.meshgrid(*(np.linspace(0, 2 * c, 5) for c in self._centre)), axis=2).reshape(-1, 2)
+        by_turn = effects_of_turn(self._projection, far_right_px(self._projection, places_px))[:, 0]
+        terms = np.zeros((len(TERMS), 3))
+        per_pixel = self._per_pixel(np.tile(places_px, 2))[:, 2, :6]
+        terms[:6] = np.linalg.lstsq(per_pixel, by_turn, rcond=None)[0]
+        return terms
 
     def _per_pixel(self, z_px: Array) -> Array:
         """(n, 4, m) px per pixel of each term, for views (n, 4)."""

@@ -21,6 +21,7 @@ from .depth_source import DepthSource
 from .flow import Flow
 from .pair_check import Found
 from .prepared import PreparedImages
+from .right_turn import Turn, TurnWatch
 from .rough_motion import RoughMotion, RoughMotionFinder
 from .tracks import Tracks
 from .warps import anchor_from_now
@@ -54,9 +55,25 @@ class Followed:
     found: Found | None = None
     rival: SecondMotion | None = None
 
+    def with_right_turned_back(self, views: AlignedViews, turn: Turn) -> "Followed":
+        """With right sides in `found` where they fit a turn of the right camera: such a pair is whole."""
+        assert self.found is not None
+        z_px = np.where(turn.agree[:, None], views.any_row_px[views.found], self.found.z_px)
+        return replace(self, found=replace(self.found, z_px=z_px))
+
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
         """The given rows."""
         return replace(self, z_px=self.z_px[rows], cov_px=self.cov_px[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
+    their points; `weight`: of all tracks that should have been found."""
+
+    before: Tracks
+    cov_points: Array
+    weight: float
 
 
 class Tracker:
@@ -66,12 +83,19 @@ class Tracker:
     """
 
     def __init__(
-        self, projection: StereoProjection, config: Config, aligners: TemplateAligners, depth: DepthSource
+        self,
+        projection: StereoProjection,
+        config: Config,
+        aligners: TemplateAligners,
+        depth: DepthSource,
+        turn_watch: TurnWatch | None = None,
     ) -> None:
+        """`turn_watch`: of the right camera, where it may turn against the left one."""
         self.projection = projection
         self.config = config.frontend
         self.aligners = aligners
         self.depth = depth
+        self.turn_watch = turn_watch
         self.flow = Flow(config.frontend, aligners)
         self.rough_motion = RoughMotionFinder(
             projection, config.frontend, self.flow, config.robust.gate_probability
@@ -100,12 +124,18 @@ class Tracker:
             return None
         candidates = self._predict_patches(rough)
         views = self.depth.align(images, candidates)
-        motion = self._resect_jointly(candidates, views, rough.cam_from_previous, dt_s)
+        known = self._known_of(candidates, views, rough.cam_from_previous)
+        motion = self._resect_jointly(known, views, rough.cam_from_previous, dt_s)
+        turn = self._judge_turn(known, views, rough.cam_from_previous if motion is None else motion.cam_from_ref)
+        if turn is not None:
+            views = views.left_only()
+            motion = self._resect_jointly(known, views, rough.cam_from_previous, dt_s)
         if motion is None:
             return None
         seen = views.found
         self.aligners.learn(motion, candidates.now.scale[seen], views.z_px[seen])
-        return self._advance(candidates, views, motion, dt_s)
+        followed = self._advance(candidates, views, motion, dt_s)
+        return followed if turn is None else followed.with_right_turned_back(views, turn)
 
     def remember(self, images: PreparedImages, stamp_ns: int) -> None:
         """End the frame: the next one is followed from these images."""
@@ -116,6 +146,8 @@ class Tracker:
         self.tracks, self.velocity = Tracks.none(), np.zeros(6)
         self.contest = Contest()
         self.background_hidden = False
+        if self.turn_watch is not None:
+            self.turn_watch.forget()
 
     def may_wait(self, stamp_ns: int) -> bool:
         """Whether the tracks of the last remembered frame may still be found later than in the frame of that stamp."""
@@ -139,31 +171,37 @@ class Tracker:
         warps = anchor_from_now(now, rough.cam_from_previous @ self.cam_from_start, self.projection)
         return self.aligners.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
 
-    def _resect_jointly(
-        self, candidates: Candidates, views: AlignedViews, start: Array, dt_s: float
-    ) -> Resection | None:
-        """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
+    def _known_of(self, candidates: Candidates, views: AlignedViews, motion: Array) -> _Known:
+        """What is known of the tracks that were found, for a motion (4, 4) near the true one."""
         before, now = candidates.before.keep(views.found), candidates.now.keep(views.found)
-        z_px, cov_px, cov_points = (
-            views.z_px[views.found],
-            views.cov_px[views.found],
-            before.cov_points(self.projection, self.aligners.drift(now, start)),
-        )
+        cov_points = before.cov_points(self.projection, self.aligners.drift(now, motion))
+        return _Known(before, cov_points, float(candidates.before.weights.sum()))
+
+    def _resect_jointly(self, known: _Known, views: AlignedViews, start: Array, dt_s: float) -> Resection | None:
+        """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
+        before = known.before
         motion = resect(
             self.projection,
             before.points,
-            cov_points,
-            z_px,
-            cov_px,
+            known.cov_points,
+            views.z_px[views.found],
+            views.cov_px[views.found],
             start,
             self._gate_probability,
             before.weights,
         )
-        enough = _MIN_AGREEMENT * candidates.before.weights.sum()
+        enough = _MIN_AGREEMENT * known.weight
         agree = motion.ok and before.weights[motion.accepted].sum() >= enough
         hidden = self._is_background_hidden(before, motion, dt_s)
         self.background_hidden = hidden or (self.background_hidden and not agree)
         return motion if agree and not hidden else None
+
+    def _judge_turn(self, known: _Known, views: AlignedViews, cam_from_previous: Array) -> Turn | None:
+        """The turn of the right camera that the frame shows, if it is an unusual one."""
+        if self.turn_watch is None:
+            return None
+        z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
+        return self.turn_watch.judge(known.before.points, known.cov_points, z_px, cov_px, cam_from_previous)
 
     def _is_background_hidden(self, found: Tracks, motion: Resection, dt_s: float) -> bool:
         """Whether the tracks found (n,) are mostly of things that move by themselves, and so is their motion."""

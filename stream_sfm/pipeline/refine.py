@@ -70,9 +70,13 @@ def calibrate(
 
 
 def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> StereoRig:
-    """The rig of a log, refined by the same frames that are going to be estimated with it; as it is if it is right."""
+    """The rig of a log, refined by the same frames that are going to be estimated with it; as it is if it is right.
+
+    Where the right camera is turned on the way, by the frames before: the turn is found in the second run, too.
+    """
     check_calibrates(config)
-    estimate = _learn(log, replace(log.stereo_rig, refinement=None), config, selection)
+    rig = replace(log.stereo_rig, refinement=None)
+    estimate = _learn(log, rig, config, selection, until_a_change=True)
     if estimate is None or not estimate.applied:
         return log.stereo_rig
     return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
@@ -131,8 +135,13 @@ def check_calibrates(config: Config) -> None:
         raise ConfigError(f"the method {config.method} does not calibrate: use cross-frame")
 
 
-def _learn(log: StereoLog, rig: StereoRig, config: Config, selection: Selection) -> RigEstimate | None:
-    """What the frames of a log tell about the errors of the rig; None where no frame was estimated."""
+def _learn(
+    log: StereoLog, rig: StereoRig, config: Config, selection: Selection, until_a_change: bool = False
+) -> RigEstimate | None:
+    """What the frames of a log tell about the errors of the rig, as it is in the end; None where none was estimated.
+
+    `until_a_change`: as it is at first.
+    """
     engine, latest = Engine(rig, config), None
     frames = prepared_ahead(engine, log.frames(selection))
     try:
@@ -141,6 +150,8 @@ def _learn(log: StereoLog, rig: StereoRig, config: Config, selection: Selection)
                 estimate = engine.step(frame, prepared)
             except FrameError:
                 continue
+            if until_a_change and estimate.rig_change is not None:
+                break
             latest = estimate.rig or latest
     finally:
         frames.close()

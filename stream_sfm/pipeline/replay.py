@@ -260,7 +260,9 @@ class _Run:
             if self.kept.too_many:
                 self.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")
             further["there_and_back"] = None if self.kept.too_many or interrupted else return_error(trajectory)
-        warnings = [*self.log.stats.warnings, *self.statistics.warnings(), *self.warnings]
+        projection = self.engine.observer.projection
+        of_run = self.statistics.warnings(projection.f_px * projection.baseline_m)
+        warnings = [*self.log.stats.warnings, *of_run, *self.warnings]
         further["problems"] = self._problems(interrupted)
         return summarise(
             self.log,

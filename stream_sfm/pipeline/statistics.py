@@ -9,12 +9,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.refinement import disparity_rms_px
 from ..errors import FrameError
 from ..evaluation import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..geometry.se3 import Array
 from ..report.run_page import RunColumns
-from ..types import Frame, FrameEstimate, RigEstimate, Status, Trajectory
+from ..types import Frame, FrameEstimate, RigChange, RigEstimate, Status, Trajectory
 
 STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
@@ -67,6 +68,8 @@ class RunStatistics:
         self._first_lost: FrameEstimate | None = None
         self._first_degraded = (0, "")  # stamp and reason
         self.rig: RigEstimate | None = None  # the latest one
+        self.rig_changes: list[RigChange] = []
+        self._corrected_from: tuple[int, RigEstimate] | None = None  # the first frame, and what was corrected in it
         self.relative = RelativeRecord()
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
@@ -89,12 +92,21 @@ class RunStatistics:
             self._counts[name].append(estimate.counts[name])
         self._nis.append(estimate.nis / estimate.nis_dof if estimate.nis_dof > 0 else float("nan"))
         self.statuses[str(estimate.status)] += 1
-        self.rig = estimate.rig or self.rig
+        self._write_rig(estimate)
         self.relative.add(estimate)
         if estimate.status == Status.LOST and self._first_lost is None:
             self._first_lost = estimate
         if estimate.status == Status.DEGRADED and self.statuses[Status.DEGRADED] == 1:
             self._first_degraded = (estimate.stamp_ns, estimate.reason)
+
+    def _write_rig(self, estimate: FrameEstimate) -> None:
+        self.rig = estimate.rig or self.rig
+        if estimate.rig_change is not None:
+            self.rig_changes.append(estimate.rig_change)
+        corrected = estimate.rig is not None and estimate.rig.applied
+        if corrected and self._corrected_from is None and not self.rig_changes:
+            assert estimate.rig is not None
+            self._corrected_from = (estimate.frame_index, estimate.rig)
 
     def close(self) -> None:
         """Nothing to finish."""
@@ -126,9 +138,20 @@ class RunStatistics:
             {stage: np.array(times[:frames]) for stage, times in self._times_ms.items()},
         )
 
-    def warnings(self) -> list[str]:
-        """Return sentences about frames that were refused or lost, and about many that are degraded."""
-        notes = []
+    def warnings(self, disparity_at_1m_px: float) -> list[str]:
+        """Return sentences about a calibration that was wrong or has changed, and about bad frames.
+
+        These were refused or lost, or many are degraded. `disparity_at_1m_px`: focal length times baseline.
+        """
+        notes = [str(change) for change in self.rig_changes]
+        if self._corrected_from is not None:
+            frame, rig = self._corrected_from
+            wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
+            notes.append(
+                f"from frame {frame} on an error of the calibration is corrected, {wrong_px:.2f} px of disparity; the "
+                "frames before were estimated with it: distances of 10 m were off by "
+                f"{10 * wrong_px / disparity_at_1m_px:.1%}"
+            )
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
         if self._first_lost is not None:

@@ -173,6 +173,31 @@ def test_errors_of_another_size_are_more_or_less_information_about_them(prior, s
     assert np.allclose(prior.rig.at(u @ amplitudes), after.rig.at(amplitudes), rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.8)])
+def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, offset) -> None:
+    """Points and world keep what they have in common with the errors as they were.
+
+    Of an estimate that is held back, what the new errors do not carry any more counts as covariance.
+    """
+    prior = replace(prior, rig=replace(prior.rig, offset=np.array(offset), estimated=not any(offset)))
+    change = np.array([[0.5, 0.1, -0.3], [0.2, -0.7, 0.4]])
+    expected = dense(prior)
+    expected[-M:, -M:] += change @ change.T
+    after = prior.with_rig_change(change)
+
+    def held_back(p: Prior) -> np.ndarray:
+        modes = np.concatenate([p.modes[..., -M:].reshape(3 * N, M), p.world_modes[:, -M:], p.rig.root])
+        return np.asarray(modes @ p.rig.offset)
+
+    lost = held_back(prior) - held_back(after)
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((dense(after) - expected - np.outer(lost, lost)) / np.outer(scale, scale)).max() < 1e-12
+    assert np.abs(lost[-M:]).max() < 1e-12  # the errors themselves keep their estimate
+    assert (np.abs(lost).max() > 0) == any(offset)
+    assert (after.mean == prior.mean).all() and (after.world_from_ref == prior.world_from_ref).all()
+    assert after.rig.of_disparity is None and after.rig.estimated == prior.rig.estimated
+
+
 @pytest.mark.parametrize("estimated", [True, False])
 def test_system_is_the_dense_solution(prior, estimated) -> None:
     """Errors of the rig are estimated with the rest, or held at zero; how far they are from there is then an error."""

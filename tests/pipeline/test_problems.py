@@ -9,6 +9,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
+from stream_sfm.geometry import se3
 from stream_sfm.inspection import inspect_log
 from stream_sfm.types import StereoFrame
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, write_image, write_info
@@ -52,6 +53,17 @@ def black(frames: list[StereoFrame]) -> list[StereoFrame]:
 def test_an_ordinary_run_has_no_problem(frames, tmp_path) -> None:
     result = sfm.replay(write(tmp_path / "a.mcap", frames))
     assert result.problems == result.summary["problems"] == result.summary["warnings"] == []
+
+
+def test_a_camera_that_is_knocked_on_the_way_is_a_warning(tmp_path) -> None:
+    knocked = replace(STEREO, right_from_left=se3.exp([0, 0, 0, 0, -1e-3, 0]) @ STEREO.right_from_left)
+    wall, knock = Wall(5), 10
+    seen = [wall.frame(knocked if k >= knock else STEREO, pose, k) for k, pose in enumerate(camera_path(16))]
+    summary = sfm.replay(write(tmp_path / "a.mcap", seen)).summary
+    (warning,) = summary["warnings"]
+    assert warning.startswith(f"from frame {knock} on the right camera is turned against the left one")
+    assert "was a camera knocked" in warning and "distances of 10 m would be off by 5." in warning
+    assert summary["rig"]["applied"] and summary["statuses"]["degraded"] == 3
 
 
 def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames, tmp_path, capsys) -> None:

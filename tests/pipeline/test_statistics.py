@@ -2,9 +2,16 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import stream_sfm as sfm
+from stream_sfm.camera.refinement import TERMS
+from stream_sfm.pipeline.statistics import RunStatistics
+from tests.helpers.wall import Wall, camera_path, rig
 
 _ONE_AFTER_ANOTHER = """
 import subprocess, sys
@@ -22,3 +29,16 @@ def test_the_memory_of_a_run_is_its_own_and_not_that_of_the_process_that_started
     done = subprocess.run([sys.executable, "-c", _ONE_AFTER_ANOTHER], capture_output=True, text=True, check=True)
     large, small = (float(line) for line in done.stdout.split())
     assert large > 100e6 * 8 / 2**20 and small < 400
+
+
+def test_a_correction_of_the_calibration_says_from_which_frame_on_and_what_it_means():
+    engine, statistics = sfm.Engine(rig()), RunStatistics()
+    error_px = np.zeros(len(TERMS))
+    error_px[0] = 0.3
+    for frame in Wall(1).frames(rig(), camera_path(4)):
+        estimate = engine.step(frame)
+        found = sfm.RigEstimate(error_px, 1e-4 * np.eye(len(TERMS)), estimate.frame_index >= 2)
+        statistics.write(replace(estimate, rig=found), frame)
+    (warning,) = statistics.warnings(60.0)
+    assert warning.startswith("from frame 2 on an error of the calibration is corrected, 0.30 px of disparity")
+    assert "distances of 10 m were off by 5.0%" in warning

@@ -226,6 +226,14 @@ class Map:
         own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 
+    def change_rig(self, root: Array) -> None:
+        """Take in that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).
+
+        The window is empty by then: its frames were seen with the errors as they were.
+        """
+        self.prior = self.prior.with_rig_change(root)
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""
         self.marginals = self._marginals()

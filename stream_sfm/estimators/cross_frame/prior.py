@@ -176,6 +176,24 @@ class Prior:
         world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
         return replace(self, modes=modes, world_modes=world_modes, rig=rig), u
 
+    def with_rig_change(self, root: Array) -> "Prior":
+        """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
+
+        Points and world stay where they are, with j modes more: they have met the errors as they were.
+        """
+        m = len(self.rig)
+        rig, u = self.rig.changed(root)
+        own = self.modes.shape[2] - m
+        of_rig, world_of_rig = self.modes[..., own:] @ u, self.world_modes[:, own:] @ u
+        return replace(
+            self,
+            modes=np.concatenate([of_rig[..., m:], self.modes[..., :own], of_rig[..., :m]], axis=2),
+            world_modes=np.concatenate(
+                [world_of_rig[:, m:], self.world_modes[:, :own], world_of_rig[:, :m]], axis=1
+            ),
+            rig=rig,
+        )
+
     def with_points(
         self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
     ) -> "Prior":

@@ -96,6 +96,20 @@ class RigKnowledge:
         offset = u.T @ (self.offset - more * (self.root.T @ self.mean))
         return replace(self, root=self.root @ u, offset=offset, size=size), u
 
+    def changed(self, root: Array) -> tuple["RigKnowledge", Array]:
+        """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
+
+        And U (m, m + j): the amplitudes of before are a = U (a', y) with a' the new ones and y ~ N(0, I), of which the
+        errors do not depend. An estimate of y that is held back makes y that much larger, as in eq. (72). The size of
+        the errors is not learnt any further: it was that of the old ones.
+        """
+        m = len(self)
+        q, r = np.linalg.qr(np.concatenate([self.root, root], axis=1).T, mode="complete")
+        offset = q[:m].T @ self.offset
+        u = q[:m].copy()
+        u[:, m:] = u[:, m:] @ np.linalg.cholesky(np.eye(root.shape[1]) + np.outer(offset[m:], offset[m:]))
+        return replace(self, root=r[:m].T, offset=offset[:m], of_disparity=None), u
+
     def significance(self, offset: Array) -> float:
         """Return how far whitened amplitudes (m,) are from zero, as standard deviations of a Gaussian."""
         if not len(self):

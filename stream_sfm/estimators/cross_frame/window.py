@@ -52,6 +52,8 @@ class CrossFrame:
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
         frame = WindowFrame.from_observations(observations, self.projection)
+        if observations.rig_change_root is not None:
+            self._change_rig(observations.rig_change_root)
         if self.map is None:
             return self._start(observations, frame)
         try:
@@ -90,6 +92,15 @@ class CrossFrame:
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         current.refine_rig_effects(frame)
         return self._report(current, observations, motion, iterations)
+
+    def _change_rig(self, root: Array) -> None:
+        """Take in that errors of the rig have changed since the last frame: what was seen before has the old ones."""
+        if self.map is None:
+            self.rig = None if self.rig is None else self.rig.changed(root)[0]
+            return
+        while self.map.frames:
+            absorb_oldest_frame(self.map)
+        self.map.change_rig(root)
 
     def _pass_over(self, observations: Observations, reason: str) -> Solution:
         """Predict the pose of a frame without any view; the map goes on where its tracks return."""

@@ -25,9 +25,8 @@ class ParallaxDepth:
         left = self.aligner.align_left(images, candidates.now.slots, candidates.left_warps, candidates.left_px)
         no_error = np.full(len(left.at_px), np.nan)
         z_px = np.concatenate([left.at_px, np.full_like(left.at_px, np.nan)], axis=1)
-        return AlignedViews(
-            left.found, z_px, self.aligner.noise.covariance(left.patches.gradients, left.error_grey, no_error)
-        )
+        cov_px = self.aligner.noise.covariance(left.patches.gradients, left.error_grey, no_error)
+        return AlignedViews(left.found, z_px, cov_px, z_px)
 
     def update(self, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array) -> Tracks:
         """Tracks put where they were seen; 1/Z by a scalar Kalman update in the anchor camera, where the parallax of

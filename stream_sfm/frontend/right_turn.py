@@ -1,0 +1,209 @@
+"""A right camera that is turned against the left one during a run: noticed at once, believed when it lasts.
+
+Depths and motion say where points are seen on the right, and the calibration in which rows. A small turn of the right
+camera moves them all from there, eq. (72d), by a field with three unknowns that is the same for near and far points. It
+is estimated in every frame together with the motion. A few hundredths of a milliradian are usual; real rigs that
+vibrate or are not quite synchronous have more, so a turn is judged by how large those of the same run were.
+
+A frame whose turn is unusual is estimated from the left image: the depths of its points are known from before. Once
+three such frames in a row have shown the same turn, it is taken out of everything that is measured on the right.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.medians import median
+from ..geometry.point_views import PointViews
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..types import RigChange
+
+# χ² of three degrees of freedom by the run's own scatter: six standard deviations of a Gaussian. Single frames of forty
+# logs reach 21 (a hand that comes close), a turn of 0.3 mrad 55 where images are good.
+_UNUSUAL = 36.0
+_FIRST_GUESS_RAD = 1e-4  # of the usual turn: rendered logs have 0.01 to 0.05 mrad, real ones 0.05 to 0.2
+_GUESS_FRAMES = 5  # that the guess is worth
+_MEMORY_FRAMES = 20  # over which the usual turn is averaged: a second at 20 frames per second
+_LIMIT = 27.0  # χ² beyond which a frame counts no more than this for what is usual: three σ of each
+_LASTS_FRAMES = 3  # with the same turn, and it is believed: all in one window, and few enough for depths to last
+_SAME = 0.5  # share by which they may differ from their mean
+_PATIENCE_FRAMES = 8  # after which a turn that is never the same is what is usual
+_MAX_TURN_PX = 4.0  # templates are not found from further away; then left and right do not fit (`pair_check.py`)
+_MIN_VIEWS = 30  # three and a half for each of the nine unknowns
+_AGREE = 0.6  # share of the views on the right that a turn explains: of a body that covers them fewer do
+# Of reweighting: the first one is enough to see that a turn is not unusual. Where it may be, views are off by ten
+# standard deviations and more.
+_STEPS, _WORTH_A_CLOSER_LOOK = 12, 0.3
+_GATE = 0.999  # share of good views that agree
+_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
+_MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
+_DAMPING = 1e-9  # relative: a motion that hardly shows stays where it is
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn of the right camera about its x, y and z, `rad` (3,), with `cov` (3, 3).
+
+    `agree` (n,): which views fit it.
+    """
+
+    rad: Array
+    cov: Array
+    agree: NDArray[np.bool_]
+
+
+def effects_of_turn(projection: StereoProjection, right_px: Array) -> Array:
+    """What a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian, eq. (72d)."""
+    p = projection
+    x, y = ((right_px - (p.cx_right_px, p.cy_px)) / p.f_px).T
+    effects: Array = np.empty((len(x), 2, 3))
+    effects[:, 0, 0], effects[:, 0, 1], effects[:, 0, 2] = x * y, -1 - x * x, y
+    effects[:, 1, 0], effects[:, 1, 1], effects[:, 1, 2] = 1 + y * y, -x * y, -x
+    effects *= p.f_px
+    return effects
+
+
+def far_right_px(projection: StereoProjection, left_px: Array) -> Array:
+    """Where points at infinity that are seen at left positions (n, 2) are in the right image (n, 2)."""
+    return np.asarray(left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0]))
+
+
+def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
+    """How far a turn (3,) of the right camera moves its image, root mean square over the left one; px."""
+    return float(np.sqrt((_over_image(projection, rad) ** 2).sum(axis=1).mean()))
+
+
+def rig_change(projection: StereoProjection, frame_index: int, rad: Array) -> RigChange:
+    """What a turn (3,) of the right camera in a frame means."""
+    disparity_px = float(np.sqrt((_over_image(projection, rad)[:, 0] ** 2).mean()))
+    per_metre = disparity_px / (projection.f_px * projection.baseline_m)
+    return RigChange(frame_index, rad, shift_of_turn(projection, rad), disparity_px, per_metre)
+
+
+def _over_image(projection: StereoProjection, rad: Array) -> Array:
+    """By how much (n, 2) a turn (3,) moves far points all over the image, px."""
+    u, v = np.linspace(0, projection.width - 1, 9), np.linspace(0, projection.height - 1, 9)
+    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+    return np.asarray(effects_of_turn(projection, far_right_px(projection, places_px)) @ rad)
+
+
+class RightTurn:
+    """By how much, `rad` (3,), the right camera has turned since the calibration; what is found is without it."""
+
+    def __init__(self, projection: StereoProjection) -> None:
+        self._projection = projection
+        self.rad = np.zeros(3)
+
+    def add(self, rad: Array) -> None:
+        """It has turned further, by (3,)."""
+        self.rad = self.rad + rad
+
+    def taken_out(self, right_px: Array) -> Array:
+        """Positions (n, 2) in the right image as they would be without the turn."""
+        return right_px - self._shift_px(right_px) if self.rad.any() else right_px
+
+    def put_in(self, right_px: Array) -> Array:
+        """Where in the right image positions (n, 2) without the turn are."""
+        return right_px + self._shift_px(right_px) if self.rad.any() else right_px
+
+    def _shift_px(self, right_px: Array) -> Array:
+        return np.asarray(effects_of_turn(self._projection, right_px) @ self.rad)
+
+
+class TurnWatch:
+    """Judges the turns of a run; `suspected_frames`: how many frames in a row, up to the latest, were unusual.
+
+    `lasting_rad` (3,): the turn of the right camera that they have shown, once it is believed.
+    """
+
+    def __init__(self, projection: StereoProjection) -> None:
+        self._projection = projection
+        self._usual = np.eye(3) * _FIRST_GUESS_RAD**2
+        self._frames = _GUESS_FRAMES
+        self._seen: list[Turn] = []
+
+    @property
+    def suspected_frames(self) -> int:
+        """How many frames in a row, up to the latest one, showed an unusual turn."""
+        return len(self._seen)
+
+    @property
+    def latest_rad(self) -> Array:
+        """The latest of these turns (3,)."""
+        return self._seen[-1].rad
+
+    @property
+    def lasting_rad(self) -> Array | None:
+        """The turn (3,) that the latest frames have in common, once there are enough."""
+        latest = np.array([turn.rad for turn in self._seen[-_LASTS_FRAMES:]])
+        if len(latest) < _LASTS_FRAMES:
+            return None
+        mean = latest.mean(axis=0)
+        apart = np.linalg.norm(latest - mean, axis=1).max()
+        return mean if apart < _SAME * np.linalg.norm(mean) else None
+
+    def forget(self) -> None:
+        """End a suspicion: the turn is taken out from now on, or there are no tracks left that could show it."""
+        self._seen = []
+
+    def judge(
+        self, points: Array, cov_points: Array, z_px: Array, cov_px: Array, cam_from_previous: Array
+    ) -> Turn | None:
+        """Return the turn that a frame shows if it is unusual.
+
+        Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
+        which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
+        """
+        seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
+        if len(seen) < _MIN_VIEWS:
+            self.forget()
+            return None
+        views = PointViews(self._projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
+        turn = _fitted(views, cam_from_previous, 1)
+        if self._chi2(turn) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
+            turn = _fitted(views, cam_from_previous, _STEPS)
+        if not self._is_unusual(turn):
+            return None
+        self._seen.append(turn)
+        agree = np.zeros(len(z_px), bool)
+        agree[seen] = turn.agree
+        return replace(turn, agree=agree)
+
+    def _is_unusual(self, turn: Turn) -> bool:
+        """Whether a turn is so by those of the frames before; otherwise learn from it what is usual."""
+        chi2 = self._chi2(turn)
+        px = self._projection.f_px * float(np.linalg.norm(turn.rad))
+        if chi2 > _UNUSUAL and px < _MAX_TURN_PX and turn.agree.mean() > _AGREE:
+            if len(self._seen) < _PATIENCE_FRAMES:
+                return True
+            self._usual = self._usual + np.outer(turn.rad, turn.rad)
+        else:
+            self._frames = min(self._frames + 1, _MEMORY_FRAMES)
+            counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
+            self._usual = self._usual + (counts * np.outer(turn.rad, turn.rad) - self._usual) / self._frames
+        self.forget()
+        return False
+
+    def _chi2(self, turn: Turn) -> float:
+        return float(turn.rad @ np.linalg.solve(turn.cov + self._usual, turn.rad))
+
+
+def _fitted(views: PointViews, cam_from_previous: Array, steps: int) -> Turn:
+    """The turn that fits views best, together with the motion; so many steps of reweighting."""
+    root, by_motion = views.linearise(cam_from_previous)
+    r, squares = views.residuals(cam_from_previous, root)
+    usable = np.isfinite(squares)
+    by_turn = root[:, :, 2:] @ effects_of_turn(views.projection, views.z[:, 2:])
+    j = np.concatenate([by_motion, by_turn, r[..., None]], axis=2) * usable[:, None, None]
+    squares = (j[..., 9] ** 2).sum(axis=1)
+    for _ in range(steps):
+        spread = max(1.0, median(squares) / _MEDIAN_CHI2_4)
+        weighted = j / (1 + squares / (_CAUCHY_WIDTH * spread))[:, None, None]
+        normal = weighted.reshape(-1, 10).T @ j.reshape(-1, 10)
+        information = normal[:9, :9] + _DAMPING * np.diag(np.diag(normal)[:9] + _DAMPING)
+        step = np.linalg.solve(information, normal[:9, 9])
+        squares = ((j[..., 9] - j[..., :9] @ step) ** 2).sum(axis=1)
+    cov = spread * np.linalg.inv(information)[6:, 6:]
+    return Turn(step[6:], cov, usable & (squares < spread * views.gate))

@@ -1,0 +1,133 @@
+"""Turns of the right camera: what they do, which are noticed, and which are believed."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.camera.refinement import TERMS
+from stream_sfm.config import RigConfig
+from stream_sfm.frontend.rig_effects import RigEffects
+from stream_sfm.frontend.right_turn import RightTurn, TurnWatch, effects_of_turn
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.types import RigEstimate
+
+P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
+N, STD_PX = 150, 0.08
+YAW = np.array([0.0, 1e-3, 0.0])
+
+
+def points(rng: np.random.Generator) -> np.ndarray:
+    """Homogeneous points (N, 4) all over the image, 2 to 20 m away."""
+    rays = np.stack([rng.uniform(-0.55, 0.55, N), rng.uniform(-0.4, 0.4, N), np.ones(N)], axis=1)
+    return np.concatenate([rays, 1 / rng.uniform(2, 20, (N, 1))], axis=1)
+
+
+def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
+    """Where (n, 2) a right camera turned by (3,) sees homogeneous points (n, 4)."""
+    in_right = p[:, :3] - p[:, 3:] * np.array([P.baseline_m, 0, 0])
+    turned = in_right @ se3.exp_so3(rad)  # its axes are the columns of the rotation
+    return turned[:, :2] / turned[:, 2:] * P.f_px + (P.cx_right_px, P.cy_px)
+
+
+def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What a watch is given of a frame: points and views with covariances, a motion that is nearly right."""
+    p = points(rng)
+    cov_points = np.zeros((N, 4, 4))
+    std_q = 0.03 / P.f_px * np.array([1, 1, 1 / P.baseline_m])
+    cov_points[:, [0, 1, 3], [0, 1, 3]] = std_q**2
+    p_known = p.copy()
+    p_known[:, [0, 1, 3]] += std_q * rng.normal(size=(N, 3))
+    in_cam = p @ motion.T
+    in_cam = in_cam / in_cam[:, 2:3]
+    z = np.concatenate([P.project_homogeneous(in_cam)[:, :2], right_view(in_cam, rad)], axis=1)
+    z += STD_PX * rng.normal(size=z.shape)
+    nearly = se3.exp(np.array([2e-3, 0, 3e-3, 2e-4, 1e-4, 0]) * rng.normal(size=6)) @ motion
+    return p_known, cov_points, z, np.tile(STD_PX**2 * np.eye(4), (N, 1, 1)), nearly
+
+
+def watched(turns: list[np.ndarray], seed: int = 0) -> tuple[TurnWatch, list[bool], list[np.ndarray]]:
+    """A watch after frames with these turns, which of them were unusual, and how large these were."""
+    rng, watch = np.random.default_rng(seed), TurnWatch(P)
+    unusual, measured = [], []
+    for rad in turns:
+        turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])))
+        unusual.append(turn is not None)
+        if turn is not None:
+            measured.append(turn.rad)
+    return watch, unusual, measured
+
+
+def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
+    p = points(np.random.default_rng(1))
+    still = right_view(p, np.zeros(3))
+    numerical = np.stack([(right_view(p, 1e-5 * e) - right_view(p, -1e-5 * e)) / 2e-5 for e in np.eye(3)], axis=2)
+    assert np.abs(effects_of_turn(P, still) - numerical).max() < 1e-5 * P.f_px
+
+
+def test_a_turn_taken_out_and_put_in_again_is_none() -> None:
+    turn = RightTurn(P)
+    px = right_view(points(np.random.default_rng(2)), np.zeros(3))
+    assert turn.taken_out(px) is px
+    turn.add(3e-3 * np.array([1.0, -1.0, 1.0]))
+    apart = np.abs(turn.taken_out(px) - px).max()
+    assert apart > 1
+    assert np.abs(turn.put_in(turn.taken_out(px)) - px).max() < 0.01 * apart  # of second order
+
+
+def test_a_turn_is_part_of_the_calibrations_error() -> None:
+    """For points far away it is just a field of the disparity."""
+    turn = RightTurn(P)
+    turn.add(np.array([2e-4, 1e-3, -5e-4]))
+    nothing = RigEstimate(np.zeros(len(TERMS)), np.eye(len(TERMS)), False)
+    model = RigEffects(P, RigConfig(), None, turn)
+    estimate = model.in_px(nothing)
+    assert estimate.applied
+    p = points(np.random.default_rng(3))
+    p[:, 3] = 0
+    left_px = P.project_homogeneous(p)[:, :2]
+    moved_px = right_view(p, turn.rad) - right_view(p, np.zeros(3))
+    assert model.disparity(estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("mrad", [0.5, -3.0])
+def test_a_knock_is_noticed_at_once_and_measured(axis: int, mrad: float) -> None:
+    """σ of a turn is 0.02 mrad about x and y and 0.07 about z in these frames, the first guess of usual ones 0.1."""
+    knocked = np.zeros(3)
+    knocked[axis] = 1e-3 * mrad * (3 if axis == 2 else 1)
+    watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 2)
+    assert unusual == [False] * 12 + [True] * 2
+    assert watch.lasting_rad is None
+    watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 3)
+    assert watch.suspected_frames == 3 and watch.lasting_rad is not None
+    assert np.abs(watch.lasting_rad - knocked).max() < 0.1e-3 + 0.02 * np.linalg.norm(knocked)
+
+
+def test_what_does_not_last_is_not_believed() -> None:
+    watch, unusual, _ = watched([np.zeros(3)] * 12 + [YAW] * 2 + [np.zeros(3)])
+    assert unusual == [False] * 12 + [True] * 2 + [False]
+    assert watch.suspected_frames == 0 and watch.lasting_rad is None
+
+
+def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:
+    """Cameras that are not quite of one moment seem to turn as the camera pair does."""
+    shaken = [YAW * (-1) ** k for k in range(40)]
+    watch, unusual, _ = watched([np.zeros(3)] * 12 + shaken)
+    assert watch.lasting_rad is None
+    assert sum(unusual[-20:]) == 0
+
+
+def test_a_run_with_large_turns_needs_a_larger_one() -> None:
+    rng = np.random.default_rng(4)
+    restless = list(2e-4 * rng.normal(size=(30, 3)))
+    assert not watched([*restless, YAW])[1][-1]
+    assert watched([np.zeros(3)] * 30 + [YAW])[1][-1]
+
+
+def test_few_views_and_impossible_turns_tell_nothing() -> None:
+    rng, watch = np.random.default_rng(5), TurnWatch(P)
+    known, cov_points, z, cov_px, motion = frame(rng, YAW, np.eye(4))
+    z[25:, 2:] = np.nan
+    assert watch.judge(known, cov_points, z, cov_px, motion) is None
+    known, cov_points, z, cov_px, motion = frame(rng, 20 * YAW, np.eye(4))
+    assert watch.judge(known, cov_points, z, cov_px, motion) is None
