@@ -21,15 +21,13 @@ _CONTRAST = 12.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedImages:
-    """The two smoothed images (h, w) of one frame; the left one at half the size, for flow; and both as float32, for
-    alignment, because interpolated bytes are rounded, which is too coarse for dark images. `rectified`: both
-    as they came. `stamp_ns`: of the frame they were made of, where `of_frame` has said it."""
+    """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
+    they came; `stamp_ns`: of the frame they were made of, where `of_frame` has said it. Other forms are computed when
+    they are first asked for."""
 
     left: Image
     right: Image
     left_half: Image
-    left_grey: NDArray[np.float32]
-    right_grey: NDArray[np.float32]
     rectified: tuple[Image, Image]
     stamp_ns: int | None = None
 
@@ -39,9 +37,7 @@ class PreparedImages:
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        left_grey = left.astype(np.float32)
-        right_grey = left_grey if same else right.astype(np.float32)
-        return cls(left, right, _halved(left), left_grey, right_grey, rectified)
+        return cls(left, right, _halved(left), rectified)
 
     def of_frame(self, stamp_ns: int) -> "PreparedImages":
         """Themselves, marked with the stamp of their frame: a step with those of another one can be refused."""
@@ -50,12 +46,18 @@ class PreparedImages:
 
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
-        """Strength of corners at every pixel of the coarse left image; computed when first asked for."""
+        """Strength of corners at every pixel of the coarse left image."""
         return corner_strength(self.coarse_left())
 
     @cached_property
+    def full_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both images as float32: interpolated bytes are rounded, which is too coarse for dark images."""
+        left = self.left.astype(np.float32)
+        return left, left if self.left is self.right else self.right.astype(np.float32)
+
+    @cached_property
     def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both images at a quarter of the size, from the rectified ones before any rounding, when first asked for.
+        """Both images at a quarter of the size, from the rectified ones before any rounding.
 
         One pixel is the mean of some thirty, so that blotches of one grey value stand out from noise and rounding.
         """
@@ -77,7 +79,12 @@ class PreparedImages:
 
     def grey(self, scale: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
-        return (self.left_grey, self.right_grey) if scale == 1 else self.quarter_grey
+        return self.full_grey if scale == 1 else self.quarter_grey
+
+    def shrink(self) -> None:
+        """Let go of the large forms that only the newest frame needs."""
+        for name in ("full_grey", "corner_strength"):
+            self.__dict__.pop(name, None)
 
     def equals(self, other: "PreparedImages") -> bool:
         """Whether both images are bit for bit those of another frame."""

@@ -139,6 +139,7 @@ class Tracker:
 
     def remember(self, images: PreparedImages, stamp_ns: int) -> None:
         """End the frame: the next one is followed from these images."""
+        images.shrink()
         self.previous, self.stamp_ns = images, stamp_ns
 
     def lose(self) -> None:
