@@ -22,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
         description="Replay many logs in parallel, each in its own process: one that fails, crashes or hangs does not "
         "affect the others. Writes one result folder per log, as `replay` does, batch.json and report.html (a single "
         "file). A second run processes only what is missing or has changed. `batch compare LOG...` compares the "
-        "methods on every log instead, or on many starts of one: one table of ratios with intervals over logs, in "
+        "methods on every log instead, or on several starts of one: one table of ratios with intervals, in "
         "comparison.json and report.html.",
         usage="[compare] LOG... --out DIR [options]",
     )
@@ -38,11 +38,16 @@ def add_parser(subparsers: Any) -> None:
         default=600.0,
         metavar="S",
         help="stop a log that delivers no frame for S seconds (default: 600), which includes the first reading of "
-        "--calibrate",
+        "--calibrate; `batch compare` has no such limit",
     )
     compared = parser.add_argument_group("batch compare")
     compared.add_argument(
-        "--starts", type=arguments.positive, default=1, metavar="N", help="run each log from N starts (default: 1)"
+        "--starts",
+        type=arguments.positive,
+        default=1,
+        metavar="N",
+        help="run each log from N starts (default: 1); they are samples of their own where they share no frame, by "
+        "--max-frames",
     )
     compared.add_argument(
         "--start-step", type=arguments.seconds, default=1.0, metavar="S", help="seconds between starts (default: 1)"
@@ -52,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
     arguments.add_truth_file(parser, "FILE|DIR")
     arguments.add_selection(parser)
     arguments.add_settings(parser)
-    arguments.add_general(parser, json="batch.json", quiet=True)
+    arguments.add_general(parser, json="batch.json (`batch compare`: comparison.json)", quiet=True)
 
 
 def run(args: argparse.Namespace) -> int:

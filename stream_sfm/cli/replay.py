@@ -23,8 +23,8 @@ def add_parser(subparsers: Any) -> None:
         run,
         summary="estimate the camera's motion and the local structure in every frame of a log",
         description="Estimate the pose of the left camera and the 3-D structure in front of it, with covariances, for "
-        "every frame of a stereo log. Writes estimates.mcap, trajectory.tum, trajectory.kitti, trajectory.csv, "
-        "summary.json and config.toml.",
+        "every frame of a stereo log. Writes estimates.mcap (with metadata.yaml a ROS 2 bag), trajectory.tum, "
+        "trajectory.kitti, trajectory.csv, summary.json, report.html and config.toml.",
         usage="LOG [options]",
     )
     arguments.add_log(parser)
