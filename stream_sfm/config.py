@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from .errors import ConfigError
 from .inputs import parse_toml, read_small
-from .wording import expected, invalid_setting
+from .wording import expected, first_line, invalid_setting
 
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
@@ -324,7 +324,7 @@ def config_to_toml(config: Config) -> str:
     lines += _section_lines(config, [n for n in config.__struct_fields__ if n not in sections])
     for name in sections:
         section = getattr(config, name)
-        lines += ["", f"[{name}]  # {(type(section).__doc__ or '').splitlines()[0]}"]
+        lines += ["", f"[{name}]  # {first_line(type(section))}"]
         lines += _section_lines(section, list(section.__struct_fields__))
     return "\n".join(lines) + "\n"
 

@@ -24,7 +24,7 @@ class ExitCode(IntEnum):
     DEFECT = 1  # a defect of stream_sfm itself
     USAGE = 2  # usage or configuration
     INPUT = 3  # input unreadable, unsuitable or only partly read; output that cannot be written
-    INTERRUPTED = 130  # Ctrl-C or SIGTERM; everything up to then has been written
+    INTERRUPTED = 130  # Ctrl-C, SIGTERM or SIGHUP; everything up to then has been written
 
 
 class StreamSfmError(Exception):

@@ -1,4 +1,6 @@
-"""Ctrl-C and SIGTERM as data: a run checks between two frames whether to end, and then ends in order.
+"""Ctrl-C, SIGTERM and SIGHUP as data: a run checks between two frames whether to end, and then ends in order.
+
+A signal that the process was started to ignore, as by nohup or in the background of a script, is left alone.
 
 A frame that does not come would hold up that check, so the wait for one is bounded too.
 """
@@ -14,6 +16,9 @@ T = TypeVar("T")
 
 
 GRACE_S = 1.0  # for the frame in hand; most take a tenth
+# The terminal is closed or the connection lost with the last one, which not every system has.
+_TERMINATION = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+ENDING = (signal.SIGINT, *_TERMINATION)
 
 
 @dataclass(slots=True)
@@ -63,33 +68,34 @@ def _interrupt(*_: Any) -> None:
 
 
 @contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt while the context lasts, as Ctrl-C does, so that a run cleans up.
+def termination_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt while the context lasts, as Ctrl-C does, so that a run cleans up.
 
-    Where the signal has a handler already, and in other threads than the main one, nothing changes.
+    Where a signal has a handler already, and in other threads than the main one, nothing changes.
     """
-    own = threading.current_thread() is threading.main_thread()
-    own = own and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if own:
-        signal.signal(signal.SIGTERM, _interrupt)
+    main = threading.current_thread() is threading.main_thread()
+    own = [number for number in _TERMINATION if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in own:
+        signal.signal(number, _interrupt)
     try:
         yield
     finally:
-        if own:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in own:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Interruption]:
-    """Let the first SIGINT or SIGTERM only set `requested` while the context lasts; a second one acts as usual.
+    """Let the first signal that ends a run only set `requested` while the context lasts; a second one acts as usual.
 
-    Signals can be handled in the main thread only; in another thread nothing changes.
+    Signals can be handled in the main thread only; in another thread nothing changes. Ignored ones stay so.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():
         yield interruption
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in ENDING}
+    before = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
 
     def restore() -> None:
         for number, handler in before.items():

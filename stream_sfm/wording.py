@@ -19,6 +19,11 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*?)`")
 _PATH = re.compile(r" - at `\$\.?(.*)`$")
 
 
+def first_line(kind: type) -> str:
+    """The first line of a docstring; empty where Python has removed it (-OO)."""
+    return (kind.__doc__ or "\n").splitlines()[0]
+
+
 def printable(text: str) -> str:
     """A text in one line whose every character can be seen: others, such as escapes of terminals, by their code.
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 
-from stream_sfm.interrupts import GRACE_S, deferred_interrupts, sigterm_as_interrupt
+from stream_sfm.interrupts import GRACE_S, deferred_interrupts, termination_as_interrupt
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_is_a_request_and_the_second_acts(number: signal.Signals) -> None:
     def act(*_: object) -> None:
         raise InterruptedError("acted")
@@ -83,12 +83,26 @@ def test_the_frame_in_hand_is_finished_however_long_it_takes(monkeypatch: pytest
     assert taken == [1]
 
 
-def test_sigterm_cleans_up_like_ctrl_c() -> None:
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    with pytest.raises(KeyboardInterrupt), sigterm_as_interrupt():
-        os.kill(os.getpid(), signal.SIGTERM)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_termination_cleans_up_like_ctrl_c(number: signal.Signals) -> None:
+    assert signal.getsignal(number) is signal.SIG_DFL
+    with pytest.raises(KeyboardInterrupt), termination_as_interrupt():
+        os.kill(os.getpid(), number)
         time.sleep(60)
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_that_is_ignored_stays_ignored(number: signal.Signals) -> None:
+    """As nohup starts a program, or a script one in its background."""
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with termination_as_interrupt(), deferred_interrupts() as interruption:
+            os.kill(os.getpid(), number)
+            assert not interruption.requested
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
 
 
 @pytest.mark.parametrize("command", ["replay", "inspect", "surface", "compare"])

@@ -299,6 +299,13 @@ def _whole(text: str, least: int) -> int:
     return value
 
 
+def output(text: str) -> str:
+    """The path of something to write, which an empty variable of a script is not."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the name is empty")
+    return text
+
+
 def seconds(text: str) -> float:
     """A finite number of at least 0."""
     value = _number(text)

@@ -30,7 +30,9 @@ def add_parser(subparsers: Any) -> None:
         "logs", nargs="+", metavar="LOG", help="recordings of any kind, folders of them, or patterns"
     )
     results = parser.add_argument_group("results")
-    results.add_argument("--out", metavar="DIR", required=True, help="folder for the results of all logs")
+    results.add_argument(
+        "--out", type=arguments.output, metavar="DIR", required=True, help="folder for the results of all logs"
+    )
     arguments.add_workers(parser)
     results.add_argument(
         "--timeout",

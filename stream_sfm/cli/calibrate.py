@@ -34,7 +34,9 @@ def add_parser(subparsers: Any) -> None:
     )
     arguments.add_settings(parser, method=False)
     results = parser.add_argument_group("result")
-    results.add_argument("--out", metavar="REFINED.toml", required=True, help="the file to write")
+    results.add_argument(
+        "--out", type=arguments.output, metavar="REFINED.toml", required=True, help="the file to write"
+    )
     arguments.add_general(parser, json="what was found, as one JSON object,")
 
 

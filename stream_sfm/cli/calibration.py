@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..errors import ConfigError, ExitCode
+from ..errors import ConfigError, ExitCode, RigError
 from . import arguments
 
 
@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
     )
     convert.add_argument("files", metavar="IN", nargs="+", help="file or folder; the left camera's file first")
     group = convert.add_argument_group("result")
-    group.add_argument("--out", metavar="OUT.toml", required=True, help="the file to write")
+    group.add_argument("--out", type=arguments.output, metavar="OUT.toml", required=True, help="the file to write")
     group.add_argument(
         "--size", metavar="W×H", help="size of the images in pixels, for formats that do not contain it"
     )
@@ -42,16 +42,23 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _convert(args: argparse.Namespace) -> int:
-    from ..camera.rig import StereoRig
+    from ..camera.rectification import check_rectifiable
+    from ..camera.rig import StereoRig, baseline_question
     from ..files import write_whole
     from ..inspection.overview import describe_rig
     from ..outputs import refuse_overwriting
-    from .printing import print_json
+    from .printing import print_json, print_notes
 
     refuse_overwriting([Path(args.out)], [Path(file) for file in args.files])
     where = args.files[0] if len(args.files) == 1 else args.files
     rig = StereoRig.from_calibration(where, _size(args.size))
     write_whole(args.out, rig.to_toml().encode())
+    questions = list(filter(None, [baseline_question(rig)]))
+    try:
+        check_rectifiable(rig)
+    except RigError as error:  # the file may be converted in order to be corrected
+        questions.append(str(error))
+    print_notes("warning", questions)
     if args.json:
         print_json({"out": args.out, **describe_rig(rig)})
     else:

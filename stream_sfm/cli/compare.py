@@ -49,7 +49,9 @@ def add_parser(subparsers: Any) -> None:
         metavar="NAME,…",
         help=f"the methods, separated by commas (default: {DEFAULT_METHODS.replace(',', ', ')})",
     )
-    results.add_argument("--out", metavar="DIR", help="result folder (default: runs/LOG-TIME)")
+    results.add_argument(
+        "--out", type=arguments.output, metavar="DIR", help="result folder (default: runs/LOG-TIME)"
+    )
     arguments.add_general(parser, json="report.json", quiet=True)
 
 

@@ -18,6 +18,7 @@ OPTIONS = {
     "mono": "--mono",
     "rate_hz": "--rate HZ",
     "rrd": "--rrd FILE",
+    "size": "--size W×H",
 }
 COMMANDS = {
     "replay_batch": "`stream-sfm batch DIR` replays all of a folder",

@@ -4,17 +4,19 @@ The exit codes are in `errors.py`. Heavy imports happen in the commands, so that
 """
 
 import argparse
+import errno
 import gc
 import io
 import logging
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import TextIO
 
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
-from ..interrupts import sigterm_as_interrupt
+from ..interrupts import termination_as_interrupt
 from ..wording import printable
 from . import batch, calibrate, calibration, compare, config, import_, inspect, recover, replay, simulate, surface
 from .arguments import add_debug
@@ -24,6 +26,9 @@ from .parser import Parser
 
 # Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
 _ALLOCATIONS_PER_COLLECTION = 100_000
+
+# What a disk, a quota or a terminal that is gone says to whom writes: no defect of the program.
+_REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 COMMANDS = (replay, batch, compare, surface, inspect, import_, recover, calibrate, calibration, simulate, config)
 
@@ -56,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
     gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
+    _open_missing_streams()
     for stream in (
         sys.stdout,
         sys.stderr,
@@ -75,9 +81,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         with _logging_to_stderr():
             return _run(args)
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        _discard(sys.stdout, sys.stderr)
         return ExitCode.DONE
+
+
+def _open_missing_streams() -> None:
+    """Give a process that was started without an output or an input, as by `>&-`, one that leads nowhere."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 for as long as the process lasts
+
+
+def _discard(*streams: TextIO) -> None:
+    """Let what is still to be written to these streams lead nowhere, so that nothing fails at the exit."""
+    for stream in streams:
+        with suppress(OSError, ValueError):  # a stream of a program that calls `main` may have no file
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class _LogFormatter(logging.Formatter):
@@ -99,7 +118,7 @@ def _logging_to_stderr() -> Iterator[None]:
 
 def _run(args: argparse.Namespace) -> int:
     try:
-        with sigterm_as_interrupt():
+        with termination_as_interrupt():
             code: int = args.run(args)
             sys.stdout.flush()
             return code
@@ -109,10 +128,20 @@ def _run(args: argparse.Namespace) -> int:
         return _failed(args, error, ExitCode.INTERRUPTED, "interrupted")
     except BrokenPipeError:
         raise
+    except OSError as error:
+        if error.errno not in _REFUSED_BY_THE_DISK:
+            return _defect(args, error)
+        _discard(sys.stdout)
+        where = f"{error.filename}" if error.filename else "the standard output"
+        return _failed(args, error, ExitCode.INPUT, f"cannot write {where}: {error.strerror}")
     except Exception as error:
-        text = f"{type(error).__name__}: {error}".splitlines()[0]
-        advice = "this is a defect of stream-sfm; please report it with the output of --debug"
-        return _failed(args, error, ExitCode.DEFECT, text, advice)
+        return _defect(args, error)
+
+
+def _defect(args: argparse.Namespace, error: Exception) -> int:
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    advice = "this is a defect of stream-sfm; please report it with the output of --debug"
+    return _failed(args, error, ExitCode.DEFECT, text, advice)
 
 
 def _failed(args: argparse.Namespace, error: BaseException, code: int, message: str, advice: str = "") -> int:

@@ -46,7 +46,9 @@ def add_parser(subparsers: Any) -> None:
     arguments.add_self_test(parser)
     arguments.add_settings(parser)
     results = parser.add_argument_group("results")
-    results.add_argument("--out", metavar="DIR", help="result folder (default: runs/LOG-TIME)")
+    results.add_argument(
+        "--out", type=arguments.output, metavar="DIR", help="result folder (default: runs/LOG-TIME)"
+    )
     results.add_argument("--rrd", metavar="FILE", help="write a recording for the Rerun viewer (extra [view])")
     results.add_argument("--view", action="store_true", help="show the run in the Rerun viewer as it proceeds")
     results.add_argument("--strict", action="store_true", help="exit with code 3 if there was any warning")

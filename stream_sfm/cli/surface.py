@@ -41,7 +41,9 @@ def add_parser(subparsers: Any) -> None:
 
 def _add_results(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
-    results.add_argument("--out", metavar="FILE.ply", required=True, help="the mesh to write")
+    results.add_argument(
+        "--out", type=arguments.output, metavar="FILE.ply", required=True, help="the mesh to write"
+    )
     results.add_argument(
         "--preview",
         metavar="FILE.png",

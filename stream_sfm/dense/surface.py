@@ -16,9 +16,11 @@ from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..inspection.quick_check import quick_problems
 from ..interrupts import deferred_interrupts
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..recording.images import decode_rgb
+from ..recording.topics import PairChoice
 from ..results.folder import close_all
 from ..types import Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
@@ -153,7 +155,15 @@ def surface_of_frame(
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
-    return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), log.stats.warnings)
+    warnings = [*log.stats.warnings, *_doubts(log, frame)]
+    return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), warnings)
+
+
+def _doubts(log: StereoLog, frame: RecordedFrame) -> list[str]:
+    """Why a surface of these images cannot be right, such as exchanged cameras."""
+    choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
+    left, right = (np.asarray(image, np.uint8) for image in frame.images)
+    return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, [(left, right)])]
 
 
 def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
@@ -207,10 +217,13 @@ class _FusedFrames:
         self._view = DenseView(rectifier, config)
         self._fusion = Fusion(self._view.projection, config.dense)
         self.path: list[Array] = []
+        self._doubts: list[str] = []
         self._lost = 0
 
     def take(self, frame: RecordedFrame) -> None:
         """Estimate the pose of a frame and fuse what it shows, unless the pose is lost."""
+        if not self.path:
+            self._doubts = _doubts(self._log, frame)
         observer = self._engine.observer
         rectified = observer.rectify(frame)
         estimate = self._engine.step(frame, observer.prepare(frame, len(self.path), rectified))
@@ -236,6 +249,6 @@ class _FusedFrames:
             )
         if not len(mesh.faces):
             raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
-        warnings = list(dict.fromkeys([*log.stats.warnings, *problems]))
+        warnings = list(dict.fromkeys([*log.stats.warnings, *self._doubts, *problems]))
         path, used = np.array(self.path), self._fusion.frames
         return Surface(mesh, frames, used, self._fusion.voxel_m, path, warnings, complete, interrupted)

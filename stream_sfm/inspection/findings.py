@@ -19,6 +19,7 @@ _NEGATIVE_SHARE = 0.05  # of the matches, from which on negative disparities are
 _SWAPPED_SHARE = 0.5  # of the matches with negative disparity: most of the scene is beyond infinity
 _UNSWAPPED_SHARE = 0.1  # at most so many with the images exchanged, where the rows show that they are
 _LARGE_ROW_ERROR_PX = 0.5  # exchanged images have more than this
+_WRONG_ROW_ERROR_PX = 1.0  # images that are rectified twice have more than this
 _CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides between two pairings
 # Distance of a principal point from the centre, in halves of the image.
 _OFF_CENTRE_WARNING, _OFF_CENTRE_PROBLEM = 0.3, 0.5
@@ -132,7 +133,7 @@ def side_problem(
 def rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
     """Report images that fit better as they are: they are rectified already, or cameras side by side are others."""
     before, after = as_they_are.row_error_px, check.row_error_px
-    if after <= _LARGE_ROW_ERROR_PX or before >= min(_CLEARLY_BETTER * after, _LARGE_ROW_ERROR_PX):
+    if after <= _WRONG_ROW_ERROR_PX or before >= min(_CLEARLY_BETTER * after, _LARGE_ROW_ERROR_PX):
         return None
     return (
         f"the calibration does not belong to these images: matched corners lie on one row to {before:.2f} px as they "

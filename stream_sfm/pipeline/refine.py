@@ -12,13 +12,14 @@ from ..camera.refinement import TERMS, Refinement, combine, disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..engine import Engine
-from ..errors import ConfigError, FrameError
+from ..errors import ConfigError, FrameError, LogError
 from ..frontend.rig_effects import disparity_over_image, prior_std_px
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..recording import StereoLog, open_log
 from ..report.records import CalibrationError
 from ..types import RigEstimate, Selection
+from .calibration import CalibrationSink
 from .prefetch import prepared_ahead
 
 # σ that a refinement is given when the same frames are used once more, in units of its own: they count twice then, and
@@ -48,7 +49,8 @@ def calibrate(
 ) -> RefinedRig:
     """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
 
-    The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError, LogError.
+    The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError; LogError
+    also where the images show errors that are not learnt, such as exchanged cameras.
     """
     config = config or Config()
     check_calibrates(config)
@@ -60,7 +62,7 @@ def calibrate(
                 f"{log.path} has other cameras, or another calibration, than {opened[0].path}: "
                 "logs that refine one calibration must have it in common"
             )
-    estimates = tuple(_learn(log, rig, config, selection or Selection()) for log in opened)
+    estimates = tuple(_learn_or_refuse(log, rig, config, selection or Selection()) for log in opened)
     known = [e for e in estimates if e is not None]
     if not known:
         return RefinedRig(rig, estimates)
@@ -76,7 +78,7 @@ def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> 
     """
     check_calibrates(config)
     rig = replace(log.stereo_rig, refinement=None)
-    estimate = _learn(log, rig, config, selection, until_a_change=True)
+    estimate, _ = _learn(log, rig, config, selection, until_a_change=True)
     if estimate is None or not estimate.applied:
         return log.stereo_rig
     return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
@@ -135,14 +137,24 @@ def check_calibrates(config: Config) -> None:
         raise ConfigError(f"the method {config.method} does not calibrate: use cross-frame")
 
 
+def _learn_or_refuse(log: StereoLog, rig: StereoRig, config: Config, selection: Selection) -> RigEstimate | None:
+    """What the frames of a log tell. Raises LogError where the calibration is wrong in ways that are not learnt."""
+    latest, problems = _learn(log, rig, config, selection)
+    if problems:
+        raise LogError("; ".join(problems), hint=("left", "right", "calibration", "inspect"))
+    return latest
+
+
 def _learn(
     log: StereoLog, rig: StereoRig, config: Config, selection: Selection, until_a_change: bool = False
-) -> RigEstimate | None:
-    """What the frames of a log tell about the errors of the rig, as it is in the end; None where none was estimated.
+) -> tuple[RigEstimate | None, list[str]]:
+    """What the frames of a log tell about the errors of the rig, as it is in the end, and why they cannot tell
+    anything, such as exchanged cameras. None where they do not, or no frame was estimated.
 
     `until_a_change`: as it is at first.
     """
     engine, latest = Engine(rig, config), None
+    check = CalibrationSink(log, announced=False)
     frames = prepared_ahead(engine, log.frames(selection))
     try:
         for frame, prepared in frames:
@@ -153,9 +165,13 @@ def _learn(
             if until_a_change and estimate.rig_change is not None:
                 break
             latest = estimate.rig or latest
+            check.write(estimate, frame)
+            if check.problems:
+                break
     finally:
         frames.close()
-    return latest
+    check.close()
+    return (None if check.problems else latest), check.problems
 
 
 def _same(a: StereoRig, b: StereoRig) -> bool:

@@ -1,7 +1,7 @@
 """Replays a log: its frames through the engine into sinks, then a summary. What was computed is never lost.
 
-Ctrl-C and SIGTERM end a replay after the current frame; a log that breaks off, a full disk or a defect end it where
-they occur. In each case the estimates so far are written, and summary.json says `complete: false` and why.
+Ctrl-C, SIGTERM and SIGHUP end a replay after the current frame; a log that breaks off, a full disk or a defect end it
+where they occur. In each case the estimates so far are written, and summary.json says `complete: false` and why.
 """
 
 import time
@@ -56,7 +56,7 @@ class ReplayResult:
 
 
 class ReplayInterrupted(KeyboardInterrupt):
-    """A replay was ended by Ctrl-C or SIGTERM; `result` holds what was estimated and written until then."""
+    """A replay was ended by Ctrl-C, SIGTERM or SIGHUP; `result` holds what was estimated and written until then."""
 
     def __init__(self, result: ReplayResult) -> None:
         super().__init__("replay interrupted")

@@ -16,6 +16,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from ..wording import first_line
+
 Record = TypeVar("Record", bound=msgspec.Struct)
 _SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
 
@@ -59,7 +61,7 @@ class _Field:
 
 def definition(kind: type[msgspec.Struct]) -> str:
     """The text of the message of a record; each field is explained. The header gives the stamp and the frame."""
-    lines = [f"# {(kind.__doc__ or '').splitlines()[0]}", "std_msgs/Header header"]
+    lines = [f"# {first_line(kind)}", "std_msgs/Header header"]
     for field in _fields(kind):
         lines.append(f"# {field.description}")
         if field.container is dict:

@@ -36,6 +36,22 @@ def test_the_size_is_given_where_the_format_has_none(tmp_path: Path, capsys: pyt
     assert (rig.left.width, rig.left.height) == (64, 48)
 
 
+def test_what_cannot_be_right_is_said_and_still_converted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So that it can be corrected in the file that was written."""
+    matrix = "[[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]]"
+    camera = f"width = 320\nheight = 240\nK = {matrix}\n"
+    for x, says in ((-110.0, "are these millimetres?"), (0.11, "exchange left and right"), (-0.11, "")):
+        given = tmp_path / "given.toml"
+        pose = f"[right_from_left]\ntranslation_m = [{x}, 0, 0]\n"
+        given.write_text(f"[left]\n{camera}[right]\n{camera}{pose}")
+        assert main(["calibration", "convert", str(given), "--out", str(tmp_path / "out.toml")]) == 0
+        errors = capsys.readouterr().err
+        assert says in errors and bool(says) == bool(errors)
+        assert f"[{x}, 0.0, 0.0]" in (tmp_path / "out.toml").read_text()
+
+
 def test_the_input_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_kitti(tmp_path / "00")
     path = tmp_path / "00" / "calib.txt"

@@ -313,7 +313,7 @@ def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(wall_log: Pa
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_is_130_with_everything_written(number, tmp_path: Path):
     log = write_wall_log(tmp_path / "long.mcap", n=16, times=30, truth=False)
     out = tmp_path / "out"
@@ -346,6 +346,30 @@ def test_the_reader_of_our_output_may_go(streams: str, wall_log: Path, tmp_path:
         done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
         assert done.stdout.endswith("code 0\n") and "Traceback" not in done.stderr + done.stdout, command
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) > 5
+
+
+@pytest.mark.parametrize(
+    "streams, code, says",
+    [(">/dev/full", 3, "stream-sfm: cannot write the standard output: No space left on device\n"), (">&-", 0, "")],
+)
+def test_an_output_that_takes_nothing_is_no_defect(streams: str, code: int, says: str, wall_log: Path):
+    for command in ("config", f"inspect {wall_log}", f"inspect {wall_log} --json"):
+        ours = f"'{sys.executable}' -m stream_sfm {command} {streams}"
+        done = subprocess.run(["bash", "-c", ours], capture_output=True, text=True, timeout=120)
+        assert (done.returncode, done.stderr) == (code, says), command
+
+
+def test_an_empty_name_is_no_place_for_results(wall_log: Path, tmp_path: Path, monkeypatch, capsys):
+    """As a variable of a script that was never set: the results went to the working folder."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", str(wall_log), "--out", "", "-q"]) == 2
+    assert "--out: the name is empty" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_settings_are_printed_without_docstrings_too():
+    done = subprocess.run([sys.executable, "-OO", "-m", "stream_sfm", "config"], capture_output=True, text=True)
+    assert done.returncode == 0 and "\n[window]" in done.stdout
 
 
 def test_the_program_is_called_stream_sfm(capsys):

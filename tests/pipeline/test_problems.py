@@ -80,6 +80,18 @@ def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames,
         assert "the images are swapped" in " ".join((output.out + output.err).split())
 
 
+def test_nothing_is_learnt_from_exchanged_cameras_and_their_surface_is_doubted(frames, tmp_path) -> None:
+    log = write(tmp_path / "a.mcap", swapped(frames))
+    with pytest.raises(sfm.LogError, match="the images are swapped"):
+        sfm.calibrate([log])
+    calibrated = sfm.replay(log, config=sfm.Config(), calibrate=True)
+    assert "the images are swapped" in calibrated.problems[0]
+    assert sfm.calibrate([write(tmp_path / "b.mcap", frames)]).rig.refinement is not None
+    for frame in (0, None):
+        assert sfm.surface(write(tmp_path / "b.mcap", frames), frame).warnings == []
+    assert "the images are swapped" in sfm.surface(log).warnings[0]
+
+
 def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, capsys) -> None:
     log = write(tmp_path / "a.mcap", black(frames))
     assert main(["replay", str(log), "--out", str(tmp_path / "out")]) == 3

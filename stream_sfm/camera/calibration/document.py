@@ -37,9 +37,9 @@ class Document:
     data: Mapping[str, Any]
     is_toml: bool = False
 
-    def error(self, problem: str) -> ConfigError:
+    def error(self, problem: str, *hints: str) -> ConfigError:
         """An error that names the file."""
-        return ConfigError(f"calibration {self.name}: {problem}")
+        return ConfigError(f"calibration {self.name}: {problem}", hint=hints)
 
     def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
         """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).

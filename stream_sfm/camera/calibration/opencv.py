@@ -78,7 +78,7 @@ def _camera(document: Document, side: int, size: Size | None) -> Camera:
         width, height = document.numbers(given, "image_size", (2,))
         size = (int(width), int(height))
     if size is None:
-        raise document.error("the size of the images is missing: add image_width and image_height")
+        raise document.error("the size of the images is missing: add image_width and image_height", "size")
     return document.camera(size, k, model, d.tolist())
 
 
