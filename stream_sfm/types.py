@@ -152,6 +152,7 @@ class Observations:
       calibration, and not a guess whose size can be learnt.
     - `rig_change`: the right camera has turned against the left one; the turn is taken out of the views from this frame
       on, and `rig_change_root` (m, j) is a root of the covariance of what is left, in σ of each error of the rig.
+    - `rig_drift_root` (m, j): a root of the covariance by which these errors change per frame; None where they stay.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -173,6 +174,7 @@ class Observations:
     rig_of_disparity: NDArray[np.bool_] | None = None
     rig_change: "RigChange | None" = None
     rig_change_root: Array | None = None
+    rig_drift_root: Array | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:

@@ -30,6 +30,14 @@ def frames(turn: str) -> list[sfm.StereoFrame]:
     return [wall.frame(after if k >= KNOCK else rig(), pose, k) for k, pose in enumerate(camera_path(FRAMES))]
 
 
+@cache
+def drifting_frames(rad_per_frame: float) -> list[sfm.StereoFrame]:
+    """Frames of a wall; from `KNOCK` on the right camera turns sideways, by so much per frame."""
+    wall, path = Wall(3), camera_path(FRAMES)
+    rigs = [turned(rig(), [0, rad_per_frame * max(k - KNOCK, 0), 0]) for k in range(FRAMES)]
+    return [wall.frame(now, pose, k) for k, (now, pose) in enumerate(zip(rigs, path, strict=True))]
+
+
 def estimated(turn: str, config: sfm.Config | None = None) -> list[sfm.FrameEstimate]:
     engine = sfm.Engine(rig(), config)
     return [engine.step(frame) for frame in frames(turn)]
@@ -97,3 +105,24 @@ def test_one_frame_with_a_turned_image_changes_the_map_for_no_other() -> None:
     assert not any(e.rig_change for e in estimates)
     apart = se3.log(se3.inverse(still[-1].world_from_cam) @ estimates[-1].world_from_cam)
     assert apart @ np.linalg.solve(still[-1].cov_pose, apart) < 6
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_drift_that_is_expected_is_covered_by_the_covariance(every: int) -> None:
+    rad = 4e-5
+    expecting = sfm.Config(rig=sfm.RigConfig(std_drift_rad=rad), estimate_every=every)
+    constant, may_drift = (
+        estimated("", config)[-1].rig for config in (sfm.Config(estimate_every=every), expecting)
+    )
+    assert constant is not None and may_drift is not None
+    assert may_drift.cov[0, 0] > 1.2 * constant.cov[0, 0]  # the disparity in the middle of the image
+    engine = sfm.Engine(rig(), expecting)
+    assert squared_errors([engine.step(frame) for frame in drifting_frames(rad)]).mean() < 12
+
+
+def test_an_exact_rig_does_not_drift() -> None:
+    config = sfm.Config(rig=sfm.RigConfig(exact=True, std_drift_rad=1e-4))
+    assert all(
+        a.cov_pose.tobytes() == b.cov_pose.tobytes()
+        for a, b in zip(estimated("", config), estimated("", EXACT), strict=True)
+    )

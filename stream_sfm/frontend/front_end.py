@@ -54,6 +54,7 @@ class StereoFrontEnd:
         self.pair_check = PairCheck(projection, depth.vertical_disparity, self.aligners.fine.noise)
         self.persistence = Persistence(config.estimate_every)
         self.rig_effects = RigEffects(projection, config.rig, refinement, depth.turn)
+        self._rig_drift_root = self.rig_effects.drift()
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -157,6 +158,7 @@ class StereoFrontEnd:
             rig_effects=self.rig_effects.of(z_px),
             rig_effects_at=self.rig_effects.of,
             rig_of_disparity=self.rig_effects.of_disparity,
+            rig_drift_root=self._rig_drift_root,
             inflation=self.persistence.inflation(ids, z_px, cov_px),
         )
 

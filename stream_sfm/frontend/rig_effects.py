@@ -49,6 +49,7 @@ class RigEffects:
             self._root = np.asarray(np.linalg.cholesky(cov_px2), np.float64)
         self.of_disparity = None if refinement is not None or config.exact else np.isin(TERMS, _OF_DISPARITY)
         self._turn = RightTurn(projection) if turn is None else turn
+        self._std_drift_rad = config.std_drift_rad
         self._centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
         corner = np.hypot(max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)) / p.f_px
         self._corner = float(corner)  # the one that is farthest from the lens's middle, as the slope of its ray
@@ -64,7 +65,14 @@ class RigEffects:
 
     def unknown_after_turn(self) -> Array:
         """What is not known about a turn, a root (m, 3) of its covariance in σ of each error."""
-        return np.asarray(np.linalg.solve(self._root, _STD_TURN_RAD * self._terms_of_turn()))
+        return self._root_of_turn(_STD_TURN_RAD)
+
+    def drift(self) -> Array | None:
+        """What a frame may change, a root (m, 3) as above; None where the cameras do not drift."""
+        return self._root_of_turn(self._std_drift_rad) if self._std_drift_rad and self._root.size else None
+
+    def _root_of_turn(self, std_rad: float) -> Array:
+        return np.asarray(np.linalg.solve(self._root, std_rad * self._terms_of_turn()))
 
     def in_px(self, estimate: RigEstimate) -> RigEstimate:
         """An estimate in units of σ as the whole error of the calibration, in pixels."""

@@ -33,7 +33,10 @@ def absorb_oldest_frame(current: Map) -> None:
     by_rig = -cov @ blocks.rig_point
     mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
     prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
-    current.prior = prior.select(among(prior.ids, seen_later)).truncate_modes()
+    prior = prior.select(among(prior.ids, seen_later))
+    if frame.rig_drift_root is not None:
+        prior = prior.with_rig_change(frame.rig_drift_root)
+    current.prior = prior.truncate_modes()
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
 
     if current.frames:

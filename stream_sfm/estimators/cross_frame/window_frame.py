@@ -20,7 +20,7 @@ class WindowFrame:
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
     `rig_effects` (n, 4, m): px per unit of the rig's errors. `doubt` (6, k): by what else the motion from the frame
     before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
-    alone.
+    alone. `rig_drift_root` (m, j): by how much the rig's errors change up to the next frame; None where they stay.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 
@@ -36,6 +36,7 @@ class WindowFrame:
     var_drift: Array
     cam_from_ref: Array
     doubt: Array
+    rig_drift_root: Array | None = None
 
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
@@ -54,6 +55,7 @@ class WindowFrame:
             var_drift=_drift_variances(observations, projection),
             cam_from_ref=np.eye(4),
             doubt=np.zeros((6, 0)),
+            rig_drift_root=observations.rig_drift_root,
         )
 
     def corrected_px(self, rig_error: Array) -> Array:
