@@ -20,6 +20,8 @@ from ..types import Frame, FrameEstimate, RigChange, RigEstimate, Status, Trajec
 STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
 _STATUSES = list(Status)
+# Frames: real calibrations are corrected within the first two or three, which their poses hardly show.
+_AT_THE_START = 10
 _MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
 T = TypeVar("T")
 
@@ -144,7 +146,7 @@ class RunStatistics:
         These were refused or lost, or many are degraded. `disparity_at_1m_px`: focal length times baseline.
         """
         notes = [str(change) for change in self.rig_changes]
-        if self._corrected_from is not None:
+        if self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
             frame, rig = self._corrected_from
             wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
             notes.append(
