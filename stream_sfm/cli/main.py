@@ -128,6 +128,13 @@ def _run(args: argparse.Namespace) -> int:
         return _failed(args, error, ExitCode.INTERRUPTED, "interrupted")
     except BrokenPipeError:
         raise
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("stream_sfm"):
+            return _defect(args, error)
+        text = (
+            f"the package {error.name} is missing, which stream-sfm needs: pip install --force-reinstall stream-sfm"
+        )
+        return _failed(args, error, ExitCode.USAGE, text)
     except OSError as error:
         if error.errno not in _REFUSED_BY_THE_DISK:
             return _defect(args, error)

@@ -66,9 +66,9 @@ def simulate(
 
 def _write(name: str, report: Report, folder: Path) -> None:
     """Write results.json and the figures (PNG, SVG) into the folder. Raises OutputError."""
-    from . import figures  # matplotlib takes a second to import
-
     write_whole(folder / "results.json", json_bytes(report))
+    from . import figures  # matplotlib takes a second to import, and may be missing: after what took minutes
+
     try:
         figures.save(getattr(figures, name)(report), folder, name)
     except OSError as error:

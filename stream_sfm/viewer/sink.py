@@ -76,7 +76,7 @@ class RerunSink:
                 raise OutputError(f"cannot write {rrd}: {error.strerror}") from None
             sinks.append(rr.FileSink(rrd))
         if view:
-            if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
                 raise ConfigError(
                     "there is no display for a viewer: write a recording to a file and open it on another computer",
                     hint=("rrd",),

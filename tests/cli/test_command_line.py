@@ -359,6 +359,14 @@ def test_an_output_that_takes_nothing_is_no_defect(streams: str, code: int, says
         assert (done.returncode, done.stderr) == (code, says), command
 
 
+def test_a_package_that_was_removed_is_named(wall_log: Path, tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "filterpy", None)
+    monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
+    monkeypatch.delitem(sys.modules, "stream_sfm.estimators.baselines.ekf", raising=False)
+    assert main(["replay", str(wall_log), "--method", "ekf", "--out", str(tmp_path / "out"), "-q"]) == 2
+    assert "the package filterpy.kalman is missing, which stream-sfm needs" in capsys.readouterr().err
+
+
 def test_an_empty_name_is_no_place_for_results(wall_log: Path, tmp_path: Path, monkeypatch, capsys):
     """As a variable of a script that was never set: the results went to the working folder."""
     monkeypatch.chdir(tmp_path)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 
 import pytest
 
@@ -75,3 +76,13 @@ def test_a_program_gets_the_same_report_and_unknown_experiments_are_refused(shor
     assert report == json.loads((tmp_path / "results.json").read_text())
     with pytest.raises(sfm.ConfigError, match="known are efficiency"):
         sfm.simulate("magic")
+
+
+def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatch, capsys):
+    """The studies take minutes; matplotlib is asked for at their end."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "stream_sfm.simulation.figures", raising=False)
+    monkeypatch.delattr("stream_sfm.simulation.figures", raising=False)
+    assert main(["simulate", "figure6", "--trials", "2", "--workers", "1", "--out", str(tmp_path), "-q"]) == 2
+    assert "the package matplotlib is missing" in capsys.readouterr().err
+    assert json.loads((tmp_path / "results.json").read_text())

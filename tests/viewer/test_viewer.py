@@ -147,11 +147,14 @@ def test_without_a_file_or_window_there_is_no_viewer():
         sfm.open_viewer(_rig())
 
 
-def test_a_window_needs_a_display(monkeypatch):
+@pytest.mark.parametrize("empty", [False, True])
+def test_a_window_needs_a_display(empty, monkeypatch):
     if not sys.platform.startswith("linux"):
         pytest.skip("only Linux names the display in environment variables")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
+        if empty:
+            monkeypatch.setenv(name, "")
     with pytest.raises(sfm.ConfigError, match="no display"):
         sfm.open_viewer(_rig(), view=True)
 
