@@ -69,7 +69,7 @@ class ResultFolder:
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
-        self._closed = True
+        self._closed = bool(self._files)  # where nothing was written nothing is closed
         try:
             close_all(self._files)
             self._write_metadata()
