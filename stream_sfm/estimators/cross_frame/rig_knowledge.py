@@ -47,8 +47,9 @@ class RigKnowledge:
 
     `mean` is taken out of all views. `estimated`: the amplitudes are estimated in the window, and `offset` is 0 after
     each absorbed frame; otherwise they are considered and held at 0. `suspected`: the latest frame found them
-    significant; `disputed`: the same, but most tracks do not follow. `size`: σ of each error before any view.
-    `of_disparity` (m,): which errors change the disparity only, and tell the size of all; None where it is known.
+    significant; `disputed`: so many frames up to the latest did, but most tracks did not follow. `size`: σ of each
+    error before any view. `of_disparity` (m,): which errors change the disparity only, and tell the size of all; None
+    where it is known.
     """
 
     mean: Array
@@ -58,7 +59,7 @@ class RigKnowledge:
     of_disparity: NDArray[np.bool_] | None = None
     estimated: bool = False
     suspected: bool = False
-    disputed: bool = False
+    disputed: int = 0
 
     @classmethod
     def unknown(cls, m: int, of_disparity: NDArray[np.bool_] | None = None) -> "RigKnowledge":
@@ -129,7 +130,12 @@ class RigKnowledge:
         significant = significance > _SIGNIFICANT
         disputed = _SIGNIFICANT < significance < _BEYOND_DOUBT and followed() < _FOLLOWED
         suspected = significant and not disputed
-        return replace(self, suspected=suspected, disputed=disputed, estimated=suspected and self.suspected)
+        return replace(
+            self,
+            suspected=suspected,
+            disputed=self.disputed + 1 if disputed else 0,
+            estimated=suspected and self.suspected,
+        )
 
     def after(self, amplitudes: Array, root: Array, step: Array) -> "RigKnowledge":
         """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
@@ -172,7 +178,7 @@ def impossible(rig: RigEstimate | None) -> str:
 
 
 def disputed(rig: RigKnowledge) -> str:
-    """Say that views disagree about the calibration; empty where they do not."""
-    return (
-        "some views contradict the calibration and others do not: something may be moving" if rig.disputed else ""
-    )
+    """Say that views disagree about the calibration; empty where they do not, or in one frame alone."""
+    if rig.disputed < 2:
+        return ""
+    return "some views contradict the calibration and others do not: something may be moving"
