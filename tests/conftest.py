@@ -1,6 +1,7 @@
 """What tests of several rooms share. One BLAS thread, set before NumPy is imported: test processes share the cores."""
 
 import os
+import signal
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -9,6 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests.helpers.wall_log import write_wall_log
+
+# Tests, and the processes they start, are to act on it although whatever started them, as nohup, may ignore it.
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture
