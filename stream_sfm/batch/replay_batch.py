@@ -70,18 +70,19 @@ def _replay_options(
     left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None, calibrate: bool
 ) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
-    chosen = {
+    chosen: dict[str, object] = {
         "left": left,
         "right": right,
         "start": selection.start_s,
         "end": selection.end_s,
         "max-frames": selection.max_frames,
         "stride": None if selection.stride == 1 else selection.stride,
+        "calibrate": calibrate or None,
     }
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
-    given = [f"--{name}={value}" for name, value in chosen.items() if value is not None]
-    return [*given, *(f"--{flag}" for flag in ["calibrate"] if calibrate)]
+    given = {name: value for name, value in chosen.items() if value is not None}
+    return [f"--{name}" if value is True else f"--{name}={value}" for name, value in given.items()]
 
 
 def _frame(truth: GroundTruthFile) -> str | None:

@@ -83,7 +83,8 @@ class ComparedMethod:
             selection,
             self.statistics,
             complete=comparison.complete and not failure,
-            warnings=[*comparison.warnings, *of_run, *([failure] if failure else [])],
+            # a knock is of the frames that all methods share, and of each method's run
+            warnings=list(dict.fromkeys([*comparison.warnings, *of_run, *([failure] if failure else [])])),
             truth=comparison.truth,
             structure=self.record.structure,
             ignored=comparison.ignored,

@@ -71,7 +71,7 @@ class EveryKth:
         """The observations as if the frames between had not been: motion, drift and new tracks since the last one."""
         if self._between == 1:
             return observations
-        start, drift = None, observations.rig_drift_root
+        start, drift_root = None, observations.rig_drift_root
         if observations.cam_from_previous is not None and self._previous_from_last is not None:
             start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(
@@ -80,7 +80,7 @@ class EveryKth:
             n_new=int((observations.track_ids > self._newest_id).sum()),
             std_drift_px=None if observations.std_drift_px is None else np.sqrt(self._var_drift_px),
             rig_change_root=np.concatenate(self._rig_change_roots, axis=1) if self._rig_change_roots else None,
-            rig_drift_root=None if drift is None else np.sqrt(self._between) * drift,
+            rig_drift_root=None if drift_root is None else np.sqrt(self._between) * drift_root,
         )
 
     def _resect(self, last: Solution, observations: Observations) -> Resection | None:

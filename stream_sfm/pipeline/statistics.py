@@ -105,9 +105,7 @@ class RunStatistics:
         self.rig = estimate.rig or self.rig
         if estimate.rig_change is not None:
             self.rig_changes.append(estimate.rig_change)
-        corrected = estimate.rig is not None and estimate.rig.applied
-        if corrected and self._corrected_from is None and not self.rig_changes:
-            assert estimate.rig is not None
+        if self._corrected_from is None and not self.rig_changes and estimate.rig and estimate.rig.applied:
             self._corrected_from = (estimate.frame_index, estimate.rig)
 
     def close(self) -> None:

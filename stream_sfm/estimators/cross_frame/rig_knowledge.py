@@ -47,9 +47,9 @@ class RigKnowledge:
 
     `mean` is taken out of all views. `estimated`: the amplitudes are estimated in the window, and `offset` is 0 after
     each absorbed frame; otherwise they are considered and held at 0. `suspected`: the latest frame found them
-    significant; `disputed`: so many frames up to the latest did, but most tracks did not follow. `size`: σ of each
-    error before any view. `of_disparity` (m,): which errors change the disparity only, and tell the size of all; None
-    where it is known.
+    significant. `disputed`: the number of frames in a row, up to the latest, that found them significant although most
+    tracks did not follow. `size`: σ of each error before any view. `of_disparity` (m,): which errors change the
+    disparity only, and tell the size of all; None where it is known.
     """
 
     mean: Array
