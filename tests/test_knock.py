@@ -1,14 +1,19 @@
 """A right camera that is turned in the middle of a run: found, said, and corrected; poses stay what they claim."""
 
+import json
 from functools import cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
+from stream_sfm.comparison.compare import compare
 from stream_sfm.evaluation.consistency import nees_pose
 from stream_sfm.geometry import se3
+from stream_sfm.recording.log_writer import StereoLogWriter
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES, KNOCK = 34, 14
@@ -126,3 +131,18 @@ def test_an_exact_rig_does_not_drift() -> None:
         a.cov_pose.tobytes() == b.cov_pose.tobytes()
         for a, b in zip(estimated("", config), estimated("", EXACT), strict=True)
     )
+
+
+@pytest.mark.slow
+def test_a_comparison_says_it_once_in_its_report_and_in_the_summary_of_each_method(tmp_path: Path) -> None:
+    with StereoLogWriter(tmp_path / "knocked.mcap", rig()) as writer:
+        for frame in frames("yaw"):
+            for side, image in enumerate(frame.images):
+                writer.image(side, frame.stamp_ns, cv2.imencode(".png", image)[1].tobytes(), "png")
+    methods = ("cross-frame", "frame-to-frame")
+    compare(tmp_path / "knocked.mcap", tmp_path / "out", methods=methods, there_and_back=False)
+    files = [tmp_path / "out" / "report.json", *(tmp_path / "out").rglob("summary.json")]
+    assert len(files) == 1 + len(methods)
+    for file in files:
+        warnings = json.loads(file.read_text(encoding="utf-8"))["warnings"]
+        assert sum("right camera is turned" in text for text in warnings) == 1
