@@ -11,7 +11,9 @@ import pytest
 
 from tests.helpers.wall_log import write_wall_log
 
-# Tests, and the processes they start, are to act on it although whatever started them, as nohup, may ignore it.
+# Signals act on tests, and on the processes they start, even where whatever started them ignores these: nohup ignores
+# a hang-up, and a script Ctrl-C in what it starts in the background.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 

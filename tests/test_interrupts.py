@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 
-from stream_sfm.interrupts import GRACE_S, deferred_interrupts, termination_as_interrupt
+from stream_sfm.interrupts import deferred_interrupts, termination_as_interrupt
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -47,22 +47,24 @@ def test_in_another_thread_signals_are_left_alone() -> None:
     assert handlers == [(signal.getsignal(signal.SIGINT), False)]
 
 
-def test_a_frame_that_does_not_come_is_not_waited_for() -> None:
+def test_a_frame_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+
     def frames() -> Iterator[int]:
         yield 1
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(60)
         yield 2
 
-    began_s = time.monotonic()
     with deferred_interrupts() as interruption:
-        assert list(interruption.until_requested(frames())) == [1]
-        assert interruption.requested
-    assert time.monotonic() - began_s < GRACE_S + 5  # a busy machine
+        assert list(interruption.until_requested(frames())) == [1]  # had it been waited for, 2 would be there
+    assert interruption.requested
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
 
 
-def test_where_not_even_the_first_frame_comes_the_run_is_interrupted() -> None:
+def test_where_not_even_the_first_frame_comes_the_run_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+
     def frames() -> Iterator[int]:
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(60)
@@ -105,21 +107,25 @@ def test_a_signal_that_is_ignored_stays_ignored(number: signal.Signals) -> None:
         signal.signal(number, before)
 
 
-@pytest.mark.parametrize("command", ["replay", "inspect", "surface", "compare"])
-def test_a_run_ends_while_its_log_is_opened(command: str, tmp_path: Path) -> None:
-    """A log without an index whose every message is for another topic, a minute long to read."""
-    log = tmp_path / "long.mcap"
-    piece = struct.pack("<BQ", Opcode.MESSAGE, 22) + struct.pack("<HIQQ", 9, 0, 0, 0)
-    body = struct.pack("<HH", 9, 0) + struct.pack("<I", 2) + b"/x" + struct.pack("<I", 0) + struct.pack("<I", 0)
-    head = struct.pack("<BQ", Opcode.CHANNEL, len(body)) + body
-    start = struct.pack("<BQII", Opcode.HEADER, 8, 0, 0)
-    log.write_bytes(b"\x89MCAP0\r\n" + start + head + piece * 8_000_000)
-    arguments = [command, str(log), *([] if command == "inspect" else ["--out", str(tmp_path / "out.ply")])]
+@pytest.fixture(scope="module")
+def endless_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log without an index whose two million messages are all of another topic: opening it takes seconds."""
+    body = struct.pack("<HH", 9, 0) + struct.pack("<I", 2) + b"/x" + struct.pack("<II", 0, 0)
+    head = struct.pack("<BQII", Opcode.HEADER, 8, 0, 0) + struct.pack("<BQ", Opcode.CHANNEL, len(body)) + body
+    message = struct.pack("<BQ", Opcode.MESSAGE, 22) + struct.pack("<HIQQ", 9, 0, 0, 0)
+    log = tmp_path_factory.mktemp("endless") / "long.mcap"
+    log.write_bytes(b"\x89MCAP0\r\n" + head + message * 2_000_000)
+    return log
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="this system does not list the files of a process")
+@pytest.mark.parametrize("command", ["replay", "inspect"])
+def test_a_run_ends_while_its_log_is_opened(command: str, endless_log: Path, tmp_path: Path) -> None:
+    arguments = [command, str(endless_log), *([] if command == "inspect" else ["--out", str(tmp_path / "out")])]
     with subprocess.Popen([sys.executable, "-m", "stream_sfm", *arguments], stderr=subprocess.PIPE) as run:
-        time.sleep(6)
-        assert run.poll() is None
-        began_s = time.monotonic()
+        files = Path(f"/proc/{run.pid}/fd")
+        while run.poll() is None and not any(os.path.realpath(f) == str(endless_log) for f in files.iterdir()):
+            time.sleep(0.01)
         run.send_signal(signal.SIGTERM)
-        _, errors = run.communicate(timeout=60)
-        assert time.monotonic() - began_s < 10  # a busy machine: a second on an idle one
+        _, errors = run.communicate()
     assert run.returncode == 130 and errors.splitlines()[-1] == b"stream-sfm: interrupted"
