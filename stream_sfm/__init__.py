@@ -183,7 +183,7 @@ _HOMES = {
         "Trajectory",
     ),
     "viewer": ("open_viewer",),
-    "viewer.surface_recording": ("write_surface_recording",),
+    "viewer.surface": ("write_surface_recording",),
 }
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ if TYPE_CHECKING:
         Trajectory,
     )
     from .viewer import open_viewer
-    from .viewer.surface_recording import write_surface_recording
+    from .viewer.surface import write_surface_recording
 
 
 def __getattr__(name: str) -> Any:

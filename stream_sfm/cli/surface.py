@@ -131,7 +131,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
         shown = surface.mesh if args.all else near_part(surface.mesh)
         write_png(args.preview, preview(shown, *args.viewpoint))
     if args.rrd:
-        from ..viewer.surface_recording import write_surface_recording
+        from ..viewer.surface import write_surface_recording
 
         write_surface_recording(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
 

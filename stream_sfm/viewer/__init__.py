@@ -3,6 +3,7 @@
 Not here: the HTML pages (`report/`).
 """
 
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,11 +15,12 @@ __all__ = ["open_viewer", "require_rerun"]
 
 
 def require_rerun() -> None:
-    """Raise a ConfigError where Rerun is not installed."""
+    """Raise a ConfigError where Rerun is not installed, and keep its raw escapes off standard error where it is."""
     if find_spec("rerun") is None:
         raise ConfigError(
             "the Rerun viewer is not installed: pip install rerun-sdk, or this package with its extra [view]"
         )
+    os.environ.setdefault("RUST_LOG", "off")  # read when Rerun is imported
 
 
 def open_viewer(

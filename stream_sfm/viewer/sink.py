@@ -3,8 +3,6 @@
 Images are passed on as recorded: compressed images are neither decoded nor encoded again.
 """
 
-import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +11,18 @@ from numpy.typing import NDArray
 
 from ..camera.lens import project_into_image
 from ..camera.rig import MonoRig, StereoRig
-from ..errors import ConfigError, OutputError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.image_header import image_format
 from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
 from .calibration_field import CalibrationField
+from .recording import Recording
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 _TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
 _TAIL_FRAMES = 5  # length of the tail of a track
 _IMAGE_BASELINES = 3  # distance at which an image is shown in front of its camera
-_FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20)  # seconds; what memory holds of it
-_FLUSH_S = 30  # for the last data to be written to a slow disk
 
 
 class RerunSink:
@@ -56,39 +52,9 @@ class RerunSink:
         self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
         self._calibration = CalibrationField(rig) if isinstance(rig, StereoRig) else None
         self._stages: tuple[str, ...] = ()
-        # A window shows a frame at once; a file alone is written in few, large pieces, which open faster.
-        batches = rr.ChunkBatcherConfig() if view else _FOR_FILES
-        self._stream = rr.RecordingStream("stream_sfm", recording_id=None, batcher_config=batches)
-        self._open(rrd, view)
-        self._stream.set_log_time_enabled(False)
-        self._stream.send_recording_name(name)
+        self._recording = Recording(rrd, view, layout.blueprint(self._sides, self._unit), name)
+        self._stream = self._recording.stream
         self._describe()
-
-    def _open(self, rrd: str | Path | None, view: bool) -> None:
-        if rrd is None and not view:
-            raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
-        blueprint = layout.blueprint(self._sides, self._unit)
-        sinks: list[rr.FileSink | rr.GrpcSink] = []
-        if rrd is not None:
-            try:
-                Path(rrd).open("wb").close()
-            except OSError as error:
-                raise OutputError(f"cannot write {rrd}: {error.strerror}") from None
-            sinks.append(rr.FileSink(rrd))
-        if view:
-            if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
-                raise ConfigError(
-                    "there is no display for a viewer: write a recording to a file and open it on another computer",
-                    hint=("rrd",),
-                )
-            try:
-                rr.spawn(connect=False)
-            except RuntimeError as error:
-                raise ConfigError(
-                    f"the viewer could not be started ({error}): write a recording to a file instead", hint=("rrd",)
-                ) from None
-            sinks.append(rr.GrpcSink())
-        self._stream.set_sinks(*sinks, default_blueprint=blueprint)
 
     def _describe(self) -> None:
         """Log what does not change: axes, cameras, legends and styles."""
@@ -113,6 +79,8 @@ class RerunSink:
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Show an estimate, and the images of its frame if it is given (as recorded, if it has them so)."""
+        if not self._recording.watched:
+            return
         stream = self._stream
         layout.set_time(stream, estimate)
         pictures: tuple[Picture, ...] = () if frame is None else frame.pictures or frame.images
@@ -134,15 +102,10 @@ class RerunSink:
             self._calibration.write(estimate, self._stream)
 
     def close(self) -> None:
-        """Write all buffered data. Raises OutputError where that fails."""
+        """Write all buffered data. Raises OutputError where the file is incomplete."""
         if self._calibration is not None:
             self._calibration.close(self._stream)
-        try:
-            self._stream.flush(timeout_sec=_FLUSH_S)
-        except Exception as error:  # Rerun raises exceptions of its own
-            raise OutputError(f"the viewer recording could not be completed: {error}") from None
-        finally:
-            self._stream.disconnect()
+        self._recording.close()
 
     def _ellipsoid(self, cov_position: Array) -> None:
         """Log the 3σ ellipsoid of the position, in the axes of the camera."""

@@ -1,0 +1,147 @@
+"""A Rerun stream to a file, to a viewer that it starts, or to both; a failure is an error of this package."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import IO
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ..errors import ConfigError, OutputError
+
+_LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is told otherwise
+_START_S = 30.0  # for a viewer to listen; on a loaded machine it takes seconds
+_FLUSH_S = 30.0  # for the last data to reach a slow disk
+_FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20)  # seconds; bytes held in memory
+_COPY_BYTES = 2**20
+
+
+class Recording:
+    """A stream of what is shown, named `name`: to the file `rrd`, to a viewer window (`view`), or to both.
+
+    Raises ConfigError where neither is requested or no viewer can be started, OutputError where the file cannot be
+    opened.
+    """
+
+    def __init__(self, rrd: str | Path | None, view: bool, blueprint: rrb.Blueprint, name: str) -> None:
+        if rrd is None and not view:
+            raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
+        # A window shows a frame at once; a file alone is written in few, large pieces, which open faster.
+        batches = rr.ChunkBatcherConfig() if view else _FOR_FILES
+        self.stream = rr.RecordingStream("stream_sfm", recording_id=None, batcher_config=batches)
+        self._file = None if rrd is None else _File(rrd)
+        self.viewer: subprocess.Popen[bytes] | None = None
+        self.url = ""  # of the viewer
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if view:
+            self.viewer, port = _start_viewer()
+            self.url = f"rerun+http://{_LOCAL}:{port}/proxy"
+            sinks.append(rr.GrpcSink(self.url))
+        if self._file is not None:
+            sinks.append(self._file.sink())
+        self.stream.set_sinks(*sinks, default_blueprint=blueprint)
+        if self._file is not None:
+            self._file.begun()
+        self.stream.set_log_time_enabled(False)
+        self.stream.send_recording_name(name)
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody takes the data: False once the only destination, the window, has been closed."""
+        return self._file is not None or self.viewer is None or self.viewer.poll() is None
+
+    def close(self) -> None:
+        """Write all buffered data. Raises OutputError where the file is incomplete."""
+        problem = ""
+        try:
+            if self.watched:
+                self.stream.flush(timeout_sec=_FLUSH_S)
+        except Exception as error:  # Rerun raises exceptions of its own
+            problem = str(error).partition("\n")[0]
+        self.stream.disconnect()
+        if self._file is not None:
+            problem = self._file.close() or (problem if self.viewer is None else "")
+            if problem:
+                raise OutputError(f"the recording {self._file.path} is incomplete: {problem}")
+
+
+class _File:
+    """A file that a thread of ours writes, from a pipe that Rerun fills.
+
+    Rerun's own file sink may wait forever for a disk that is full, deaf to signals.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path, self._problem = path, ""
+        try:
+            file = open(path, "wb", buffering=0)  # noqa: SIM115 the thread closes it
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror}") from None
+        source, self._sink_fd = os.pipe()
+        self._thread = threading.Thread(target=self._copy, args=(source, file), daemon=True)
+        self._thread.start()
+
+    def sink(self) -> rr.FileSink:
+        """The end of the pipe that Rerun opens as a file."""
+        return rr.FileSink(f"/dev/fd/{self._sink_fd}")
+
+    def begun(self) -> None:
+        """Leave the pipe to Rerun, once it has opened it."""
+        os.close(self._sink_fd)
+
+    def close(self) -> str:
+        """Wait for the last data; why the file is incomplete, if it is."""
+        self._thread.join(_FLUSH_S)
+        return "the disk is too slow" if self._thread.is_alive() else self._problem
+
+    def _copy(self, source: int, file: IO[bytes]) -> None:
+        with open(source, "rb", buffering=0) as pipe, file:
+            while data := memoryview(pipe.read(_COPY_BYTES)):
+                try:
+                    while data and not self._problem:
+                        data = data[file.write(data) :]
+                except OSError as error:  # the pipe is emptied all the same, so that Rerun never waits
+                    self._problem = error.strerror or str(error)
+
+
+def _start_viewer() -> tuple["subprocess.Popen[bytes]", int]:
+    """Start the installed viewer on a free port of this computer only; return it once it listens.
+
+    It is a process of its own that stays open after the run, as `rerun.spawn` has it, which offers no address.
+    """
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        raise ConfigError(
+            "there is no display for a viewer: write a recording to a file and open it on another computer",
+            hint=("rrd",),
+        )
+    with socket.socket() as free:
+        free.bind((_LOCAL, 0))
+        port = free.getsockname()[1]
+    # not `-m rerun`: RERUN_APP_ONLY, which skips the questions of a first start, switches the SDK off
+    command = [sys.executable, "-m", "rerun_cli", "--bind", _LOCAL, "--port", str(port), "--hide-welcome-screen"]
+    viewer = subprocess.Popen(
+        command,
+        env=os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "error", "NO_COLOR": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C ends the run, not the window
+    )
+    deadline_s = time.monotonic() + _START_S
+    while viewer.poll() is None and time.monotonic() < deadline_s:
+        with socket.socket() as trial:
+            if trial.connect_ex((_LOCAL, port)) == 0:
+                return viewer, port
+        time.sleep(0.05)
+    why = "it takes too long" if viewer.poll() is None else f"it ended with code {viewer.returncode}"
+    if viewer.poll() is None:
+        viewer.terminate()
+    raise ConfigError(
+        f"the viewer could not be started ({why}; `rerun` shows more): write a recording to a file instead",
+        hint=("rrd",),
+    )
