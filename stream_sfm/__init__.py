@@ -73,7 +73,6 @@ __all__ = [
     "StereoRig",
     "StreamSfmError",
     "Surface",
-    "SurveyedPoints",
     "Trajectory",
     "WindowConfig",
     "__version__",
@@ -94,7 +93,6 @@ __all__ = [
     "read_config",
     "read_estimates",
     "read_results",
-    "read_surveyed_points",
     "read_trajectory",
     "read_tum",
     "recover",
@@ -144,7 +142,6 @@ _HOMES = {
         "StreamSfmError",
     ),
     "evaluation.summary": ("evaluate",),
-    "evaluation.surveyed_points": ("SurveyedPoints", "read_surveyed_points"),
     "frontend.prepared": ("PreparedImages",),
     "geometry.stereo": ("StereoProjection",),
     "importers.copy": ("Imported",),
@@ -223,7 +220,6 @@ if TYPE_CHECKING:
         StreamSfmError,
     )
     from .evaluation.summary import evaluate
-    from .evaluation.surveyed_points import SurveyedPoints, read_surveyed_points
     from .frontend.prepared import PreparedImages
     from .geometry.stereo import StereoProjection
     from .importers.copy import Imported

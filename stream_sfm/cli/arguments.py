@@ -166,16 +166,6 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_test_points(parser: argparse.ArgumentParser) -> None:
-    """The option --test-points."""
-    group = parser.add_argument_group("test points")
-    group.add_argument(
-        "--test-points",
-        metavar="FILE",
-        help="compare with surveyed points: a TOML file of their coordinates, and of the pixels where they are seen",
-    )
-
-
 def read_ground_truth(args: argparse.Namespace) -> "GroundTruthFile | None":
     """The file that `add_ground_truth` chose, if any."""
     from ..recording.truth_file import GroundTruthFile
@@ -243,7 +233,7 @@ def protect_inputs(args: argparse.Namespace, outputs: Sequence[str | Path | None
     """Raise an OutputError where one of the outputs is an input of the command (None: no output)."""
     from ..outputs import refuse_overwriting
 
-    named = [getattr(args, name, None) for name in ("log", "ground_truth", "test_points", "config")]
+    named = [getattr(args, name, None) for name in ("log", "ground_truth", "config")]
     calibration = getattr(args, "calibration", None)
     named += calibration if isinstance(calibration, list) else [calibration]
     refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in named if path])

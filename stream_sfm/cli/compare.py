@@ -41,7 +41,6 @@ def add_parser(subparsers: Any) -> None:
         help="read the frames forwards, then backwards: yes, no, or auto (default: where the log has no ground truth)",
     )
     arguments.add_ground_truth(parser)
-    arguments.add_test_points(parser)
     arguments.add_settings(parser, method=False)
     results = parser.add_argument_group("results")
     results.add_argument(
@@ -103,7 +102,6 @@ def _compare(
             calibrate=args.calibrate,
             self_test=args.self_test,
             std_truth=args.ground_truth_std,
-            test_points=args.test_points,
             sinks=[progress],
         )
 
@@ -112,14 +110,13 @@ def _print(result: "ComparisonResult", folder: Path, args: argparse.Namespace) -
     from ..wording import printable
     from .comparison_table import print_comparison
     from .error_lines import print_error
-    from .printing import print_json, print_notes, print_truth_hint
+    from .printing import print_json, print_notes
 
     content = result.report
     if args.json:
         print_json(content)
     elif not args.quiet:
         print_notes("warning", result.comparison.warnings)
-        print_truth_hint(content["frames_in_doubt"])
         print_comparison(content)
         print(content["conclusion"])
         print(printable(str(folder / "report.html")))

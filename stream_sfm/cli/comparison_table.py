@@ -25,10 +25,5 @@ def print_comparison(content: dict[str, Any]) -> None:
     for key, figures in content["methods"].items():
         table.add_row(key.replace("_", "-"), *(number(figures[column], ".4g") for column in _COLUMNS))
     stdout_console().print(table)
-    for key, figures in content["methods"].items():
-        if found := figures["test_points"]:
-            where, pixels = number(found["position_rms_m"], ".4f"), number(found["image_rms_px"])
-            name = key.replace("_", "-")
-            stdout_console().print(f"test points, {name}: {where} m RMS in the world, {pixels} px RMS in the image")
     for name, spans in (content["self_test"] or {}).items():
         stdout_console().print(f"halves of the {name} differ by {factors_text(spans)}")

@@ -55,12 +55,6 @@ def print_notes(kind: str, notes: Iterable[str], console: Console | None = None)
         )
 
 
-def print_truth_hint(ranges: Iterable[Iterable[int]]) -> None:
-    """Say how frames whose ground truth is in doubt, as ranges [first, end), are left out."""
-    if given := ",".join(":".join(map(str, r)) for r in ranges):
-        print_notes("hint", [f"--ignore-ground-truth {given} leaves these frames out of the comparison"])
-
-
 def facts_table(title: str | None = None) -> Table:
     """A table of labels and values without a heading."""
     table = Table(title=title, title_justify="left", show_header=False)

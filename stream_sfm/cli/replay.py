@@ -42,7 +42,6 @@ def add_parser(subparsers: Any) -> None:
     )
     arguments.add_calibrate(cameras)
     arguments.add_ground_truth(parser)
-    arguments.add_test_points(parser)
     arguments.add_self_test(parser)
     arguments.add_settings(parser)
     results = parser.add_argument_group("results")
@@ -106,7 +105,6 @@ def _replay(
             calibrate=args.calibrate,
             self_test=args.self_test,
             std_truth=args.ground_truth_std,
-            test_points=args.test_points,
             sinks=sinks,
         )
 
@@ -123,12 +121,11 @@ def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Si
 
 def _print(result: "ReplayResult", args: argparse.Namespace) -> None:
     from .error_lines import print_error
-    from .printing import print_json, print_notes, print_truth_hint
+    from .printing import print_json, print_notes
     from .replay_table import print_summary
 
     if not args.quiet:
         print_notes("warning", result.summary["warnings"])
-        print_truth_hint(result.summary.get("ground_truth", {}).get("frames_in_doubt", []))
     if args.json:
         print_json({**result.summary, "out": str(result.out_dir)})
     elif not args.quiet:

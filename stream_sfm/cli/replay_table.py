@@ -16,7 +16,6 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
     for label, text in (
         *_run_rows(summary, stages),
         *_truth_rows(summary.get("ground_truth")),
-        *_point_rows(summary),
     ):
         table.add_row(label, text)
     table.add_row("results", escape(printable(str(folder))))
@@ -83,19 +82,6 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         half = number(truth["local_structure_error_over_sigma_median"])
         beyond = number(truth["local_structure_beyond_3_sigma_percent"])
         yield "in units of σ", f"{half} median (expected: 0.67), {beyond} % beyond 3 (expected: 0.27 %)"
-
-
-def _point_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    found = summary.get("test_points")
-    if not found:
-        return
-    where, ratio = number(found["position_rms_m"], ".4f"), number(found["position_error_over_sigma"])
-    yield "test points", f"{found['sightings']} sightings, {where} m RMS in the world, {ratio} × the estimated σ"
-    if found["last_position_rms_m"] is not None:
-        share = number(found["last_position_percent"])
-        yield "", f"{number(found['last_position_rms_m'], '.4f')} m in the last frame, {share} % of the path"
-    pixels, apart = number(found["image_rms_px"]), number(found["distance_rms_m"], ".4f")
-    yield "", f"{pixels} px RMS in the image; distances between them: {apart} m RMS"
 
 
 def _milliseconds(times: dict[str, float | None]) -> str:

@@ -14,10 +14,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import FrameError, InputError
 from ..estimators import check_method
-from ..evaluation.association import checked_ranges, without_frames
-from ..evaluation.survey_errors import SurveyErrors
-from ..evaluation.surveyed_points import SurveyedPoints
-from ..evaluation.truth_check import TruthFinding, find_doubts, warnings_of
+from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observed, Observer
@@ -27,14 +24,13 @@ from ..pipeline.refine import calibration_error, refined_for_itself
 from ..pipeline.self_test import SelfTest
 from ..pipeline.statistics import Stopwatch
 from ..pipeline.structure import TrueDepth
-from ..pipeline.surveyed import SurveyCheck
 from ..pipeline.there_and_back import TOO_MANY, KeptFrames
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
 from ..report.records import CalibrationError, Comparison, MethodRun
 from ..results.folder import close_all
-from ..types import FrameEstimate, RigEstimate, Selection, Sink, Status, Trajectory
+from ..types import FrameEstimate, RigEstimate, Selection, Sink, Trajectory
 from .method import ComparedMethod
 from .recorder import Recorder
 
@@ -78,7 +74,6 @@ def compare(
     calibrate: bool = False,
     self_test: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
-    test_points: str | Path | SurveyedPoints | None = None,
     sinks: Sequence[Sink] = (),
 ) -> ComparisonResult:
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
@@ -86,8 +81,8 @@ def compare(
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
-    `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`, `test_points`: as in
-    `replay`. The errors of the calibration that the window finds are taken out of the views of the other methods too,
+    `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`: as in `replay`.
+    The errors of the calibration that the window finds are taken out of the views of the other methods too,
     so that methods are compared and not calibrations. `sinks` are given one estimate per frame, of the first method
     that has not failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for
     an unknown method, OutputError.
@@ -104,9 +99,11 @@ def compare(
     ignored = checked_ranges(ignore_ground_truth)
     selection = selection or Selection()
     rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
-    run = _Run(log, rig, config, methods, selection, folder, sinks, test_points)
+    run = _Run(log, rig, config, methods, selection, folder, sinks)
     run.self_test = SelfTest(run.observer.projection, config) if self_test else None
     truth = log.ground_truth()
+    if truth is not None:
+        check_rigid(truth)
     back = truth is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
         kept = KeptFrames() if back else None
@@ -139,12 +136,10 @@ class _Run:
         selection: Selection,
         folder: Path | None,
         sinks: Sequence[Sink],
-        test_points: str | Path | SurveyedPoints | None = None,
     ) -> None:
         self.log, self.config, self.selection, self.sinks = log, config, selection, sinks
         self.rig = rig
         self.observer = Observer(rig, config)
-        self.test_points = None if test_points is None else SurveyCheck(test_points, self.observer, config)
         self.self_test: SelfTest | None = None
         self.recorder = Recorder(self.observer)
         self.depth = TrueDepth(log)
@@ -206,15 +201,6 @@ class _Run:
         """What the methods have told about the errors of the calibration, in pixels."""
         return next((m.rig_px for m in self.methods if m.rig_px is not None), None)
 
-    def _at_test_points(
-        self, runs: Sequence[MethodRun], truth: Trajectory | None
-    ) -> tuple[dict[str, SurveyErrors], list[str]]:
-        """The errors at the test points of each method that did not stop early, and warnings."""
-        if self.test_points is None:
-            return {}, []
-        complete = {run.name: run.trajectory() for run in runs if len(run.poses) == self.frames > 0}
-        return self.test_points.compare(complete, truth, self._told())
-
     def _calibration(self) -> CalibrationError | None:
         """What the methods have told about the calibration, in numbers and over the image."""
         told = self._told()
@@ -247,18 +233,12 @@ class _Run:
     ) -> Comparison:
         """Return all that the report is made of."""
         runs = [method.finished_record() for method in self.methods]
-        doubts: list[TruthFinding] = []
         if truth is not None and runs:
             longest = max(runs, key=lambda r: len(r.poses))
             stamps_ns = np.array(longest.stamps_ns, np.int64)
             truth = without_frames(truth, stamps_ns, ignored)
-            same = [np.array(r.poses) for r in runs if len(r.poses) == len(stamps_ns)]
-            tracked = np.array([status != Status.LOST for status in longest.statuses], bool)
-            doubts = find_doubts(stamps_ns, truth, same, tracked)
-        points, about_points = self._at_test_points(runs, truth)
         warnings = [
             *self.log.stats.warnings,
-            *about_points,
             *([self.depth.problem] if self.depth.problem else []),
             *(str(change) for method in self.methods[:1] for change in method.statistics.rig_changes),
             *self.problems,
@@ -272,12 +252,10 @@ class _Run:
             runs=runs,
             front=self.recorder.front,
             truth=truth,
-            doubts=doubts,
             ignored=ignored,
             inspection=inspection,
             local_difference=self.recorder.local_difference,
-            test_points=points,
-            warnings=list(dict.fromkeys([*warnings, *warnings_of(doubts)])),
+            warnings=list(dict.fromkeys(warnings)),
             complete=self.log.stats.complete and not self.problems,
             interrupted=interrupted,
             return_note=return_note,

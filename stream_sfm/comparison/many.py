@@ -153,7 +153,6 @@ def run_start(job: Start, settings: Settings) -> dict[str, Any]:
         "ci95": intervals,
         "nees_pose_mean": nees,
         "frames": report["frames_with_ground_truth"],
-        "frames_in_doubt": report["frames_in_doubt"],
     }
 
 

@@ -74,7 +74,7 @@ class ComparedMethod:
         """Write summary.json to the method's folder. Raises OutputError."""
         if self._folder is None:
             return
-        failure, points = self.record.failure, comparison.test_points.get(self.name)
+        failure = self.record.failure
         projection = self._observer.projection
         of_run = self.statistics.warnings(projection.f_px * projection.baseline_m)
         summary = summarise(
@@ -88,9 +88,7 @@ class ComparedMethod:
             truth=comparison.truth,
             structure=self.record.structure,
             ignored=comparison.ignored,
-            doubts=comparison.doubts,
             std_truth=comparison.std_truth,
-            further=None if points is None else {"test_points": points.to_summary()},
         )
         self._folder.write_summary(summary)
 

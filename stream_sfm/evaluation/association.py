@@ -5,13 +5,31 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
+from ..errors import ConfigError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
 
 MAX_GAP_NS = 150_000_000  # between two truths that are interpolated: 10 Hz with half a period of jitter
 NEAREST_NS = 1_000_000  # in wider gaps: a camera moving at 30 m/s travels 3 cm in this time
+_ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity: files give as few as four digits
+
+
+def check_rigid(truth: Trajectory) -> None:
+    """Raise a LogError, which names the pose, where ground truth is not a rigid motion; NaN is not known."""
+    poses = truth.world_from_cam
+    known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
+    rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
+    residual = abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+    orthogonal = residual < _ROTATION_TOLERANCE
+    wrong = np.flatnonzero(~orthogonal | (np.linalg.det(rotations) < 0))
+    if len(wrong):
+        row = int(wrong[0])
+        what = "all zeros" if not rotations[row].any() else "mirrored" if orthogonal[row] else "no rotation"
+        raise LogError(
+            f"ground truth: the rotation of pose {row} (stamp {truth.stamps_ns[row]} ns) is {what}; give poses in "
+            "right-handed axes, their 3×3 part a rotation with determinant +1"
+        )
 
 
 def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Trajectory]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..types import Trajectory
-from .association import matched
+from .association import check_rigid, matched
 from .ate import ate_rmse_aligned_m, ate_rmse_m, ate_rmse_sim3_m
 from .consistency import nees_pose_mean
 from .drift import final_drift_percent, path_length_m, scale_error_percent
@@ -21,8 +21,10 @@ def evaluate(
     That is so for a path too short, a camera that stands still, a log without depth images. `frames_compared` is the
     number of estimates that have a truth. The NEES needs covariances relative to the first frame compared, so it is
     given only where that is the first frame of the estimate. Where the covariances of the structure are consistent,
-    `local_structure_error_over_sigma` (an RMS) is 1, its `_median` 0.67, and 0.27 % are beyond 3 σ.
+    `local_structure_error_over_sigma` (an RMS) is 1, its `_median` 0.67, and 0.27 % are beyond 3 σ. Raises LogError
+    for a truth that is not made of rigid motions.
     """
+    check_rigid(truth)
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
     figures: dict[str, Any] = dict.fromkeys(

@@ -13,7 +13,6 @@ from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..evaluation.truth_check import find_doubts, warnings_of
 from ..mcap_file.damage import Damage
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
@@ -95,7 +94,6 @@ class _Inspection:
             "topics": _topics(survey),
             "ground_truth": truth_topic(survey),
             "ground_truth_depth": depth_topic(survey),
-            "ground_truth_in_doubt": None,
             "pair": None,
             "images": None,
             "frames": None,
@@ -121,13 +119,13 @@ class _Inspection:
             self.warnings += baseline_warnings(rig)
         except LogError as error:
             self.problems.append(str(error))
-        runs, stamps_ns = self._read_pairs(choice)
-        self._check_truth(stamps_ns)
+        runs = self._read_pairs(choice)
+        self._check_truth()
         if rig is not None and self._sizes_fit(rig, runs):
             self._check(rig, choice, runs)
 
-    def _read_pairs(self, choice: PairChoice) -> tuple[list[list[StereoPair]], list[int]]:
-        """Read all pairs for rate and gaps; returns a few runs of two consecutive pairs, and the stamps of all."""
+    def _read_pairs(self, choice: PairChoice) -> list[list[StereoPair]]:
+        """Read all pairs for rate and gaps; returns a few runs of two consecutive pairs."""
         reader = PairReader(self.source, choice.left, choice.right)
         every = max(2, (self.survey.topics[choice.left].count or 1) // _CHECKED_PLACES)
         stamps_ns: list[int] = []
@@ -155,23 +153,17 @@ class _Inspection:
         if runs[0]:
             first = runs[0][0]
             self.result["images"] = {"left": _describe_image(first.left), "right": _describe_image(first.right)}
-        return [run for run in runs if run], stamps_ns
+        return [run for run in runs if run]
 
-    def _check_truth(self, stamps_ns: list[int]) -> None:
-        """Look for frames whose ground truth cannot be right by itself."""
+    def _check_truth(self) -> None:
+        """Warn where the ground truth cannot be used."""
         topic, images = self.result["ground_truth"], self.result["images"]
         if topic is None or images is None:
             return
         try:
-            truth = read_truth(self.source, topic, images["left"]["frame_id"], self.warnings)
+            read_truth(self.source, topic, images["left"]["frame_id"], self.warnings)
         except LogError as error:
             self.warnings.append(f"ground truth cannot be read: {error}")
-            return
-        if truth is None:
-            return
-        doubts = find_doubts(np.array(stamps_ns, np.int64), truth)
-        self.result["ground_truth_in_doubt"] = [asdict(doubt) for doubt in doubts]
-        self.warnings += warnings_of(doubts)
 
     def _sizes_fit(self, rig: StereoRig, runs: list[list[StereoPair]]) -> bool:
         for message in (m for run in runs for pair in run for m in (pair.left, pair.right)):

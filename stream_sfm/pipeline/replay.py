@@ -16,8 +16,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..engine import Engine
 from ..errors import FrameError, InputError, LogError
-from ..evaluation.association import checked_ranges, without_frames
-from ..evaluation.surveyed_points import SurveyedPoints
+from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption, deferred_interrupts
 from ..outputs import RESULTS, refuse_overwriting
@@ -33,7 +32,6 @@ from .self_test import SelfTest
 from .statistics import RunStatistics, Stopwatch, peak_rss_mib
 from .structure import StructureSink, TrueDepth
 from .summary import summarise
-from .surveyed import SurveyCheck
 from .there_and_back import TOO_MANY, KeptFrames, return_error, then_backwards
 
 
@@ -77,7 +75,6 @@ def replay(
     calibrate: bool = False,
     self_test: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
-    test_points: str | Path | SurveyedPoints | None = None,
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
@@ -87,8 +84,7 @@ def replay(
     ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
     errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
     tracks, too, and tell in the summary how large their difference is in σ. `std_truth`: σ of the ground truth itself,
-    in metres and radians. `test_points`: surveyed points and where they are seen, to compare with (docs/formats.md).
-    `sinks` are given each estimate and its frame after the files have been written, and are
+    in metres and radians. `sinks` are given each estimate and its frame after the files have been written, and are
     closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
     they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
     OutputError, ReplayInterrupted.
@@ -101,7 +97,7 @@ def replay(
     selection = selection or Selection()
     rig = refined_for_itself(log, config, selection) if calibrate else log.rig
     folder = None if out_dir is None else Path(out_dir)
-    run = _Run(log, rig, config, selection, folder, sinks, test_points)
+    run = _Run(log, rig, config, selection, folder, sinks)
     run.ignored = checked_ranges(ignore_ground_truth)
     frames = log.frames(run.selection)
     run.std_truth = std_truth
@@ -132,14 +128,11 @@ class _Run:
         selection: Selection,
         out_dir: Path | None,
         sinks: Sequence[Sink],
-        test_points: str | Path | SurveyedPoints | None = None,
     ) -> None:
         self.began_cpu_s = time.process_time()
         self.log, self.config, self.selection = log, config, selection
         self.rig = rig
         self.engine = Engine(rig, config)
-        observer = self.engine.observer
-        self.test_points = None if test_points is None else SurveyCheck(test_points, observer, config)
         self.folder = None if out_dir is None else ResultFolder(out_dir, self.engine.rig, config)
         self.stopwatch = Stopwatch()
         self.statistics = RunStatistics(self.stopwatch)
@@ -152,6 +145,7 @@ class _Run:
         self.ignored: list[tuple[int, int]] = []
         self.self_test: SelfTest | None = None
         self.std_truth = (0.0, 0.0)
+        self.truth_problem = ""
         self.compared_truth: Trajectory | None = None
         self.calibration_error: CalibrationError | None = None
         self.warnings: list[str] = []
@@ -222,16 +216,7 @@ class _Run:
         if self.calibration is not None and self.calibration.problems:
             return self.calibration.problems
         problem = "" if interrupted else self.statistics.problem(one_wanted=self.selection.max_frames == 1)
-        return [f"{self.log.path}: {problem}"] if problem else []
-
-    def _test_points(self, trajectory: Trajectory) -> dict[str, Any] | None:
-        """The section `test_points` of the summary; None, and a warning, where they cannot be compared."""
-        assert self.test_points is not None
-        there = self.statistics.trajectory(len(trajectory) - self._backwards(self.statistics.stamps_ns))
-        runs = {self.config.method: there}
-        found, warnings = self.test_points.compare(runs, self.compared_truth, self.statistics.rig)
-        self.warnings += warnings
-        return next((errors.to_summary() for errors in found.values()), None)
+        return [f"{self.log.path}: {p}" for p in (problem, self.truth_problem) if p]
 
     def _summary(self, trajectory: Trajectory, interrupted: bool) -> dict[str, Any]:
         further: dict[str, Any] = {
@@ -245,6 +230,11 @@ class _Run:
             truth = self.log.ground_truth() if len(trajectory) else None
         except InputError as error:
             self.warnings.append(f"ground truth is not compared: {error}")
+        try:
+            if truth is not None:
+                check_rigid(truth)
+        except InputError as error:
+            truth, self.truth_problem = None, str(error)
         if truth is not None and not self.config.mono:
             self.compared_truth = without_frames(truth, trajectory.stamps_ns, self.ignored)
         if self.depth.problem:
@@ -254,8 +244,6 @@ class _Run:
             further["rig"] = self.calibration_error.numbers
         if self.self_test is not None:
             further["self_test"] = self.self_test.result()
-        if self.test_points is not None:
-            further["test_points"] = self._test_points(trajectory)
         if self.kept is not None:
             if self.kept.too_many:
                 self.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")

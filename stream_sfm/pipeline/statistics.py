@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..camera.refinement import disparity_rms_px
 from ..errors import FrameError
@@ -60,7 +59,6 @@ class RunStatistics:
         self._poses = array("d")
         self._covs = array("d")
         self._times_ms = {stage: array("d") for stage in STAGES}
-        self._tracked = array("b")
         self._status = array("b")  # its place in Status
         self._counts = {name: array("i") for name in COUNTS}
         self._nis = array("d")  # per degree of freedom
@@ -88,7 +86,6 @@ class RunStatistics:
         self._times_ms["frontend"].append(timings.get("rectify", 0.0) + timings.get("frontend", 0.0))
         self._times_ms["estimator"].append(timings.get("estimator", 0.0))
         self._times_ms["total"].append(total_ms)
-        self._tracked.append(estimate.status != Status.LOST)
         self._status.append(_STATUSES.index(estimate.status))
         for name in COUNTS:
             self._counts[name].append(estimate.counts[name])
@@ -123,10 +120,6 @@ class RunStatistics:
         """Return the poses of the first `frames` frames (None: all) with their covariances."""
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)[:frames]
         return Trajectory(stamps_ns, _stacked(self._poses, 4)[:frames], _stacked(self._covs, 6)[:frames])
-
-    def tracked(self, frames: int | None = None) -> NDArray[np.bool_]:
-        """Return for the first `frames` frames (None: all) whether they were estimated from images."""
-        return np.array(self._tracked, dtype=bool)[:frames]
 
     def columns(self, frames: int) -> RunColumns:
         """Return what the page of a run shows of its first `frames` frames."""

@@ -8,7 +8,6 @@ from ..evaluation import StructureComparison, evaluate, evaluate_unscaled
 from ..evaluation.association import without_frames
 from ..evaluation.end_pose import end_pose
 from ..evaluation.relative_consistency import against_truth
-from ..evaluation.truth_check import TruthFinding, find_doubts, frames_in_doubt, warnings_of
 from ..recording import ReadStats, StereoLog
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Trajectory
@@ -28,14 +27,12 @@ def summarise(
     std_truth: tuple[float, float] = (0.0, 0.0),
     backwards: int = 0,
     ignored: Sequence[tuple[int, int]] = (),
-    doubts: Sequence[TruthFinding] | None = None,
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; `further` fields come before those of the ground truth.
 
     `std_truth`: σ of the ground truth itself, in metres and radians. The last `backwards` estimates are of frames that
     were fed backwards; they are not compared with ground truth, and neither are those in the ranges `ignored`.
-    `doubts`: what is known about frames whose truth is wrong; None: it is looked for here.
     """
     summary: dict[str, Any] = {
         "log": str(log.path),
@@ -53,25 +50,13 @@ def summarise(
         there = len(statistics) - backwards
         trajectory = statistics.trajectory(there)
         used = without_frames(truth, trajectory.stamps_ns, ignored)
-        if doubts is None:
-            estimates = [] if config.mono else [trajectory.world_from_cam]
-            doubts = find_doubts(trajectory.stamps_ns, used, estimates, statistics.tracked(there))
-        summary["warnings"] = list(dict.fromkeys([*warnings, *warnings_of(doubts)]))
         summary["ground_truth"] = (
             evaluate_unscaled(trajectory, used) if config.mono else evaluate(trajectory, used, structure)
-        ) | truth_frames(doubts, ignored)
+        ) | {"frames_in_doubt": [], "frames_ignored": [list(r) for r in ignored]}
         if not config.mono:
             spans = against_truth(statistics.relative, used, std_truth, len(trajectory))
             summary["ground_truth"] |= {"std_truth": list(std_truth), "relative_consistency": spans}
     return summary
-
-
-def truth_frames(doubts: Sequence[TruthFinding], ignored: Sequence[tuple[int, int]]) -> dict[str, Any]:
-    """Return `frames_in_doubt` and `frames_ignored` of the ground truth, ranges [first, end)."""
-    return {
-        "frames_in_doubt": [list(r) for r in frames_in_doubt(doubts)],
-        "frames_ignored": [list(r) for r in ignored],
-    }
 
 
 def frame_counts(

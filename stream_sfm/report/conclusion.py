@@ -16,7 +16,6 @@ _IN_FULL = (
     "iterated-ekf",
     "frame-to-frame",
 )  # methods with figures in any case; of the others only where they are ahead
-_NAMED = 6  # ranges of frames
 _EXPECTED_NEES = 6
 _EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated; no single log varies as much
 # Methods err together where they differ by less than this share of their error: a convention of the report.
@@ -48,10 +47,10 @@ def conclusion(content: dict[str, Any]) -> Conclusion:
     if not content["frames_with_ground_truth"]:
         return Conclusion("open", [_WITHOUT_TRUTH])
     ratios = {_name(key): found for key, found in content["error_over_cross_frame"].items()}
-    together, doubts = _all_wrong(content), _truth_in_doubt(content)
+    together = _all_wrong(content)
     if not ratios:
         obstacle = f"The methods cannot be compared on this log: {_obstacle(content)}."
-        return Conclusion("open", [obstacle, *together, *doubts])
+        return Conclusion("open", [obstacle, *together])
     longest = tested_spans(content["frames_with_ground_truth"])[-1]
     spans = "2 frames" if longest == 2 else f"2 to {longest} frames"
     method = (
@@ -60,7 +59,7 @@ def conclusion(content: dict[str, Any]) -> Conclusion:
     )
     style = _style(ratios["ekf"]) if "ekf" in ratios and not together else "open"
     order, held = _in_order(content, ratios), _reference_nees(content, together)
-    return Conclusion(style, [*together, *order, *held, *doubts, method])
+    return Conclusion(style, [*together, *order, *held, method])
 
 
 def _name(key: str) -> str:
@@ -142,16 +141,6 @@ def _reference_nees(content: dict[str, Any], together: list[str]) -> list[str]:
     if together or nees is None or nees < _EXCESSIVE_NEES:
         return []
     return [f"The covariance of {label(_REFERENCE)} does not hold here: {_excess(nees)}."]
-
-
-def _truth_in_doubt(content: dict[str, Any]) -> list[str]:
-    """A sentence where the truth of some frames is in doubt, but counts."""
-    ranges = content["frames_in_doubt"]
-    if not ranges:
-        return []
-    where = ", ".join(f"{first} to {end - 1}" for first, end in ranges[:_NAMED])
-    more = f" and {len(ranges) - _NAMED} more ranges" if len(ranges) > _NAMED else ""
-    return [f"The ground truth of frames {where}{more} is in doubt (see below), and all figures count them."]
 
 
 def _all_wrong(content: dict[str, Any]) -> list[str]:

@@ -22,7 +22,6 @@ from ..evaluation.relative import (
 )
 from ..evaluation.relative_consistency import against_truth
 from ..evaluation.summary import evaluate
-from ..evaluation.truth_check import frames_in_doubt
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .conclusion import conclusion
@@ -75,7 +74,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "warnings": c.warnings,
         "frames": frames,
         "frames_with_ground_truth": truth_frames,
-        "frames_in_doubt": [list(r) for r in frames_in_doubt(c.doubts)],
+        "frames_in_doubt": [],
         "frames_ignored": [list(r) for r in c.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": {run.key: method_numbers(run, c) for run in c.runs},
@@ -114,9 +113,7 @@ def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
     dof = sum(run.nis_dof)
     back = closure(run)
     far = back is not None and back.apart_m[-1] > 1e-3
-    points = c.test_points.get(run.name)
     return figures | {
-        "test_points": None if points is None else points.figures(),
         "ms_per_frame_p50": _median(shared[: len(estimator)] + estimator),
         "estimator_ms": quantiles(run.estimator_ms),
         "frames": len(run.poses),

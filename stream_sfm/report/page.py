@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.truth_check import warnings_of
 from ..files import json_bytes, write_whole
-from . import accuracy_charts, calibration_field, consistency_charts, pictures, survey_charts
+from . import accuracy_charts, calibration_field, consistency_charts, pictures
 from .accuracy_charts import Traces
 from .conclusion import conclusion
 from .lengths import LengthUnit, unit_for
@@ -49,7 +48,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
         returned=returned,
         conclusion=conclusion(content),
         notes=_notes(c, content),
-        sections=_sections(truth, returned, c.calibration is not None, bool(c.test_points)),
+        sections=_sections(truth, returned, c.calibration is not None),
         path_m=_path_length_m(traces, methods),
         lengths=_lengths(lengths),
         grown=any(m["growth_exponent"] is not None for m in methods.values()),
@@ -100,18 +99,16 @@ def _charts(c: Comparison, traces: Traces, unit: LengthUnit, local: LengthUnit) 
         "agreement": consistency_charts.agreement(c.runs, gaps, unit),
         "structure": consistency_charts.structure(c, local),
         "work": consistency_charts.work(c),
-        "points": survey_charts.at_test_points({name: e.by_frame() for name, e in c.test_points.items()}, unit),
     }
 
 
-def _sections(truth: bool, returned: bool, calibration: bool, points: bool) -> list[tuple[str, str]]:
+def _sections(truth: bool, returned: bool, calibration: bool) -> list[tuple[str, str]]:
     """Anchor and title of each section."""
     accuracy = [("errors", "Error"), ("drift", "Drift"), ("axes", "Axes")] if truth else []
     return [
         ("summary", "Summary"),
         ("path", "Path"),
         *accuracy,
-        *([("test-points", "Test points")] if points else []),
         ("consistency", "Consistency"),
         ("agreement", "There and back" if returned else "Agreement"),
         ("structure", "Structure"),
@@ -141,7 +138,6 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
             notes.append(f"Ground truth covers {known} of {frames} frames; all errors refer to these frames only.")
         else:
             notes.append("The log has ground truth, but none at the time stamp of any frame.")
-    notes += warnings_of(c.doubts)
     if c.ignored:
         where = ", ".join(f"{first} to {end - 1}" for first, end in c.ignored)
         notes.append(f"The ground truth of frames {where} was not used, as asked for.")

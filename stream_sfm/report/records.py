@@ -9,8 +9,6 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
-from ..evaluation.survey_errors import SurveyErrors
-from ..evaluation.truth_check import TruthFinding
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Observations, Trajectory
 
@@ -154,9 +152,9 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
     WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
-    not; `doubts`: frames whose truth is in doubt; `ignored`: ranges [first, end) of frames without their truth;
+    not; `ignored`: ranges [first, end) of frames without their truth;
     `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians;
-    `calibration`: what the cross-frame window has found about that; `test_points`: errors there, by method.
+    `calibration`: what the cross-frame window has found about that.
     """
 
     log: str
@@ -167,7 +165,6 @@ class Comparison:
     truth: Trajectory | None
     inspection: dict[str, Any]
     local_difference: list[tuple[int, float]] = field(default_factory=list)
-    doubts: list[TruthFinding] = field(default_factory=list)
     ignored: list[tuple[int, int]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
@@ -176,4 +173,3 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     std_truth: tuple[float, float] = (0.0, 0.0)
     calibration: CalibrationError | None = None
-    test_points: dict[str, SurveyErrors] = field(default_factory=dict)

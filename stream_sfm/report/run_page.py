@@ -13,7 +13,6 @@ from .consistency_charts import innovations
 from .lengths import UNSCALED, LengthUnit, unit_for
 from .methods import label, style
 from .records import CalibrationError, MethodRun
-from .survey_charts import at_test_points
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
 from .traces import Trace, broken, trace_of
@@ -55,7 +54,6 @@ def render_run(
         errors=_errors(columns.trajectory, found, summary["method"], errors_unit),
         errors_unit=errors_unit,
         local_unit=unit_for([(summary.get("ground_truth") or {}).get("local_structure_median_m") or 0.0]),
-        points=_points(summary, errors_unit),
         consistency=_consistency(summary),
         field=calibration_field.picture(calibration),
         work=_work(columns),
@@ -83,20 +81,9 @@ def conclusion_of_run(summary: dict[str, Any]) -> str:
         if (nees := truth.get("nees_pose_mean")) is not None:
             times = float(np.sqrt(nees / _EXPECTED_NEES))
             said.append(f"Its errors are {times:.2g} times as large as the estimated σ (NEES {nees:.3g} for 6).")
-        if truth["frames_in_doubt"]:
-            where = ", ".join(f"{first} to {end - 1}" for first, end in truth["frames_in_doubt"])
-            said.append(f"The ground truth of frames {where} is in doubt.")
     elif end := summary.get("end"):
         said.append(
             f"There is no ground truth; the position at the end has an estimated σ of {end['std_position_m']:.2g} m."
-        )
-    if (points := summary.get("test_points")) and points["image_rms_px"] is not None:
-        where = (
-            f", {_length(points['position_rms_m'])} in the world" if points["position_rms_m"] is not None else ""
-        )
-        said.append(
-            f"Surveyed test points are off by {points['image_rms_px']:.2g} px in the image{where} (RMS over "
-            f"{points['sightings']} sightings)."
         )
     if not summary["complete"]:
         said.append("The run is not complete; the warnings say why.")
@@ -188,12 +175,6 @@ def _consistency(summary: dict[str, Any]) -> tuple[list[int], list[tuple[str, di
     found |= {f"halves of the {half}": rows for half, rows in (summary.get("self_test") or {}).items()}
     rows = [(name, {row["frames"]: row["factor"] for row in spans}) for name, spans in found.items() if spans]
     return sorted({span for _, factors in rows for span in factors}), rows
-
-
-def _points(summary: dict[str, Any], length: LengthUnit) -> list[Markup]:
-    """The errors at surveyed test points, if there are any."""
-    found = summary.get("test_points")
-    return at_test_points({summary["method"]: found["by_frame"]}, length) if found else []
 
 
 def _work(columns: RunColumns) -> list[Markup]:

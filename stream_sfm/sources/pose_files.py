@@ -108,6 +108,10 @@ def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
     rotations = poses[:, :3, :3]
     if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
+    if (mirrored := np.flatnonzero(np.linalg.det(rotations) < 0)).size:
+        raise LogError(
+            f"{path}, line {rows[mirrored[0]][0]}: the pose is mirrored: give poses in right-handed axes"
+        )
     return np.asarray(se3.orthonormalise(poses))
 
 

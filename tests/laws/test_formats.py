@@ -14,12 +14,9 @@ from stream_sfm.batch.replay_batch import replay_batch
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
 from stream_sfm.comparison.compare import compare
-from stream_sfm.evaluation.surveyed_points import read_surveyed_points
 from stream_sfm.pipeline.replay import replay
-from stream_sfm.recording import open_log
 from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
-from tests.helpers.surveyed import survey
 
 LOG = ROOT / "logs/room.mcap"
 PAGE = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
@@ -58,28 +55,12 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("formats") / "run"
-    log = open_log(LOG)
-    truth = log.ground_truth()
-    assert truth is not None
-    points = survey(log.stereo_rig, truth.world_from_cam[:8])
-    chosen = Selection(max_frames=8)
-    replay(LOG, folder, selection=chosen, there_and_back=True, self_test=True, test_points=points)
+    replay(LOG, folder, selection=Selection(max_frames=8), there_and_back=True, self_test=True)
     return folder
 
 
 def test_summary(replayed: Path) -> None:
     assert_same(names(tables("summary.json")[0]), set(paths(json.loads((replayed / "summary.json").read_bytes()))))
-
-
-def test_the_points_that_are_shown_are_read(tmp_path: Path) -> None:
-    section = PAGE.split("\n## Test points\n")[1]
-    text = re.search(r"```toml\n(.*?)```", section, re.DOTALL)
-    assert text
-    (tmp_path / "points.toml").write_text(text[1], encoding="utf-8")
-    points = read_surveyed_points(tmp_path / "points.toml")
-    assert (len(points.names), len(points.frames), points.world) == (3, 2, "survey")
-    documented = {name.removeprefix("seen.").removeprefix("points.") for name in names(tables("Test points")[0])}
-    assert documented == {"world", "std_px", "std_m", "NAME", "seen", "point", "frame", "stamp_ns", "left", "right"}
 
 
 def test_estimates(replayed: Path) -> None:

@@ -98,12 +98,6 @@ def test_a_method_that_is_ahead_with_a_covariance_that_does_not_hold() -> None:
     assert "The covariance of cross-frame does not hold here: NEES 136" in text
 
 
-def test_frames_whose_truth_is_in_doubt_are_named() -> None:
-    content = report(ekf=(MORE, MORE)) | {"frames_in_doubt": [[0, 15], [40, 44]]}
-    style, text = conclusion(content)
-    assert style == "larger" and "The ground truth of frames 0 to 14, 40 to 43 is in doubt" in text
-
-
 def test_all_methods_are_wrong_together_only_where_they_agree() -> None:
     nees = {"cross_frame": 1e5, "ekf": 2e5}
     style, text = conclusion(report(nees, 0.01, ekf=(MORE, MORE)))
