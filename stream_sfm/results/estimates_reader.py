@@ -1,10 +1,10 @@
-"""Reads `estimates.mcap` back, whole or as a killed run left it (`estimates.mcap.part`)."""
+"""Reads `estimates.mcap` back, whole, damaged, or as a killed run left it (`estimates.mcap.part`)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.well_known import MessageEncoding
@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
-from ..mcap_file.log_file import LogFile
+from ..mcap_file.log_file import LogFile, LogMessage
 from ..recording.ros import ros_decoder
 from ..types import Trajectory
 from .record_messages import from_message
-from .ros_messages import POINT_DTYPE
+from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
 
 _OURS = "/stream_sfm/"  # how most topics of a run's file begin
 _FEW_MESSAGES = 100  # of a file, which show what it is
+_MATRIX_FROM_UPPER = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -32,78 +34,96 @@ class Cloud:
     track_ids: NDArray[np.int64]
     points: NDArray[np.float32]
     cov_points: NDArray[np.float32]
+    frame_index: int = -1  # of the frame in which it was written
 
     def __repr__(self) -> str:
         return f"<Cloud at {self.stamp_ns} ns in {self.frame_id}, {len(self.points)} points>"
 
 
-def read_estimates(path: str | Path) -> Iterator[EstimateRecord]:
-    """Yield the records in order; a file that is cut off gives those of all whole chunks. Raises LogError."""
-    for _, message in _messages(path, "/stream_sfm/estimate"):
-        version = getattr(message, "schema_version", None)
-        if isinstance(version, int) and version > SCHEMA_VERSION:
-            raise LogError(f"{path} was written by a newer stream_sfm (estimate schema {version})")
-        try:
-            yield from_message(message, EstimateRecord)
-        except (TypeError, ValueError, AttributeError) as error:
-            raise LogError(f"{path}: a message of /stream_sfm/estimate cannot be read: {error}") from None
+def read_estimates(path: str | Path, warnings: list[str] | None = None) -> Iterator[EstimateRecord]:
+    """Yield the records in order, all that can be read.
+
+    What could not be read is added to `warnings`. Without such a list, it raises LogError after the last record,
+    except in a `.part` file, which a killed run has left: its end is always missing.
+    """
+    yield from _read(Path(path), "/stream_sfm/estimate", _record, warnings)
 
 
-def read_trajectory(path: str | Path) -> Trajectory:
-    """Read stamps, poses and covariances of all frames, exact to the last bit. Raises LogError."""
-    stamps, poses, covs = [], [], []
-    for record in read_estimates(path):
-        stamps.append(record.stamp_ns)
-        poses.append(record.world_from_cam)
-        covs.append(record.cov_pose)
+def read_trajectory(path: str | Path, warnings: list[str] | None = None) -> Trajectory:
+    """Read stamps, poses and covariances of all frames, exact to the last bit; damage as in `read_estimates`."""
+    records = list(read_estimates(path, warnings))
     return Trajectory(
-        np.array(stamps, dtype=np.int64),
-        np.array(poses, dtype=float).reshape(-1, 4, 4),
-        np.array(covs, dtype=float).reshape(-1, 6, 6),
+        np.array([r.stamp_ns for r in records], dtype=np.int64),
+        np.array([r.world_from_cam for r in records], dtype=float).reshape(-1, 4, 4),
+        np.array([r.cov_pose for r in records], dtype=float).reshape(-1, 6, 6),
     )
 
 
-def read_clouds(path: str | Path, topic: str = "/stream_sfm/points") -> Iterator[Cloud]:
-    """Yield the point clouds of one topic, in order. Raises LogError."""
-    for log_time_ns, message in _messages(path, topic):
-        try:
-            rows = np.frombuffer(message.data, POINT_DTYPE)
-            stamp, frame_id = message.header.stamp, message.header.frame_id
-        except (ValueError, AttributeError) as error:
-            raise LogError(f"{path}: a message of {topic} cannot be read: {error}") from None
-        upper = np.stack([rows[name] for name in ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")], -1)
-        yield Cloud(
-            log_time_ns or stamp.sec * 10**9 + stamp.nanosec,  # the first is never negative, the second has 32 bits
-            frame_id,
-            rows["track_id"].astype(np.int64),
-            np.stack([rows["x"], rows["y"], rows["z"]], axis=-1),
-            upper[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
-        )
+def read_clouds(
+    path: str | Path, topic: str = "/stream_sfm/points", warnings: list[str] | None = None
+) -> Iterator[Cloud]:
+    """Yield the point clouds of one topic, in order; damage as in `read_estimates`."""
+    yield from _read(Path(path), topic, _cloud, warnings)
 
 
-def _messages(path: str | Path, topic: str) -> Iterator[tuple[int, Any]]:
-    """Yield the log times and the decoded messages of a topic; of a file that is not ours, a LogError."""
-    found = False
-    for channel, schema, log_time_ns, data, *_ in LogFile(path).messages(Damage(), frozenset([topic])):
+def _record(stored: LogMessage, message: Any) -> EstimateRecord:
+    version = getattr(message, "schema_version", None)
+    if isinstance(version, int) and version > SCHEMA_VERSION:
+        raise LogError(f"it was written by a newer stream_sfm (estimate schema {version})")
+    return from_message(message, EstimateRecord)
+
+
+def _cloud(stored: LogMessage, message: Any) -> Cloud:
+    rows, stamp = np.frombuffer(message.data, POINT_DTYPE), message.header.stamp
+    upper = np.stack([rows[name] for name in COVARIANCE_FIELDS], axis=-1)
+    return Cloud(
+        # The log time is never negative, the stamp of a header has 32 bits.
+        stored.log_time_ns or stamp.sec * 10**9 + stamp.nanosec,
+        message.header.frame_id,
+        rows["track_id"].astype(np.int64),
+        np.stack([rows["x"], rows["y"], rows["z"]], axis=-1),
+        upper[:, _MATRIX_FROM_UPPER],
+        stored.sequence,
+    )
+
+
+def _read(
+    path: Path, topic: str, convert: Callable[[LogMessage, Any], Result], warnings: list[str] | None
+) -> Iterator[Result]:
+    """Yield what `convert` makes of each message of a topic. Raises LogError, also for a file that is not ours."""
+    damage, found = Damage(), False
+    for stored in LogFile(path).messages(damage, frozenset([topic])):
         found = True
-        if channel.message_encoding != MessageEncoding.CDR or schema is None:
-            raise LogError(
-                f"{path}: {topic} is encoded as {channel.message_encoding!r}, not as this version writes it "
-                "(cdr): replay the log again"
-            )
         try:
-            decode = ros_decoder(channel.message_encoding, schema.encoding, schema.name, schema.data)
-            message = None if decode is None else decode(data)
+            result = convert(stored, _decoded(stored, topic))
+        except LogError as error:  # of the whole file
+            raise LogError(f"{path}: {error}") from None
         except Exception as error:  # rosbags raises exceptions of many kinds
-            raise LogError(f"{path}: a message of {topic} cannot be read: {error}") from None
-        yield log_time_ns, message
+            damage.add(f"{path}: a message of {topic} cannot be read: {error}")
+            continue
+        yield result
     if not found:
         _check_it_is_ours(path, topic)
+    if warnings is not None:
+        warnings += [note for note in damage.notes if note not in warnings]
+    elif not damage.complete and path.suffix != ".part":
+        raise LogError("; ".join(damage.notes))
 
 
-def _check_it_is_ours(path: str | Path, topic: str) -> None:
-    """Raise LogError where a file without messages of a topic has others: a topic of ours may be empty, as in a short
-    run or a killed one."""
+def _decoded(stored: LogMessage, topic: str) -> Any:
+    encoding, schema = stored.channel.message_encoding, stored.schema
+    if encoding != MessageEncoding.CDR:
+        raise LogError(
+            f"{topic} is encoded as {encoding!r}, not as this version writes it (cdr): replay the log again"
+        )
+    decode = schema and ros_decoder(encoding, schema.encoding, schema.name, schema.data)
+    if not decode:
+        raise ValueError("its type is not described")
+    return decode(stored.data)
+
+
+def _check_it_is_ours(path: Path, topic: str) -> None:
+    """Raise LogError where a file has messages, but none of a run: a topic of ours may be empty, as in a short run."""
     topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), _FEW_MESSAGES)}
     ours = any(name.startswith(_OURS) for name in topics) and topic.startswith(_OURS)
     if topics and not ours:

@@ -6,7 +6,7 @@
 | /stream_sfm/pose | geometry_msgs/msg/PoseWithCovarianceStamped | the same |
 | /tf | tf2_msgs/msg/TFMessage | the same, without the covariance |
 | /tf_static | tf2_msgs/msg/TFMessage | the camera on the robot, once, if there is a base frame |
-| /stream_sfm/path | nav_msgs/msg/Path | the positions so far, more rarely as it grows |
+| /stream_sfm/path | nav_msgs/msg/Path | the positions so far, less often as it grows |
 | /stream_sfm/points | sensor_msgs/msg/PointCloud2 | CC local structure in the camera frame, one message per frame |
 | /stream_sfm/map | sensor_msgs/msg/PointCloud2 | WC structure: points that left the estimator, each once |
 | /stream_sfm/scalars | stream_sfm_msgs/msg/Scalars | numbers to plot |
@@ -28,8 +28,10 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 import mcap
+import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
@@ -40,8 +42,7 @@ from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
 from . import ros_messages
 from .bag_metadata import bag_metadata
-from .covariances import fixed_axis_covariance
-from .frames import RosFrames
+from .frames import RosFrames, fixed_axis_covariance
 from .path import PathSoFar
 from .scalars import Scalars
 from .schema import SCHEMA_VERSION, EstimateRecord, ScalarsRecord, TimingRecord, estimate_record
@@ -85,15 +86,8 @@ class EstimatesWriter:
         self._file = PartFile(path)
         self._writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
-        self._writer.add_metadata(
-            "stream_sfm",
-            {
-                "software_version": __version__,
-                "schema_version": str(SCHEMA_VERSION),
-                "method": config.method,
-                "unscaled": str(rig.unscaled).lower(),
-            },
-        )
+        about = {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method}
+        self._writer.add_metadata("stream_sfm", about | {"unscaled": str(rig.unscaled).lower()})
         self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
         self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", rig.to_toml().encode())
         self._counts: Counter[str] = Counter()
@@ -106,40 +100,33 @@ class EstimatesWriter:
         self._closed = False
 
     def _register(self) -> dict[str, int]:
-        topics = dict(_TOPICS)
-        if self._frames.base_from_cam is None:
-            del topics["/tf_static"]
+        topics = {
+            t: name for t, name in _TOPICS.items() if t != "/tf_static" or self._frames.base_from_cam is not None
+        }
         schemas = {
             name: self._writer.register_schema(name, SchemaEncoding.ROS2, ros_messages.schema_text(name).encode())
             for name in dict.fromkeys(topics.values())
         }
+        register, cdr = self._writer.register_channel, MessageEncoding.CDR
         return {
-            topic: self._writer.register_channel(
-                topic,
-                MessageEncoding.CDR,
-                schemas[name],
-                {"offered_qos_profiles": _quality(topic)},
-            )
-            for topic, name in topics.items()
+            t: register(t, cdr, schemas[name], {"offered_qos_profiles": _quality(t)}) for t, name in topics.items()
         }
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append all messages of one frame."""
-        stamp = estimate.stamp_ns
+        stamp, frames = estimate.stamp_ns, self._frames
         if self._frames_in_chunk == 0:
             self._chunk_began_ns = stamp
-        if self._last is None and self._frames.base_from_cam is not None:
-            self._add_mounting(estimate, self._frames.base_from_cam)
+        if self._last is None and frames.base_from_cam is not None:
+            head, mounting = ros_messages.header(stamp, frames.moving), ros_messages.pose_of(frames.base_from_cam)
+            self._add(estimate, "/tf_static", ros_messages.transform(head, frames.camera, mounting))
         self._add_pose(estimate)
-        self._add_cloud(
-            estimate,
-            "/stream_sfm/points",
-            (estimate.track_ids, estimate.points_in_cam, estimate.cov_points),
-        )
+        in_cam = estimate.track_ids, estimate.points_in_cam, estimate.cov_points
+        head = ros_messages.header(stamp, frames.camera)
+        self._add(estimate, "/stream_sfm/points", ros_messages.cloud(head, *in_cam))
         if len(estimate.ended_ids):
-            ended = estimate.ended_ids, estimate.ended_points_in_world, estimate.ended_cov_points_in_world
-            self._add_cloud(estimate, "/stream_sfm/map", ended)
-        head = ros_messages.header(stamp, self._frames.camera)
+            ended = estimate.ended_points_in_world, estimate.ended_cov_points_in_world
+            self._add_map(estimate, estimate.ended_ids, *ended)
         timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
         self._add(estimate, "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate)))
         self._add(estimate, "/stream_sfm/timing", ros_messages.record(head, timing))
@@ -155,27 +142,23 @@ class EstimatesWriter:
             return
         self._closed = True
         try:
-            self._finish()
+            if (last := self._last) is not None:
+                self._add_path(last)
+                if len(last.track_ids):
+                    self._add_map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
+            self._writer.finish()
         except OutputError:
             self._file.close()  # raises the same error
             raise
         self._file.close()
 
     def metadata(self) -> bytes:
-        """What metadata.yaml says of the file, so that its folder is a bag."""
+        """Return the content of metadata.yaml, which makes the folder of the file a bag."""
         topics = {topic: (_TOPICS[topic], _quality(topic), self._counts[topic]) for topic in self._channels}
         return bag_metadata(self._file.path.name, topics, *self._times_ns)
 
-    def _finish(self) -> None:
-        if (last := self._last) is not None:
-            self._add_path(last)
-            if len(last.track_ids):
-                live = last.track_ids, last.points_in_world, last.cov_points_in_world
-                self._add_cloud(last, "/stream_sfm/map", live)
-        self._writer.finish()
-
     def _add_pose(self, estimate: FrameEstimate) -> None:
-        """Add everything that says where the moving frame is, camera or robot."""
+        """Add every message that states the pose of the moving frame, camera or robot."""
         frames = self._frames
         head = ros_messages.header(estimate.stamp_ns, frames.world)
         fixed_from_moving = frames.pose(estimate.world_from_cam)
@@ -194,21 +177,10 @@ class EstimatesWriter:
         head = ros_messages.header(estimate.stamp_ns, self._frames.world)
         self._add(estimate, "/stream_sfm/path", ros_messages.path(head, self._path.poses()))
 
-    def _add_mounting(self, estimate: FrameEstimate, base_from_cam: Array) -> None:
-        """Add where the camera is on the robot."""
-        head = ros_messages.header(estimate.stamp_ns, self._frames.moving)
-        pose = ros_messages.pose_of(base_from_cam)
-        self._add(estimate, "/tf_static", ros_messages.transform(head, self._frames.camera, pose))
-
-    def _add_cloud(self, estimate: FrameEstimate, topic: str, content: tuple[Any, Array, Array]) -> None:
-        """Add points with their ids and covariances; those of the map are carried into the fixed frame."""
-        ids, points, cov = content
-        frame_id = self._frames.camera
-        if topic == "/stream_sfm/map":
-            frame_id = self._frames.world
-            points, cov = self._frames.points(points, cov)
-        head = ros_messages.header(estimate.stamp_ns, frame_id)
-        self._add(estimate, topic, ros_messages.cloud(head, ids, points, cov))
+    def _add_map(self, estimate: FrameEstimate, ids: NDArray[np.int64], points_in_world: Array, cov: Array) -> None:
+        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
+        in_fixed = self._frames.points(points_in_world, cov)
+        self._add(estimate, "/stream_sfm/map", ros_messages.cloud(head, ids, *in_fixed))
 
     def _add(self, estimate: FrameEstimate, topic: str, message: Any) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned

@@ -15,8 +15,7 @@ from ..outputs import RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink
 from . import bag_metadata
 from .estimates_writer import EstimatesWriter
-from .frame_table import CsvWriter
-from .trajectory_files import KittiWriter, TumWriter
+from .trajectory_files import csv_writer, kitti_writer, tum_writer
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
 _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits the 255 bytes of file systems
@@ -90,9 +89,10 @@ class ResultFolder:
         self._lock = lock_folder(self.path)
         self._write_config()
         self._files.append(EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config))
-        self._files.append(TumWriter(self.path / "trajectory.tum", UNIT_WITHOUT_SCALE if self._config.mono else ""))
-        self._files.append(KittiWriter(self.path / "trajectory.kitti"))
-        self._files.append(CsvWriter(self.path / "trajectory.csv"))
+        unit = UNIT_WITHOUT_SCALE if self._config.mono else ""
+        self._files.append(tum_writer(self.path / "trajectory.tum", unit))
+        self._files.append(kitti_writer(self.path / "trajectory.kitti"))
+        self._files.append(csv_writer(self.path / "trajectory.csv"))
 
     def _write_config(self) -> None:
         if self.path / "config.toml" in changed_results(self.path, self._config):

@@ -1,4 +1,4 @@
-"""The coordinate frames of `estimates.mcap`: from the package's own, the first left camera, to those of ROS.
+"""Coordinate frames and covariances of ROS, made from the package's own, whose world is the first left camera.
 
 REP 103: a body has x forward, y left, z up; a camera has z forward, x right, y down. With a base frame the fixed frame
 is the base at the start, so that z is up as far as it is for the robot.
@@ -14,8 +14,22 @@ from ..geometry.se3 import Array
 _BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
 
 
+def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
+    """Return ROS's covariance (6, 6) of a pose with rotation (3, 3) and our covariance (6, 6); NaN if not finite.
+
+    Ours: truth = estimate·Exp(ξ), ξ = (translation, rotation) in axes of the moving frame. ROS: errors along and about
+    the fixed axes of the parent frame. To first order t' = t + R ρ and R' = R·Exp(ω) = Exp(R ω)·R, so
+    Σ_ros = B Σ Bᵀ with B = diag(R, R): each half is rotated, without a lever arm.
+    """
+    if not np.isfinite(cov_pose).all():
+        return np.full((6, 6), np.nan)
+    b = np.zeros((6, 6))
+    b[:3, :3] = b[3:, 3:] = rotation
+    return b @ cov_pose @ b.T
+
+
 class RosFrames:
-    """Carries poses, covariances and points into the frames that the settings name."""
+    """Transforms poses, covariances and points into the frames that the settings name."""
 
     def __init__(self, ros: RosConfig) -> None:
         self.world, self.camera = ros.world_frame, ros.camera_frame
@@ -26,14 +40,14 @@ class RosFrames:
         self.fixed_from_world: Array = np.eye(4) if own is None else own
 
     def pose(self, world_from_cam: Array) -> Array:
-        """The pose (4, 4) of the moving frame, base or camera, in the fixed one."""
+        """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one."""
         if not self._turns:
             return world_from_cam
         fixed_from_cam: Array = self.fixed_from_world @ world_from_cam
         return fixed_from_cam if self.base_from_cam is None else fixed_from_cam @ se3.inverse(self.base_from_cam)
 
     def cov_pose(self, cov_pose: Array) -> Array:
-        """The covariance (6, 6) of that pose: of a perturbation on its right, translation first."""
+        """Return the covariance (6, 6) of that pose, of a perturbation on its right, translation first."""
         if self.base_from_cam is None:
             return cov_pose
         if not np.isfinite(cov_pose).all():
@@ -42,7 +56,7 @@ class RosFrames:
         return np.asarray(moved @ cov_pose @ moved.T)
 
     def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:
-        """Points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
+        """Return points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
         if not self._turns:
             return points_in_world, cov_points
         turned = self.fixed_from_world[:3, :3]
@@ -50,11 +64,8 @@ class RosFrames:
 
 
 def _base_from_cam(ros: RosConfig) -> Array:
-    roll, pitch, yaw = np.radians([ros.camera_roll_deg, ros.camera_pitch_deg, ros.camera_yaw_deg])
-    about_x, about_y, about_z = (
-        se3.exp_so3(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)
-    )
-    mounted = se3.from_rotation_translation(
-        about_z @ about_y @ about_x, [ros.camera_x_m, ros.camera_y_m, ros.camera_z_m]
-    )
+    angles = np.radians([ros.camera_roll_deg, ros.camera_pitch_deg, ros.camera_yaw_deg])
+    about_x, about_y, about_z = (se3.exp_so3(a * axis) for a, axis in zip(angles, np.eye(3), strict=True))
+    place = [ros.camera_x_m, ros.camera_y_m, ros.camera_z_m]
+    mounted = se3.from_rotation_translation(about_z @ about_y @ about_x, place)
     return np.asarray(mounted @ _BODY_FROM_CAMERA_AXES)

@@ -30,13 +30,10 @@ RECORDS: dict[type[msgspec.Struct], str] = {
     ScalarsRecord: "stream_sfm_msgs/msg/Scalars",
     TimingRecord: "stream_sfm_msgs/msg/Timing",
 }
+COVARIANCE_FIELDS = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 # The layout of one point in a cloud: sigma_m is the square root of the covariance's trace.
 POINT_DTYPE = np.dtype(
-    [
-        (name, "<f4")
-        for name in ("x", "y", "z", "sigma_m", "cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
-    ]
-    + [("track_id", "<u4")]
+    [(name, "<f4") for name in ("x", "y", "z", "sigma_m", *COVARIANCE_FIELDS)] + [("track_id", "<u4")]
 )
 _FLOAT32, _UINT32 = 7, 6  # numbers of PointField
 _UPPER = np.triu_indices(3)
@@ -54,95 +51,87 @@ def _store() -> Typestore:
 
 
 def schema_text(name: str) -> str:
-    """The definition of a message with those of all its parts; our own with an explanation of each field."""
+    """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
     text, _ = _store().generate_msgdef(name, ros_version=2)
     own = next((definition(kind) for kind, record_name in RECORDS.items() if record_name == name), None)
     return text if own is None else own + _PARTS + text.partition(_PARTS)[2]
 
 
 def encode(message: Any) -> bytes:
-    """The bytes of a message."""
+    """Return the bytes of a message."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def make(name: str, /, **fields: Any) -> Any:
-    """A message of the given type."""
-    return _store().types[name](**fields)
+    """Make a message of the given type, and of each dictionary among the fields the message that belongs there."""
+    parts = {}
+    for field, (_, of) in _store().fielddefs[name][1]:
+        value = fields[field]
+        parts[field] = make(str(of), **value) if isinstance(value, dict) else value
+    return _store().types[name](**parts)
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
-    """A header; seconds are those that its 32 bits hold."""
+    """Make a header; its seconds have 32 bits, and wrap around."""
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
     seconds = (seconds + 2**31) % 2**32 - 2**31
-    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+    return make("std_msgs/msg/Header", stamp={"sec": seconds, "nanosec": nanoseconds}, frame_id=frame_id)
 
 
 def record(head: Any, content: msgspec.Struct) -> Any:
-    """One of our own messages."""
+    """Make one of our own messages."""
     return make(RECORDS[type(content)], header=head, **to_fields(content))
 
 
 def pose_of(parent_from_child: Array) -> Any:
-    """The Pose (position and orientation) of a rigid motion (4, 4)."""
-    x, y, z = parent_from_child[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist()
-    return make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-    )
+    """Make the Pose (position and orientation) of a rigid motion (4, 4)."""
+    position = dict(zip("xyz", parent_from_child[:3, 3].tolist(), strict=True))
+    orientation = dict(zip("xyzw", se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist(), strict=True))
+    return make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
 
 
 def pose_stamped(head: Any, pose: Any) -> Any:
-    """A PoseStamped."""
+    """Make a PoseStamped."""
     return make("geometry_msgs/msg/PoseStamped", header=head, pose=pose)
 
 
 def pose_with_covariance(head: Any, pose: Any, covariance: Array) -> Any:
-    """A PoseWithCovarianceStamped; `covariance` (6, 6) as ROS has it."""
-    return make(POSE, header=head, pose=_with_covariance(pose, covariance))
+    """Make a PoseWithCovarianceStamped; `covariance` (6, 6) in ROS's convention."""
+    return make(POSE, header=head, pose={"pose": pose, "covariance": covariance.reshape(36)})
 
 
 def odometry(head: Any, child_frame_id: str, pose: Any, covariance: Array) -> Any:
-    """An Odometry without a twist; `covariance` (6, 6) as ROS has it."""
-    zero = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    twist = make(
-        "geometry_msgs/msg/TwistWithCovariance",
-        twist=make("geometry_msgs/msg/Twist", linear=zero, angular=zero),
-        covariance=_UNKNOWN_TWIST,
+    """Make an Odometry without a twist; `covariance` (6, 6) in ROS's convention."""
+    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+    return make(
+        ODOMETRY,
+        header=head,
+        child_frame_id=child_frame_id,
+        pose={"pose": pose, "covariance": covariance.reshape(36)},
+        twist={"twist": {"linear": zero, "angular": zero}, "covariance": _UNKNOWN_TWIST},
     )
-    placed = _with_covariance(pose, covariance)
-    return make(ODOMETRY, header=head, child_frame_id=child_frame_id, pose=placed, twist=twist)
 
 
 def transform(head: Any, child_frame_id: str, pose: Any) -> Any:
-    """A TFMessage with one transform: the pose of the child frame in that of the header."""
+    """Make a TFMessage with one transform: the pose of the child frame in that of the header."""
     at = pose.position
-    inside = make(
-        "geometry_msgs/msg/Transform",
-        translation=make("geometry_msgs/msg/Vector3", x=at.x, y=at.y, z=at.z),
-        rotation=pose.orientation,
-    )
-    stamped = make(
-        "geometry_msgs/msg/TransformStamped", header=head, child_frame_id=child_frame_id, transform=inside
-    )
-    return make(TRANSFORMS, transforms=[stamped])
+    inside = {"translation": {"x": at.x, "y": at.y, "z": at.z}, "rotation": pose.orientation}
+    name = "geometry_msgs/msg/TransformStamped"
+    return make(TRANSFORMS, transforms=[make(name, header=head, child_frame_id=child_frame_id, transform=inside)])
 
 
 def path(head: Any, poses: Sequence[Any]) -> Any:
-    """A Path through PoseStamped messages."""
+    """Make a Path through PoseStamped messages."""
     return make(PATH, header=head, poses=list(poses))
 
 
 def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) -> Any:
-    """A PointCloud2 of points (n, 3) with covariances (n, 3, 3)."""
+    """Make a PointCloud2 of points (n, 3) with covariances (n, 3, 3)."""
     rows = np.zeros(len(points), POINT_DTYPE)
     rows["x"], rows["y"], rows["z"] = np.asarray(points).reshape(-1, 3).T
     upper = np.asarray(cov).reshape(-1, 3, 3)[:, _UPPER[0], _UPPER[1]]
-    names = POINT_DTYPE.names or ()
     with np.errstate(over="ignore"):
-        for name, column in zip(names[4:10], upper.T, strict=True):
+        for name, column in zip(COVARIANCE_FIELDS, upper.T, strict=True):
             rows[name] = column
         rows["sigma_m"] = np.sqrt(np.maximum(upper[:, [0, 3, 5]].sum(axis=1), 0))
     rows["track_id"] = np.asarray(track_ids, dtype=np.int64) & 0xFFFFFFFF
@@ -162,18 +151,13 @@ def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) ->
 
 @cache
 def _point_fields() -> list[Any]:
-    fields = (POINT_DTYPE.fields or {}).items()
     return [
         make(
             "sensor_msgs/msg/PointField",
             name=name,
-            offset=of[1],
-            datatype=_UINT32 if name == "track_id" else _FLOAT32,
+            offset=offset,
+            datatype=_UINT32 if kind == np.uint32 else _FLOAT32,
             count=1,
         )
-        for name, of in fields
+        for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
     ]
-
-
-def _with_covariance(pose: Any, covariance: Array) -> Any:
-    return make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36))

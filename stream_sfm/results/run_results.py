@@ -1,7 +1,6 @@
 """`read_results`: everything that a run has written, as NumPy arrays."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, read_config
-from ..errors import ConfigError, InputError
+from ..errors import ConfigError, InputError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .estimates_reader import read_clouds, read_estimates
-from .frame_table import Table, frame_table, nis_per_dof
+from .frame_table import Table, frame_table
 from .frames import RosFrames
 
 _ESTIMATES = ("estimates.mcap", "estimates.mcap.part")  # the second of a run that was killed
@@ -50,27 +49,26 @@ class RunResults:
     - `statuses` (n,) and `reasons` (n,): text.
     - `table`: a column per quantity, a row per frame, as in `trajectory.csv`.
     - `config`, and `summary`: the content of summary.json, empty if the run did not end.
+    - `warnings`: what could not be read of a damaged file or one that a killed run has left; empty where nothing is
+      missing. Frames and points that are whole are there in any case.
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        self.warnings: list[str] = []
         self._estimates = _estimates_of(self.folder)
-        records = list(read_estimates(self._estimates))
+        records = list(read_estimates(self._estimates, self.warnings))
+        if self.warnings and not records:
+            raise LogError(f"no frame can be read: {'; '.join(self.warnings)}")
         self.stamps_ns = np.array([r.stamp_ns for r in records], dtype=np.int64)
         self.world_from_cam: Array = np.array([r.world_from_cam for r in records], dtype=float).reshape(-1, 4, 4)
         self.cov_pose: Array = np.array([r.cov_pose for r in records], dtype=float).reshape(-1, 6, 6)
         self.statuses = np.array([r.status for r in records], dtype=str)
         self.reasons = np.array([r.reason for r in records], dtype=str)
-        self.config = self._read(read_config, "config.toml", Config())
-        self.summary: dict[str, Any] = self._read(_json, "summary.json", {})
-        self.table: Table = frame_table(
-            [r.frame_index for r in records],
-            [r.stamp_ns for r in records],
-            (self.world_from_cam, self.cov_pose),
-            [r.status for r in records],
-            [r.counts for r in records],
-            [nis_per_dof(r.nis, r.nis_dof) for r in records],
-        )
+        self.table: Table = frame_table(records)
+        config, summary = self.folder / "config.toml", self.folder / "summary.json"
+        self.config = read_config(config) if config.is_file() else Config()
+        self.summary: dict[str, Any] = _summary(summary) if summary.is_file() else {}
 
     @property
     def trajectory(self) -> Trajectory:
@@ -113,26 +111,21 @@ class RunResults:
         return f"<RunResults of {self.folder}, {len(self)} frames>"
 
     def _points(self, topic: str) -> PointTable:
-        clouds = list(read_clouds(self._estimates, topic))
-        index_of = dict(zip(self.stamps_ns.tolist(), self.table["frame_index"].tolist(), strict=True))
-        frames = [np.full(len(c.track_ids), index_of[c.stamp_ns], np.int64) for c in clouds]
+        clouds = list(read_clouds(self._estimates, topic, self.warnings))
+        frames = [np.full(len(c.track_ids), c.frame_index, np.int64) for c in clouds]
         return PointTable(
-            _joined(frames, (0,), np.int64),
-            _joined([c.track_ids for c in clouds], (0,), np.int64),
-            _joined([c.points for c in clouds], (0, 3), np.float32),
-            _joined([c.cov_points for c in clouds], (0, 3, 3), np.float32),
+            np.concatenate([np.empty(0, np.int64), *frames]),
+            np.concatenate([np.empty(0, np.int64), *(c.track_ids for c in clouds)]),
+            np.concatenate([np.empty((0, 3), np.float32), *(c.points for c in clouds)]),
+            np.concatenate([np.empty((0, 3, 3), np.float32), *(c.cov_points for c in clouds)]),
         )
-
-    def _read(self, read: Callable[[Path], Any], name: str, otherwise: Any) -> Any:
-        path = self.folder / name
-        return read(path) if path.is_file() else otherwise
 
 
 def read_results(folder: str | Path) -> RunResults:
     """Read the folder of a run: of `replay`, of a log of `batch`, or of one method of `compare`.
 
-    Of a run that was killed, what it has written. Raises InputError where there are no results, LogError where they
-    cannot be read.
+    Of a run that was killed, or of a damaged file, it has what could be read; `warnings` say what is missing. Raises
+    InputError where there are no results, LogError where no frame can be read.
     """
     return RunResults(folder)
 
@@ -148,12 +141,11 @@ def _estimates_of(folder: Path) -> Path:
     raise InputError(f"{folder} holds no results (estimates.mcap){hint}")
 
 
-def _json(path: Path) -> Any:
+def _summary(path: Path) -> dict[str, Any]:
     try:
-        return json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {error}") from None
-
-
-def _joined(arrays: list[NDArray[Any]], shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    return np.concatenate(arrays) if arrays else np.empty(shape, dtype)
+    if not isinstance(content, dict):
+        raise InputError(f"{path} is not the summary of a run")
+    return content

@@ -1,30 +1,33 @@
-"""Trajectories as text: TUM (`t x y z qx qy qz qw`) and KITTI (one row per frame, the twelve numbers of a 3×4 pose).
+"""Trajectories as text: TUM (`t x y z qx qy qz qw`), KITTI (the upper three rows of the 4×4 pose), and a CSV table.
 
-Both contain `world_from_cam` of the left camera in metres; with one camera in units of the first baseline, which a
-comment in the TUM file says. Lines are written as estimates come, under a temporary name; `close` moves the file into
-place.
+All contain `world_from_cam` of the left camera in metres; with one camera in units of the first baseline, which a
+comment in the TUM file says.
 """
 
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources import pose_files
 from ..types import Frame, FrameEstimate, Trajectory
+from .frame_table import frame_table
 
 
-class TumWriter:
-    """Writes `trajectory.tum`; seconds have nine decimals, taken from the integer stamp without a float between."""
+class LineWriter:
+    """A sink that writes a line per frame as it comes, under a temporary name until it is closed."""
 
-    def __init__(self, path: str | Path, comment: str = "") -> None:
-        self._file = PartFile(path)
-        if comment:
-            self._file.write(f"# {comment}\n".encode())
+    def __init__(self, path: str | Path, line_of: Callable[[FrameEstimate], str], first_line: str = "") -> None:
+        self._file, self._line_of = PartFile(path), line_of
+        if first_line:
+            self._file.write(f"{first_line}\n".encode())
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append one line."""
-        self._file.write((tum_line(estimate.stamp_ns, estimate.world_from_cam) + "\n").encode())
+        self._file.write(f"{self._line_of(estimate)}\n".encode())
         self._file.flush()
 
     def close(self) -> None:
@@ -32,32 +35,31 @@ class TumWriter:
         self._file.close()
 
 
-class KittiWriter:
-    """Writes `trajectory.kitti`: one row per frame, row-major, no stamps."""
+def tum_writer(path: str | Path, comment: str = "") -> LineWriter:
+    """Return a sink that writes `trajectory.tum`."""
+    return LineWriter(path, lambda e: tum_line(e.stamp_ns, e.world_from_cam), comment and f"# {comment}")
 
-    def __init__(self, path: str | Path) -> None:
-        self._file = PartFile(path)
 
-    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
-        """Append one line."""
-        self._file.write((kitti_line(estimate.world_from_cam) + "\n").encode())
-        self._file.flush()
+def kitti_writer(path: str | Path) -> LineWriter:
+    """Return a sink that writes `trajectory.kitti`, which has no stamps."""
+    return LineWriter(path, lambda e: " ".join(f"{x:.12g}" for x in e.world_from_cam[:3].ravel()))
 
-    def close(self) -> None:
-        """Move the file into place."""
-        self._file.close()
+
+def csv_writer(path: str | Path) -> LineWriter:
+    """Return a sink that writes `trajectory.csv`: a line of names, then the row of each frame."""
+    return LineWriter(path, _csv_line, ",".join(frame_table([])))
 
 
 def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
-    """The line `t x y z qx qy qz qw` of a pose (4, 4)."""
+    """The line of a pose (4, 4); seconds have nine decimals, taken from the integer stamp without a float between."""
     numbers = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])]
     sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{ns // 10**9}.{ns % 10**9:09d} " + " ".join(f"{x:.12g}" for x in numbers)
 
 
-def kitti_line(world_from_cam: Array) -> str:
-    """The line with the upper three rows of a pose (4, 4)."""
-    return " ".join(f"{x:.12g}" for x in world_from_cam[:3].ravel())
+def _csv_line(estimate: FrameEstimate) -> str:
+    row = [column[0] for column in frame_table([estimate]).values()]
+    return ",".join(f"{value:.12g}" if isinstance(value, np.floating) else str(value) for value in row)
 
 
 def read_tum(path: str | Path) -> Trajectory:

@@ -3,6 +3,7 @@
 import csv
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.results.covariances import fixed_axis_covariance
 from stream_sfm.results.folder import ResultFolder
+from stream_sfm.results.frames import fixed_axis_covariance
 from tests.results.test_estimates import estimate, rig
 
 FRAMES = 9
@@ -59,12 +60,14 @@ def test_points_of_the_map_are_in_the_world_whatever_the_frames(run: sfm.RunResu
     assert np.allclose(run.map_points.cov_points[live], last.cov_points_in_world, atol=1e-6)
 
 
-def test_sigmas_of_the_table_are_along_the_axes_of_the_world(run: sfm.RunResults, estimates) -> None:
+def test_the_table_has_rotations_and_sigmas_along_the_axes_of_the_world(run: sfm.RunResults, estimates) -> None:
     for i, e in enumerate(estimates):
         sigma = np.sqrt(np.diag(fixed_axis_covariance(e.world_from_cam[:3, :3], e.cov_pose)))
         names = [*(f"sigma_{a}_m" for a in "xyz"), *(f"sigma_r{a}_rad" for a in "xyz")]
         assert np.allclose([run.table[name][i] for name in names], sigma, rtol=1e-12)
         assert run.table["sigma_m"][i] == pytest.approx(np.sqrt(np.trace(e.cov_pose[:3, :3])))
+    quats = np.stack([run.table[f"q{axis}"] for axis in "xyzw"], axis=1)
+    assert np.allclose(se3.matrix_from_quat_xyzw(quats), run.world_from_cam[:, :3, :3], atol=1e-12)
 
 
 def test_the_csv_is_the_table(run: sfm.RunResults) -> None:
@@ -80,8 +83,6 @@ def test_the_csv_is_the_table(run: sfm.RunResults) -> None:
 
 
 def test_a_frame_without_a_covariance_has_no_sigma(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     folder = ResultFolder(tmp_path, rig(), sfm.Config())
     folder.write(replace(estimate(0), cov_pose=np.full((6, 6), np.inf), nis_dof=0), None)
     folder.close()
@@ -121,8 +122,3 @@ def test_folders_without_results_are_refused_with_the_way_out(run: sfm.RunResult
         shutil.copytree(run.folder, tmp_path / method)
     with pytest.raises(sfm.InputError, match="it holds the results cross_frame, ekf: give one of these"):
         sfm.read_results(tmp_path)
-
-
-def test_the_quaternion_is_that_of_the_pose(run: sfm.RunResults) -> None:
-    quats = np.stack([run.table[f"q{axis}"] for axis in "xyzw"], axis=1)
-    assert np.allclose(se3.matrix_from_quat_xyzw(quats), run.world_from_cam[:, :3, :3], atol=1e-12)
