@@ -46,7 +46,7 @@ class Refinement:
     @property
     def std_px(self) -> Array:
         """Standard deviation (m,) of each error."""
-        return np.asarray(np.sqrt(np.diag(self.cov_px2)))
+        return np.sqrt(np.diag(self.cov_px2))
 
     def __repr__(self) -> str:
         return f"<Refinement {disparity_rms_px(self.error_px):.2f} px of disparity>"

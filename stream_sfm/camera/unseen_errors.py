@@ -25,7 +25,7 @@ class UnseenErrors:
         moved = np.concatenate(
             [self._std_scale * points_m[..., None], self._std_axes_rad * -se3.skew(points_m)[..., :2]], axis=-1
         )
-        return np.asarray(moved @ np.swapaxes(moved, -1, -2))
+        return moved @ np.swapaxes(moved, -1, -2)
 
     def of_pose(self, poses: Array) -> Array:
         """Covariances (…, 6, 6) of the perturbations on the right of poses T (…, 4, 4).
@@ -36,4 +36,4 @@ class UnseenErrors:
         along = np.swapaxes(poses[..., :3, :3], -1, -2) @ poses[..., :3, 3:]
         moved[..., :3, :1] = self._std_scale * along
         moved[..., 1:] = self._std_axes_rad * (se3.adjoint(se3.inverse(poses)) - np.eye(6))[..., 3:5]
-        return np.asarray(moved @ np.swapaxes(moved, -1, -2))
+        return moved @ np.swapaxes(moved, -1, -2)

@@ -124,7 +124,7 @@ def std_along_ray(
     The point is X = ray · f B / d; hence |∂X/∂d| = |ray| f B / d² = |ray| Z² / (f B).
     """
     fb = projection.f_px * projection.baseline_m
-    return np.asarray(np.linalg.norm(ray, axis=-1) * fb / np.square(disparity_px, dtype=float) * std_px)
+    return np.linalg.norm(ray, axis=-1) * fb / np.square(disparity_px, dtype=float) * std_px
 
 
 def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:
@@ -142,4 +142,4 @@ def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: 
     across, down = (np.where(smooth, f * s, 0.0) for s in (across, down))
     length = np.linalg.norm(ray, axis=-1)
     facing = disparity_px - across * ray[..., 0] - down * ray[..., 1]
-    return np.asarray(disparity_px / (length * np.sqrt(across**2 + down**2 + facing**2)))
+    return disparity_px / (length * np.sqrt(across**2 + down**2 + facing**2))

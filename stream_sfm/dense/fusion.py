@@ -160,4 +160,4 @@ def _variance_along(points: Array, cov_position: Array) -> Array:
     A right perturbation (ρ, ω) moves a point X by ρ + ω × X in the axes of the camera; along X only ρ has an effect.
     """
     direction = points / np.linalg.norm(points, axis=1, keepdims=True)
-    return np.asarray(np.einsum("ni,ij,nj->n", direction, cov_position, direction))
+    return np.einsum("ni,ij,nj->n", direction, cov_position, direction)

@@ -69,4 +69,4 @@ def segment_errors(
 
 
 def _motion(world_from_cam: Array, a: NDArray[np.integer], b: NDArray[np.integer]) -> Array:
-    return np.asarray(se3.inverse(world_from_cam[a]) @ world_from_cam[b])
+    return se3.inverse(world_from_cam[a]) @ world_from_cam[b]

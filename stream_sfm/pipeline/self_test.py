@@ -76,7 +76,7 @@ class _Halves:
 
 
 def _even(observations: Observations) -> Mask:
-    return np.asarray(observations.track_ids % 2 == 0)
+    return observations.track_ids % 2 == 0
 
 
 class _LeftHalf:

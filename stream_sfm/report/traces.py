@@ -34,12 +34,12 @@ class Trace:
     @property
     def position_m(self) -> Array:
         """Length (k,) of the position error, metres."""
-        return np.asarray(np.linalg.norm(self.estimate[:, :3, 3] - self.truth[:, :3, 3], axis=1))
+        return np.linalg.norm(self.estimate[:, :3, 3] - self.truth[:, :3, 3], axis=1)
 
     @property
     def rotation_deg(self) -> Array:
         """Angle (k,) of the rotation error, degrees."""
-        return np.asarray(np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1)))
+        return np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1))
 
 
 def trace(run: MethodRun, truth: Trajectory) -> Trace | None:

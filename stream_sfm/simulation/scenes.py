@@ -215,7 +215,7 @@ def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:
     """Return whether both physical images hold the points (…, 3)."""
     pixels = physical_views(points_in_cam)
     inside = (pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])
-    return np.asarray((points_in_cam[..., 2] > _NEAREST_M) & inside.all(axis=(-1, -2)))
+    return (points_in_cam[..., 2] > _NEAREST_M) & inside.all(axis=(-1, -2))
 
 
 def _draw_in_view(rng: np.random.Generator, n: int) -> Array:

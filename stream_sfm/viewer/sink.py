@@ -186,7 +186,7 @@ def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64
     if not len(ids):
         return otherwise
     at = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-    return np.asarray(np.where((ids[at] == wanted)[:, None], pixels[at], otherwise))
+    return np.where((ids[at] == wanted)[:, None], pixels[at], otherwise)
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:

@@ -71,7 +71,7 @@ class Document:
         """`value` as a pose (4, 4): rotation and translation in metres."""
         pose = self.numbers(value, key, (4, 4))
         self.rotation(pose[:3, :3], key)
-        return np.asarray(se3.orthonormalise(pose))
+        return se3.orthonormalise(pose)
 
     def camera(self, size: Size, k: Array, model: Any, coefficients: Sequence[float]) -> Camera:
         """A camera; `model` has any of the names in use, `coefficients` may be padded or cut short with zeros."""

@@ -38,7 +38,7 @@ def _right_from_left(document: Document) -> Array:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
     if "T_cam_imu" in first and "T_cam_imu" in second:
         cams_from_imu = [document.pose(c["T_cam_imu"], f"cam{n}.T_cam_imu") for n, c in enumerate((first, second))]
-        return np.asarray(cams_from_imu[1] @ se3.inverse(cams_from_imu[0]))
+        return cams_from_imu[1] @ se3.inverse(cams_from_imu[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
 
 

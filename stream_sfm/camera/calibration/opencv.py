@@ -86,7 +86,7 @@ def _right_from_left(document: Document) -> Array:
     data = document.data
     if "r" in data and "t" in data:
         rotation, translation = document.rotation(data["r"], "R"), document.numbers(data["t"], "T", (3,))
-        return np.asarray(se3.orthonormalise(se3.from_rotation_translation(rotation, translation)))
+        return se3.orthonormalise(se3.from_rotation_translation(rotation, translation))
     if {"r1", "r2", "p1", "p2"} <= set(data):
         r = [document.rotation(data[f"r{n}"], f"R{n}") for n in (1, 2)]
         p = [document.numbers(data[f"p{n}"], f"P{n}", (3, 4)) for n in (1, 2)]

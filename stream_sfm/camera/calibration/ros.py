@@ -51,7 +51,7 @@ def gives_baseline(p_left: Array, p_right: Array) -> bool:
 def pose_from_projections(r_left: Array, p_left: Array, r_right: Array, p_right: Array) -> Array:
     """`right_from_left` (4, 4), metres, of the rectifying rotations R (3, 3) and projections P (3, 4)."""
     offset = _offset(p_right) - _offset(p_left)
-    return np.asarray(se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset))
+    return se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
 
 
 def _offset(p: Array) -> Array:
