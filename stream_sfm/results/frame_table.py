@@ -45,4 +45,4 @@ def _std_in_world(world_from_cam: Array, cov: Array) -> Array:
     turned = world_from_cam[known, :3, :3]
     variances = np.full((len(cov), 3), np.nan)
     variances[known] = np.einsum("nij,njk,nik->ni", turned, cov[known], turned)
-    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+    return np.sqrt(np.maximum(variances, 0.0))

@@ -53,7 +53,7 @@ class RosFrames:
         if not np.isfinite(cov_pose).all():
             return np.full((6, 6), np.nan)
         moved = se3.adjoint(self.base_from_cam)  # W·Exp(ξ) in the base: B·W·Exp(ξ)·B⁻¹ = (B·W·B⁻¹)·Exp(Ad(B) ξ)
-        return np.asarray(moved @ cov_pose @ moved.T)
+        return moved @ cov_pose @ moved.T
 
     def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:
         """Return points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
@@ -68,4 +68,4 @@ def _base_from_cam(ros: RosConfig) -> Array:
     about_x, about_y, about_z = (se3.exp_so3(a * axis) for a, axis in zip(angles, np.eye(3), strict=True))
     place = [ros.camera_x_m, ros.camera_y_m, ros.camera_z_m]
     mounted = se3.from_rotation_translation(about_z @ about_y @ about_x, place)
-    return np.asarray(mounted @ _BODY_FROM_CAMERA_AXES)
+    return mounted @ _BODY_FROM_CAMERA_AXES

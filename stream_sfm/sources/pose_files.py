@@ -112,7 +112,7 @@ def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
         raise LogError(
             f"{path}, line {rows[mirrored[0]][0]}: the pose is mirrored: give poses in right-handed axes"
         )
-    return np.asarray(se3.orthonormalise(poses))
+    return se3.orthonormalise(poses)
 
 
 def _trajectory(path: Path, stamps: list[int], poses: Array) -> Trajectory:
