@@ -258,10 +258,11 @@ def test_the_renderer_still_makes_this_scene(log, rig):
     np.testing.assert_allclose(path, poses(log), atol=1e-9)
     scene = render.room_scene(texel_m=0.01)
     i, depth_m, left, _ = list(with_depth(log))[3]
-    shot = render.render_stereo(scene, ours, path[i])
+    recording = render.Recording(scene, ours, 1, 1.0, lambda _: path[i], sensor=render.CLEAN)
+    shot = recording.shot(0, seed=0)
     known = depth_m > 0
     assert known.mean() > 0.99
     np.testing.assert_allclose(shot.depth_m[known], depth_m[known], atol=6e-5)
-    again = render.render_stereo(scene, ours, path[i])
+    again = recording.shot(0, seed=0)
     np.testing.assert_array_equal(again.right, shot.right)
     assert np.corrcoef(shot.left.ravel(), left.ravel())[0, 1] > 0.5  # other texels, same furniture

@@ -51,14 +51,11 @@ def median_and_spread(values: list[float | None]) -> str:
 
 def rendered(folder: Path) -> list[Path]:
     """The hard scenes in a folder; those that are missing are rendered."""
-    from make_logs import Order, write_log
+    from make_logs import Order, write_logs
     from render import RECORDINGS
 
-    folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.mcap" for name in RECORDINGS]
-    for path in paths:
-        if not path.exists():
-            write_log(path, Order(path.stem), workers=2)
+    write_logs(folder, [Order(path.stem) for path in paths if not path.exists()], workers=2)
     return paths
 
 

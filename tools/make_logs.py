@@ -1,16 +1,25 @@
-"""Render logs with exact ground truth: `python tools/make_logs.py` writes logs/room.mcap anew.
+"""Render logs with exact ground truth: `python -m tools.make_logs` writes logs/room.mcap anew.
 
-    python tools/make_logs.py --hard crowd corridor --out build/hard    # the scenes of tools/render/hard.py
-    python tools/make_logs.py --hard all --width 320 --frames 40 --out build/small
+    python -m tools.make_logs --hard build/hard                       # all hard logs
+    python -m tools.make_logs --hard build/hard corridor 'walking_*'  # some, in this order
+    python -m tools.make_logs --hard build/small --width 320 --frames 40
 
-The logs follow docs/log-profile.md.
+Hard logs are the scenes of tools/render/hard.py, and motions of tools/render/motions.py with the faults of
+tools/render/faults.py, as walking_clean and walking_rs20; README.txt beside them says what is wrong in each.
+Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.
 """
 
 import argparse
+import hashlib
 import multiprocessing
+import os
+import pickle
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -22,7 +31,9 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
-from render import RECORDINGS, Recording, Sensor, Shot, room_recording
+
+sys.path.insert(0, str(Path(__file__).parent))
+from render import FAULTS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, room_recording
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
@@ -37,6 +48,10 @@ SENSOR = Sensor(gain_right=0.98)
 FRAME_IDS = {"left": "left_camera_optical_frame", "right": "right_camera_optical_frame"}
 
 
+MESSAGES = {kind.__name__: kind for kind in (CameraCalibration, CompressedImage, PoseInFrame)}
+HARD = [*RECORDINGS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
+
+
 @dataclass(frozen=True, slots=True)
 class Order:
     """What to render: the sample log (`name` room) or a hard one, and how large."""
@@ -46,14 +61,24 @@ class Order:
     frames: int | None = None
 
     def recording(self) -> Recording:
-        """Build the scene; takes some seconds."""
-        if self.name == "room":
-            return room_recording(SEED, SENSOR)
-        asked = {} if self.frames is None else {"frames": self.frames}
-        return RECORDINGS[self.name](width=self.width, **asked)
+        """Build the scene, which takes some seconds unless it was built before."""
+        motion, _, fault = self.name.partition("_")
+        clean = _clean(motion, self.width, self.frames)
+        return FAULTS[fault].applied(clean) if fault else clean
+
+    @property
+    def truth(self) -> str:
+        """What is wrong in this log; {middle} is its middle frame."""
+        fault = self.name.partition("_")[2]
+        return FAULTS[fault].truth if fault else "nothing is wrong with the rig, the scene is hard"
 
 
-_recording: Recording | None = None  # each worker builds its own: OpenCV's threads do not survive a fork
+@lru_cache(maxsize=len(MOTIONS))
+def _clean(name: str, width: int, frames: int | None) -> Recording:
+    if name == "room":
+        return room_recording(SEED, SENSOR)
+    asked = {} if frames is None else {"frames": frames}
+    return (RECORDINGS | MOTIONS)[name](width=width, **asked)
 
 
 def _stamp(stamp_ns: int) -> Timestamp:
@@ -88,10 +113,19 @@ def calibration_messages(rig: StereoRig, stamp_ns: int) -> dict[str, CameraCalib
     }
 
 
-def _image(side: str, stamp_ns: int, image: np.ndarray) -> CompressedImage:
-    ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1])
-    assert ok
-    return CompressedImage(timestamp=_stamp(stamp_ns), frame_id=FRAME_IDS[side], data=data.tobytes(), format="jpeg")
+def _image(recording: Recording, order: Order, i: int, side: str, shared: Path) -> CompressedImage:
+    """The image of a side in frame i; taken from the folder `shared` where another log had the same one."""
+    view = recording.view(i, side, SEED)
+    made_of = (order.name.partition("_")[0], order.width, order.frames, recording.readout_s, view)
+    kept = shared / hashlib.sha256(pickle.dumps(made_of)).hexdigest()
+    if not kept.exists():
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        ok, data = cv2.imencode(".jpg", recording.image(view), options)
+        assert ok
+        kept.write_bytes(data.tobytes())
+    return CompressedImage(
+        timestamp=_stamp(_stamp_ns(recording, i)), frame_id=FRAME_IDS[side], data=kept.read_bytes(), format="jpeg"
+    )
 
 
 def _depth(stamp_ns: int, depth_m: np.ndarray) -> CompressedImage:
@@ -112,62 +146,92 @@ def _pose(stamp_ns: int, world_from_cam: np.ndarray) -> PoseInFrame:
     return message
 
 
-def frame_messages(i: int, shot: Shot, recording: Recording) -> Iterator[tuple[str, Message]]:
+def _stamp_ns(recording: Recording, i: int) -> int:
+    return START_NS + round(i * 1e9 / recording.rate_hz)
+
+
+def frame_messages(order: Order, i: int, shared: Path) -> Iterator[tuple[str, Message]]:
     """Topics and messages of one frame, calibration first."""
-    stamp_ns = START_NS + round(i * 1e9 / recording.rate_hz)
+    recording = order.recording()
+    stamp_ns = _stamp_ns(recording, i)
     if i % round(recording.rate_hz) == 0:
         for side, calibration in calibration_messages(recording.rig, stamp_ns).items():
             yield f"/camera/{side}/calibration", calibration
-    yield "/camera/left/image", _image("left", stamp_ns, shot.left)
-    yield "/camera/right/image", _image("right", stamp_ns, shot.right)
+    for side in SIDES:
+        yield f"/camera/{side}/image", _image(recording, order, i, side, shared)
     yield "/ground_truth/pose", _pose(stamp_ns, recording.pose(i))
     if i % DEPTH_EVERY == 0:
-        yield "/ground_truth/depth", _depth(stamp_ns, shot.depth_m)
+        yield "/ground_truth/depth", _depth(stamp_ns, recording.depth_m(i))
 
 
-def _prepare(order: Order) -> None:
-    global _recording
+def _frames_and_rate(order: Order) -> tuple[int, float]:
     cv2.setNumThreads(1)
-    _recording = order.recording()
+    return order.recording().frames, order.recording().rate_hz
 
 
-def _rendered(i: int) -> Shot:
-    assert _recording is not None
-    return _recording.shot(i, SEED)
+def _frame(task: tuple[Order, int, Path]) -> list[tuple[str, str, bytes]]:
+    """Topic, type and content of each message of a frame: messages themselves cannot be pickled."""
+    cv2.setNumThreads(1)
+    return [(topic, type(m).__name__, m.SerializeToString()) for topic, m in frame_messages(*task)]
 
 
-def write_log(path: Path, order: Order, workers: int) -> None:
-    """Render a recording and write it as one MCAP file, in zstd chunks; it has its name when it is whole."""
-    recording = order.recording()
-    part = path.with_name(path.name + ".part")
+def write_logs(folder: Path, orders: Sequence[Order], workers: int) -> None:
+    """Render logs into a folder, each one MCAP file in zstd chunks, which has its name when it is whole."""
+    folder.mkdir(parents=True, exist_ok=True)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the workers: there are enough of them
     with (
-        part.open("wb") as file,
-        Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
-        multiprocessing.get_context("spawn").Pool(workers, _prepare, (order,)) as pool,
+        tempfile.TemporaryDirectory(prefix="shared-images-") as shared,
+        multiprocessing.get_context("spawn").Pool(workers) as pool,  # OpenCV's threads do not survive a fork
     ):
-        for i, shot in enumerate(pool.imap(_rendered, range(recording.frames))):
-            stamp_ns = START_NS + round(i * 1e9 / recording.rate_hz)
-            for topic, message in frame_messages(i, shot, recording):
-                writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
-            print(f"\r{path.name}: frame {i + 1} of {recording.frames}", end="", file=sys.stderr, flush=True)
-    part.replace(path)
-    print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
+        for order in orders:
+            frames, rate_hz = pool.apply(_frames_and_rate, (order,))
+            path = folder / f"{order.name}.mcap"
+            part = path.with_name(path.name + ".part")
+            with (
+                part.open("wb") as file,
+                Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
+            ):
+                tasks = ((order, i, Path(shared)) for i in range(frames))
+                for i, messages in enumerate(pool.imap(_frame, tasks)):
+                    stamp_ns = START_NS + round(i * 1e9 / rate_hz)
+                    for topic, kind, content in messages:
+                        message = MESSAGES[kind].FromString(content)
+                        writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
+                    print(f"\r{path.name}: frame {i + 1} of {frames}", end="", file=sys.stderr, flush=True)
+            part.replace(path)
+            print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
+            if order.name != "room":
+                _note(folder / "README.txt", order.name, order.truth.format(middle=frames // 2))
+
+
+def _note(path: Path, name: str, truth: str) -> None:
+    """Write the line of a log into the list of what is wrong in each, or replace it."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    kept = [line for line in lines if not line.startswith(f"{name}: ")]
+    path.write_text("\n".join([*kept, f"{name}: {truth}", ""]), encoding="utf-8")
 
 
 def main() -> None:
     """Parse the command line and render."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "logs", help="folder")
+    parser.add_argument("--hard", nargs="+", metavar=("DIR", "NAME"),
+                        help=f"hard logs into this folder instead of the room into logs/: names or patterns of "
+                        f"{', '.join(RECORDINGS)}, and MOTION_FAULT with a motion of {', '.join(MOTIONS)} and a fault "
+                        f"of {', '.join(FAULTS)}; default: all")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
-    parser.add_argument("--hard", nargs="+", default=[], choices=[*RECORDINGS, "all"], metavar="NAME",
-                        help=f"hard scenes instead of the room: all, or some of {', '.join(RECORDINGS)}")  # fmt: skip
-    parser.add_argument("--width", type=int, default=640, help="pixels, of hard scenes")
-    parser.add_argument("--frames", type=int, help="frames of hard scenes; default: as many as each has")
+    parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
+    parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    hard = list(RECORDINGS) if "all" in arguments.hard else arguments.hard
-    for name in hard or ["room"]:
-        write_log(arguments.out / f"{name}.mcap", Order(name, arguments.width, arguments.frames), arguments.workers)
+    if not arguments.hard:
+        write_logs(Path(__file__).parents[1] / "logs", [Order()], arguments.workers)
+        return
+    folder, *patterns = arguments.hard
+    names = {name: None for pattern in patterns or ["*"] for name in HARD if fnmatchcase(name, pattern)}
+    unknown = [p for p in patterns if not any(fnmatchcase(name, p) for name in HARD)]
+    if unknown:
+        parser.error(f"no hard log is called {unknown[0]}; there are {', '.join(HARD)}")
+    orders = [Order(name, arguments.width, arguments.frames) for name in names]
+    write_logs(Path(folder), orders, arguments.workers)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,27 @@
 """A ray caster for stereo test images: exact geometry, anti-aliased textures, ground-truth depth."""
 
-from .caster import CLEAN, Sensor, Shot, pixel_rays, render_stereo
+from .caster import CLEAN, Sensor, pixel_rays
+from .faults import FAULTS, Fault
 from .hard import RECORDINGS
-from .recording import Recording
+from .motions import MOTIONS
+from .recording import SIDES, Recording, Shot
 from .room import room_path, room_recording, room_rig, room_scene
 from .scene import Box, Scene, build_scene
 
 __all__ = [
     "CLEAN",
+    "FAULTS",
+    "MOTIONS",
     "RECORDINGS",
+    "SIDES",
     "Box",
+    "Fault",
     "Recording",
     "Scene",
     "Sensor",
     "Shot",
     "build_scene",
     "pixel_rays",
-    "render_stereo",
     "room_path",
     "room_recording",
     "room_rig",

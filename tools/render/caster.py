@@ -1,11 +1,11 @@
-"""From a scene, a rig and a pose to a pair of images with depth.
+"""From a scene, a camera and its motion to an image, and to depth.
 
 Rays leave each raw pixel through the exact inverse of the lens distortion. Nine rays a pixel, on a rotated grid
 whose centroid is the pixel's centre, look up trilinearly filtered textures; the picture is their mean (box filter),
 so edges and textures are free of aliasing and nothing is shifted. Depth belongs to the pixel's centre alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
 from .scene import FACE_AXES, LEVELS, Box, Scene
@@ -26,6 +25,8 @@ Array = NDArray[np.floating[Any]]
 RAY_GROUPS = ((0, 4, 8), (1, 7), (2, 6), (3, 5))
 SUBPIXELS = np.stack([np.arange(9), [0, 3, 6, 1, 4, 7, 2, 5, 8]], axis=1) / 9 - 4 / 9
 
+BLUR_MOMENTS = 8  # instants of an open shutter: their images lie a pixel apart at 8 px of blur
+BAND_ROWS = 8  # rendered at once: their rays fit into the processor's cache
 MIRROR_SHARE = 0.85  # of the light that a mirror throws back: a clean one at home
 
 
@@ -40,15 +41,6 @@ class Sensor:
 
 
 CLEAN = Sensor(read_noise=0.0, shot_noise=0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """Raw images (h, w) uint8, and z-depth (h, w) float64, metres, at the pixel centres of the raw left image."""
-
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
-    depth_m: NDArray[np.float64]
 
 
 def pixel_rays(camera: Camera, pixels: Array) -> NDArray[np.float64]:
@@ -74,143 +66,131 @@ def pixel_rays(camera: Camera, pixels: Array) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=4)
 def _sampling_rays(key: tuple[int, int, bytes, tuple[float, ...], str]) -> NDArray[np.float32]:
-    """Rays (3, 9, h, w) of all sub-pixels of a camera."""
+    """Rays (h, 3, 9, w) of all sub-pixels of a camera: exact at pixel centres, linear within a pixel (1e-4 px)."""
     width, height, k, d, model = key
     camera = Camera(width, height, np.frombuffer(k).reshape(3, 3), d, model)
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    rays = [pixel_rays(camera, np.stack([u + du, v + dv], axis=-1)) for du, dv in SUBPIXELS]
-    return np.ascontiguousarray(np.moveaxis(np.stack(rays), -1, 0), dtype=np.float32)
+    rays = _central_rays(camera)
+    by_row, by_column = np.gradient(rays, axis=(0, 3), edge_order=2)
+    du, dv = SUBPIXELS.T[..., None]
+    return (rays + du * by_column + dv * by_row).astype(np.float32)
+
+
+def _central_rays(camera: Camera) -> NDArray[np.float64]:
+    """Rays (h, 3, 1, w) of the pixel centres."""
+    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(float)
+    return np.moveaxis(pixel_rays(camera, pixels), -1, 1)[:, :, None]
 
 
 @dataclass(slots=True)
 class _Hits:
-    """What the rays (…,) met: depth along the ray, face, texture coordinates in [0, 1], cosine of incidence."""
+    """What the rays (s, h, w) met: depth along the ray, and the face, 6 · box + its number; −1 where nothing."""
 
     depth: Array
     face: NDArray[np.int32]
-    u: Array
-    v: Array
-    cosine: Array
 
 
-def _region(scene: Scene, box_index: int, cam_from_room: Array, camera: Camera) -> tuple[slice, slice]:
-    """Rows and columns that can see a box; the whole image when part of it is beside or behind the camera."""
-    box = scene.boxes[box_index]
-    everything = slice(0, camera.height), slice(0, camera.width)
+@lru_cache(maxsize=8)
+def _placed(boxes: tuple[Box, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """box_from_room (n, 4, 4) and the corners in the room (n, 8, 3) of boxes."""
+    box_from_room = np.array([box.box_from_room for box in boxes])
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    corners = se3.transform(se3.inverse(box.box_from_room), signs * np.array(box.size_m) / 2)
-    corners = se3.transform(cam_from_room, corners)
-    if box.inside or corners[:, 2].min() < 0.2:
-        return (slice(0, 0), slice(0, 0)) if corners[:, 2].max() < 0 else everything
-    x, y = corners[:, 0] / corners[:, 2], corners[:, 1] / corners[:, 2]
+    corners = signs * np.array([box.size_m for box in boxes])[:, None] / 2
+    return box_from_room, se3.transform(se3.inverse(box_from_room), corners)
+
+
+def _columns(boxes: tuple[Box, ...], camera: Camera, room_from_cam: Array, rows: slice) -> list[slice]:
+    """For each box the columns that can see it in these rows; all of them when part of it is beside the camera."""
+    cam_from_room = se3.inverse(room_from_cam)
+    corners = se3.transform(cam_from_room, _placed(boxes)[1])
+    z = corners[..., 2]
+    wide = np.array([box.inside for box in boxes]) | (z.min(axis=1) < 0.2)
+    x, y = corners[..., 0] / np.maximum(z, 0.2), corners[..., 1] / np.maximum(z, 0.2)
     # Straight edges bow under distortion: where the mild lens moves the corners by δ, keep 3δ and 4 px around.
     k = np.asarray(camera.K)
     u, v = k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]
-    reach = np.minimum(np.maximum(x * x + y * y, 0.0), 1.0)
-    margin = 4 + 3 * k[0, 0] * np.abs(np.asarray(camera.D[:2] or (0.0,))).sum() * reach.max() * np.sqrt(reach.max())
-    low = np.clip(np.floor([v.min() - margin, u.min() - margin]), 0, None).astype(int)
-    high = np.ceil([v.max() + margin, u.max() + margin]).astype(int)
-    high = np.clip(high, low, np.maximum(low, (camera.height, camera.width)))
-    return slice(low[0], high[0]), slice(low[1], high[1])
+    reach = np.clip(x * x + y * y, 0.0, 1.0).max(axis=1) ** 1.5
+    margin = 4 + 3 * k[0, 0] * np.abs(np.asarray(camera.D[:2] or (0.0,))).sum() * reach
+    seen = (v.min(axis=1) - margin < rows.stop) & (v.max(axis=1) + margin > rows.start - 1)
+    low = np.where(wide, 0, np.clip(np.floor(u.min(axis=1) - margin), 0, camera.width)).astype(int)
+    high = np.where(wide, camera.width, np.clip(np.ceil(u.max(axis=1) + margin), 0, camera.width)).astype(int)
+    high = np.where((seen | wide) & (z.max(axis=1) > 0), high, low)
+    return [slice(*ends) for ends in np.stack([low, high], axis=1).tolist()]
+
+
+@dataclass(slots=True)
+class _Beams:
+    """Rays in the room: `origins` (3, h), one for each row, and `directions` (3, s, h, w), of depth 1 in the camera."""
+
+    origins: NDArray[np.float64]
+    directions: Array
+
+    def moved(self, pose: Array) -> "_Beams":
+        """The rays in other axes, or mirrored."""
+        rotation = pose[:3, :3].astype(self.directions.dtype)
+        origins = pose[:3, :3] @ self.origins + pose[:3, 3:]
+        return _Beams(origins, np.tensordot(rotation, self.directions, axes=1))
+
+
+def _beams(room_from_cam: Array, rays: Array) -> _Beams:
+    """The rays (h, 3, s, w) of rows whose poses are (h, 4, 4)."""
+    rotations = room_from_cam[:, :3, :3].astype(rays.dtype)
+    directions = (rotations @ rays.reshape(len(rays), 3, -1)).reshape(rays.shape)
+    return _Beams(room_from_cam[:, :3, 3].T, np.ascontiguousarray(np.moveaxis(directions, 0, 2)))
 
 
 def _cast(
-    scene: Scene,
-    camera: Camera,
-    room_from_cam: Array,
-    rays: Array,
-    beyond: Array | None = None,
-    without: int | None = None,
+    scene: Scene, beams: _Beams, columns: Sequence[slice], beyond: Array | None = None, without: int | None = None
 ) -> _Hits:
-    """Nearest hits of rays (3, s, h, w) given in the camera; slab test against each box, in the type of `rays`.
+    """Nearest hits of rays; slab test against each box in its columns, in single or double precision as they are.
 
     For reflections: hits must lie `beyond` (s, h, w) these depths, and the box `without` is not there.
     """
-    kind = rays.dtype.type
-    shape = rays.shape[1:]
-    hits = _Hits(
-        np.full(shape, np.inf, kind),
-        np.zeros(shape, np.int32),
-        *(np.zeros(shape, kind) for _ in range(3)),
-    )
-    cam_from_room = se3.inverse(room_from_cam)
-    for b, box in enumerate(scene.boxes):
-        rows, columns = _region(scene, b, cam_from_room, camera)
-        block = rays[:, :, rows, columns]
-        if b == without or block.size == 0:
+    shape, kind = beams.directions.shape[1:], beams.directions.dtype
+    hits = _Hits(np.full(shape, np.inf, kind), np.full(shape, -1, np.int32))
+    for b, (box_from_room, seen) in enumerate(zip(_placed(scene.boxes)[0], columns, strict=True)):
+        if b == without or seen.start >= seen.stop:
             continue
-        box_from_cam = box.box_from_room @ room_from_cam
-        directions = np.tensordot(box_from_cam[:3, :3].astype(kind), block, axes=1)
-        origin = box_from_cam[:3, 3].astype(kind)
-        t, axis, met = _slab_test(box, origin, directions)
-        if not box.inside:
-            met &= t < hits.depth[:, rows, columns]
+        in_box = _Beams(beams.origins, beams.directions[..., seen]).moved(box_from_room)
+        t, face, met = _slab_test(scene.boxes[b], in_box)
+        met &= t < hits.depth[..., seen]
         if beyond is not None:
-            met &= t > beyond[:, rows, columns]
-        where = np.nonzero(met)
-        if len(where[0]):
-            place = (where[0], where[1] + rows.start, where[2] + columns.start)
-            _record(hits, place, b, box, origin, directions[(slice(None), *where)], t[where], axis[where])
+            met &= t > beyond[..., seen]
+        np.copyto(hits.depth[..., seen], t, where=met)
+        np.copyto(hits.face[..., seen], 6 * b + face, where=met)
     return hits
 
 
-def _slab_test(box: Box, origin: Array, directions: Array) -> tuple[Array, Array, Array]:
-    """Depth and axis of the face that each ray (3, s, h, w) meets, and whether it meets the box, in the box's axes."""
-    half = (np.array(box.size_m) / 2).astype(origin.dtype)
+def _slab_test(box: Box, in_box: _Beams) -> tuple[Array, Array, Array]:
+    """Depth and face (s, h, w) that each ray meets, and whether it meets the box."""
+    directions = in_box.directions
+    origin = in_box.origins.astype(directions.dtype)[:, None, :, None]
+    half = (np.array(box.size_m) / 2).astype(directions.dtype)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / directions
-        centre = inverse * -origin[:, None, None, None]
+        centre = inverse * -origin
         reach = np.abs(inverse) * half[:, None, None, None]
         enter, leave = centre - reach, centre + reach
-    if box.inside:
-        t = leave.min(axis=0)
-        return t, leave.argmin(axis=0), t > 0
-    t = enter.max(axis=0)
-    return t, enter.argmax(axis=0), (t > 0) & (t < leave.min(axis=0))
-
-
-def _record(
-    hits: _Hits,
-    place: tuple[Array, Array, Array],
-    index: int,
-    box: Box,
-    origin: Array,
-    directions: Array,
-    t: Array,
-    axis: Array,
-) -> None:
-    """Write the hits at `place` on the box with this index: depth, face, texture coordinates, cosine."""
-    kind = origin.dtype.type
-    along = np.take_along_axis(directions, axis[None], axis=0)[0]
+    ends = leave if box.inside else enter
+    t = ends.min(axis=0) if box.inside else ends.max(axis=0)
     # A ray running towards +axis enters through the − face and leaves through the + face.
-    face = 2 * axis + ((along > 0) == box.inside)
-    seen_as = face ^ 1 if box.inside else face
-    point = origin[:, None] + t * directions
-    fraction = point / np.array(box.size_m).astype(kind)[:, None] + kind(0.5)
-    table = np.array(FACE_AXES)  # (face, column or row, (axis, sign))
-    for row_or_column, out in ((0, hits.u), (1, hits.v)):
-        picked, sign = table[seen_as, row_or_column].T
-        value = np.take_along_axis(fraction, picked[None], axis=0)[0]
-        out[place] = np.where(sign > 0, value, 1 - value)
-    hits.depth[place] = t
-    hits.face[place] = 6 * index + face
-    hits.cosine[place] = np.abs(along) / np.sqrt((directions * directions).sum(axis=0))
+    side = (directions > 0) == box.inside
+    face = np.zeros(t.shape, np.int16)
+    for axis in range(3):
+        np.copyto(face, 2 * axis + side[axis], where=t == ends[axis], casting="same_kind")
+    return t, face, (t > 0) if box.inside else (t > 0) & (t < leave.min(axis=0))
 
 
-def _bilinear(scene: Scene, face: Array, level: Array, u: Array, v: Array) -> Array:
-    """Texels of one level of the pyramid, interpolated; level edges are repeated."""
-    flat = face * LEVELS + level
-    columns, rows = scene.size_px.reshape(-1, 2).astype(np.int32).T
-    n, m = columns[flat], rows[flat]
-    x = np.clip(u * n - 0.5, 0, n - 1).astype(np.float32)
-    y = np.clip(v * m - 0.5, 0, m - 1).astype(np.float32)
-    x0, y0 = (
-        np.minimum(x.astype(np.int32), np.maximum(n - 2, 0)),
-        np.minimum(y.astype(np.int32), np.maximum(m - 2, 0)),
-    )
+def _bilinear(scene: Scene, face: int, level: Array, u: Array, v: Array) -> Array:
+    """Texels of a face, each from its own level of the pyramid, interpolated; edges are repeated."""
+    columns, rows = scene.size_px[face].astype(np.int32).T
+    n, m = columns[level], rows[level]
+    x = np.clip(u * n - np.float32(0.5), 0, n - 1).astype(np.float32)
+    y = np.clip(v * m - np.float32(0.5), 0, m - 1).astype(np.float32)
+    x0 = np.minimum(x.astype(np.int32), np.maximum(n - 2, 0))
+    y0 = np.minimum(y.astype(np.int32), np.maximum(m - 2, 0))
     x -= x0
     y -= y0
-    corner = scene.offset.ravel().astype(np.int32)[flat] + y0 * n + x0
+    corner = scene.offset[face].astype(np.int32)[level] + y0 * n + x0
     right, below = np.minimum(n - 1, 1), np.where(m > 1, n, 0)
     texels = scene.texels
     upper = texels[corner] * (1 - x) + texels[corner + right] * x
@@ -218,87 +198,86 @@ def _bilinear(scene: Scene, face: Array, level: Array, u: Array, v: Array) -> Ar
     return upper * (1 - y) + lower * y
 
 
-def _shaded(scene: Scene, camera: Camera, hits: _Hits) -> NDArray[np.float32]:
-    """Grey levels (s, h, w) of what the rays met."""
-    spacing_m = hits.depth / np.float32(3 * camera.K[0, 0]) / np.maximum(hits.cosine, np.float32(0.12))
-    lod = np.clip(np.log2(spacing_m / np.float32(scene.texel_m)), 0, LEVELS - 1.001)
-    level = lod.astype(np.int32)
-    fine = _bilinear(scene, hits.face, level, hits.u, hits.v)
-    coarse = _bilinear(scene, hits.face, level + 1, hits.u, hits.v)
-    lod -= level
-    return fine + lod * (coarse - fine)
+def _shaded(scene: Scene, camera: Camera, beams: _Beams, hits: _Hits) -> NDArray[np.float32]:
+    """Grey levels (s, h, w) of what the rays met, black where nothing."""
+    grey = np.zeros(hits.face.size, np.float32)
+    faces, directions = hits.face.ravel(), beams.directions.reshape(3, -1)
+    _, height, width = hits.face.shape
+    for face in np.flatnonzero(np.bincount(faces + 1)[1:]).tolist():
+        where = np.flatnonzero(faces == face)
+        box, box_from_room, number = scene.boxes[face // 6], _placed(scene.boxes)[0][face // 6], face % 6
+        in_box = _Beams(beams.origins, directions[:, where]).moved(box_from_room)
+        along, depth = in_box.directions, hits.depth.ravel()[where]
+        origins = in_box.origins.astype(np.float32)[:, where // width % height]
+        u, v = (
+            np.float32(0.5) + np.float32(sign / box.size_m[axis]) * (origins[axis] + depth * along[axis])
+            for axis, sign in FACE_AXES[number ^ 1 if box.inside else number]
+        )
+        cosine = np.abs(along[number // 2]) / np.sqrt((along * along).sum(axis=0))
+        spacing_m = depth / np.float32(3 * camera.K[0, 0]) / np.maximum(cosine, np.float32(0.12))
+        lod = np.clip(np.log2(spacing_m / np.float32(scene.texel_m)), 0, np.float32(LEVELS - 1.001))
+        level = lod.astype(np.int32)
+        fine, coarse = (_bilinear(scene, face, number, u, v) for number in (level, level + 1))
+        grey[where] = fine + (lod - level) * (coarse - fine)
+    return grey.reshape(hits.face.shape)
 
 
-def _light(
-    scene: Scene, camera: Camera, room_from_cam: Array, group: tuple[int, ...] | None = None
-) -> NDArray[np.float32]:
-    """The image (h, w) before the sensor, in grey levels, from all rays or from a group of them."""
-    key = (camera.width, camera.height, np.asarray(camera.K, float).tobytes(), camera.D, camera.distortion_model)
-    rays = _sampling_rays(key)
-    if group is not None:
-        rays = rays[:, list(group)]
-    hits = _cast(scene, camera, room_from_cam, rays)
-    grey = _shaded(scene, camera, hits)
+def _light(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array, rows: slice) -> NDArray[np.float32]:
+    """Rows (h, w) of the image before the sensor, in grey levels, from their poses (h, 4, 4) and rays (h, 3, s, w)."""
+    beams = _beams(room_from_cam, rays)
+    hits = _cast(scene, beams, _columns(scene.boxes, camera, room_from_cam[0], rows))
+    grey = _shaded(scene, camera, beams, hits)
     for box, face in scene.mirrors:
         glass = hits.face == 6 * box + face
         if glass.any():
-            # all reflected rays seem to come from one point behind the glass: the mirrored camera
-            mirrored = scene.reflection(box, face) @ room_from_cam
-            behind = _cast(scene, camera, mirrored, rays, beyond=hits.depth, without=box)
-            grey = np.where(glass, MIRROR_SHARE * _shaded(scene, camera, behind), grey)
+            # all reflected rays of a row seem to come from one point behind the glass: the mirrored camera
+            reflection = scene.reflection(box, face)
+            mirrored = beams.moved(reflection)
+            columns = _columns(scene.boxes, camera, reflection @ room_from_cam[0], rows)
+            behind = _cast(scene, mirrored, columns, beyond=hits.depth, without=box)
+            grey = np.where(glass, MIRROR_SHARE * _shaded(scene, camera, mirrored, behind), grey)
     return grey.mean(axis=0)
 
 
-def _expose(light: Array, gain: float, sensor: Sensor, rng: np.random.Generator) -> NDArray[np.uint8]:
+def image_of(
+    camera: Camera,
+    moment: Callable[[float], tuple[Scene, Array]],
+    stamp_s: float,
+    shutter_s: float = 0.0,
+    readout_s: float = 0.0,
+) -> NDArray[np.float32]:
+    """The raw image (h, w) before the sensor, in grey levels; `moment(t)` is the scene and its room_from_cam.
+
+    The shutter is open for `shutter_s` around the time of a row. That time is the stamp where `readout_s` is 0; a
+    rolling shutter exposes row r at stamp_s + readout_s · (r − (h − 1)/2) / h, the middle row at the stamp. The camera
+    moves on from row to row, bodies from band to band.
+    """
+    key = (camera.width, camera.height, np.asarray(camera.K, float).tobytes(), camera.D, camera.distortion_model)
+    all_rays = _sampling_rays(key)
+    row_s = stamp_s + readout_s * (np.arange(camera.height) - (camera.height - 1) / 2) / camera.height
+    groups = [RAY_GROUPS[k % len(RAY_GROUPS)] for k in range(BLUR_MOMENTS)] if shutter_s else [tuple(range(9))]
+    image = np.zeros((camera.height, camera.width), np.float32)
+    for top in range(0, camera.height, BAND_ROWS):
+        rows = slice(top, min(top + BAND_ROWS, camera.height))
+        for k, group in enumerate(groups):
+            times = row_s[rows] + shutter_s * ((k + 0.5) / len(groups) - 0.5)
+            scene = moment(times[len(times) // 2])[0]
+            poses = np.array([moment(t)[1] for t in times])
+            rays = all_rays[rows][:, :, group]
+            image[rows] += _light(scene, camera, poses, rays, rows) / np.float32(len(groups))
+    return image
+
+
+def exposed(light: Array, gain: float, sensor: Sensor, seed: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The picture that the sensor makes of light; `seed` fixes its noise: give each image its own."""
     grey = light * gain
     sigma = np.sqrt(sensor.read_noise**2 + sensor.shot_noise * grey)
-    return np.clip(np.rint(grey + sigma * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
+    noise = np.random.default_rng(seed).standard_normal(grey.shape)
+    return np.clip(np.rint(grey + sigma * noise), 0, 255).astype(np.uint8)
 
 
 def depth_of(scene: Scene, camera: Camera, room_from_cam: Array) -> NDArray[np.float64]:
     """z-depth (h, w), metres, at the pixel centres of a raw image."""
-    u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
-    rays = np.moveaxis(pixel_rays(camera, np.stack([u, v], axis=-1)), -1, 0)[:, None]
-    return np.asarray(_cast(scene, camera, room_from_cam, rays).depth[0], dtype=float)
-
-
-def render_stereo(
-    scene: Scene,
-    rig: StereoRig,
-    world_from_cam: Array,
-    sensor: Sensor = CLEAN,
-    seed: int | tuple[int, ...] = 0,
-) -> Shot:
-    """Both raw images and the left depth for the left camera at `world_from_cam` (4, 4).
-
-    `seed` fixes the sensor noise: give each frame its own.
-    """
-    return render_exposure([(scene, world_from_cam)], (scene, world_from_cam), rig, sensor, seed)
-
-
-def render_exposure(
-    moments: Sequence[tuple[Scene, Array]],
-    middle: tuple[Scene, Array],
-    rig: StereoRig,
-    sensor: Sensor = CLEAN,
-    seed: int | tuple[int, ...] = 0,
-) -> Shot:
-    """Both raw images of a shutter that is open for some time, and the left depth in the middle of it.
-
-    `moments`: the scene and the pose `world_from_cam` (4, 4) at evenly spaced times while it is open, a multiple of
-    four or just one; the image is the mean of their light, clipped after the mean, as on a sensor.
-    """
-    rng = np.random.default_rng(seed)
-    groups: list[tuple[int, ...] | None] = [None]
-    if len(moments) > 1:
-        groups = [RAY_GROUPS[k % len(RAY_GROUPS)] for k in range(len(moments))]
-    images = []
-    for camera, gain in ((rig.left, sensor.gain_left), (rig.right, sensor.gain_right)):
-        left_from_camera = np.eye(4) if camera is rig.left else se3.inverse(rig.right_from_left)
-        light = [
-            _light(scene, camera, scene.room_from_world @ pose @ left_from_camera, group)
-            for (scene, pose), group in zip(moments, groups, strict=True)
-        ]
-        images.append(_expose(light[0] if len(light) == 1 else np.mean(light, axis=0), gain, sensor, rng))
-    scene, world_from_cam = middle
-    return Shot(images[0], images[1], depth_of(scene, rig.left, scene.room_from_world @ world_from_cam))
+    beams = _beams(np.broadcast_to(room_from_cam, (camera.height, 4, 4)), _central_rays(camera))
+    columns = _columns(scene.boxes, camera, room_from_cam, slice(0, camera.height))
+    return np.asarray(_cast(scene, beams, columns).depth[0], dtype=float)

@@ -7,7 +7,7 @@ exposure. `RECORDINGS` is the list by name.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from stream_sfm.camera.models import Camera
@@ -40,45 +40,47 @@ def rig(width: int = 640, baseline_m: float = 0.12, fov_deg: float = 75.0) -> St
     return StereoRig(left, right, se3.inverse(left_from_right))
 
 
+def robot_pose(at_m: ArrayLike, angles_deg: ArrayLike) -> Array:
+    """room_from_cam (4, 4) of a robot there; angles are heading, pitch (up) and roll."""
+    heading, pitch, roll = np.deg2rad(angles_deg)
+    rotation = (
+        se3.exp_so3(np.array([0, 0, heading]))
+        @ se3.exp_so3(np.array([0, -pitch, 0]))
+        @ se3.exp_so3(np.array([roll, 0, 0]))
+        @ MOUNT
+    )
+    return se3.from_rotation_translation(rotation, np.asarray(at_m, dtype=float))
+
+
 def smooth_path(
     times_s: list[float],
     positions_m: list[tuple[float, float, float]],
     angles_deg: list[tuple[float, float, float]],
 ) -> Callable[[float], Array]:
-    """room_from_cam(t) through waypoints by cubic splines; angles are heading, pitch (up) and roll of the robot."""
+    """room_from_cam(t) through waypoints by cubic splines; angles as in `robot_pose`."""
     place = CubicSpline(times_s, np.array(positions_m))
-    turn = CubicSpline(times_s, np.deg2rad(angles_deg))
+    turn = CubicSpline(times_s, np.array(angles_deg))
 
-    def room_from_cam(t: float) -> Array:
-        heading, pitch, roll = turn(t)
-        rotation = (
-            se3.exp_so3(np.array([0, 0, heading]))
-            @ se3.exp_so3(np.array([0, -pitch, 0]))
-            @ se3.exp_so3(np.array([roll, 0, 0]))
-            @ MOUNT
-        )
-        return se3.from_rotation_translation(rotation, place(t))
-
-    return room_from_cam
+    return lambda t: robot_pose(place(t), turn(t))
 
 
-def _standing(x: float, y: float, size_m: tuple[float, float, float], paint, yaw: float = 0.0) -> Box:
+def standing(x: float, y: float, size_m: tuple[float, float, float], paint, yaw: float = 0.0) -> Box:
     return Box((x, y, size_m[2] / 2), size_m, paint, yaw)
 
 
-def _hall(mirror: bool = False) -> tuple[Box, ...]:
+def furnished_hall(mirror: bool = False) -> tuple[Box, ...]:
     """A furnished room of 7 by 6 m, with a mirror on the far wall if asked for."""
     w, d, h = 7.0, 6.0, 2.7
     room = Box((w / 2, d / 2, h / 2), (w, d, h), (wall(4), wall(5, 160), bricks, wall(6), planks(122), ceiling),
                inside=True)  # fmt: skip
     boxes = [
         room,
-        _standing(6.7, 1.2, (0.5, 1.1, 1.9), books),
-        _standing(6.6, 4.8, (0.6, 0.9, 1.1), cabinet),
-        _standing(5.0, 5.6, (1.2, 0.5, 0.8), crate, 8),
-        _standing(4.6, 0.5, (0.8, 0.6, 0.6), crate, -12),
-        _standing(5.6, 2.2, (0.5, 0.5, 0.7), carton, 30),
-        _standing(2.6, 5.6, (1.4, 0.6, 0.5), fabric(100)),
+        standing(6.7, 1.2, (0.5, 1.1, 1.9), books),
+        standing(6.6, 4.8, (0.6, 0.9, 1.1), cabinet),
+        standing(5.0, 5.6, (1.2, 0.5, 0.8), crate, 8),
+        standing(4.6, 0.5, (0.8, 0.6, 0.6), crate, -12),
+        standing(5.6, 2.2, (0.5, 0.5, 0.7), carton, 30),
+        standing(2.6, 5.6, (1.4, 0.6, 0.5), fabric(100)),
     ]
     if mirror:
         boxes.append(Box((6.98, 3.0, 1.3), (0.02, 1.6, 1.5), ground(200, 1), mirror=0))
@@ -88,11 +90,11 @@ def _hall(mirror: bool = False) -> tuple[Box, ...]:
 def crowd(width: int = 640, frames: int = 120, texel_m: float = 0.0025) -> Recording:
     """Three textured bodies walk through the view, close by, while the camera moves slowly."""
     walkers = (
-        _standing(2.6, 1.0, (0.55, 0.55, 1.8), fabric(105), 10),
-        _standing(2.9, 4.6, (0.6, 0.5, 1.7), carton, 40),
-        _standing(3.6, 2.0, (0.6, 0.6, 1.9), crate, 20),
+        standing(2.6, 1.0, (0.55, 0.55, 1.8), fabric(105), 10),
+        standing(2.9, 4.6, (0.6, 0.5, 1.7), carton, 40),
+        standing(3.6, 2.0, (0.6, 0.6, 1.9), crate, 20),
     )
-    hall = _hall()
+    hall = furnished_hall()
     first = len(hall)
 
     def bodies(t: float) -> dict[int, Place]:
@@ -133,7 +135,7 @@ def motorway(width: int = 640, frames: int = 60, texel_m: float = 0.02) -> Recor
                inside=True)  # fmt: skip
     rng = np.random.default_rng(5)
     sheds = [
-        _standing(float(x), float(side * rng.uniform(12, 20)), (6.0, 5.0, float(rng.uniform(4, 9))), bricks)
+        standing(float(x), float(side * rng.uniform(12, 20)), (6.0, 5.0, float(rng.uniform(4, 9))), bricks)
         for x in np.arange(20, length, 22)
         for side in (-1, 1)
     ]
@@ -157,7 +159,7 @@ def shaken(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Reco
         rotation = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([roll, -pitch, 0])) @ MOUNT
         return se3.from_rotation_translation(rotation, at)
 
-    return Recording(build_scene(_hall(), 24, texel_m), rig(width), frames, 20.0, path, shutter_s=0.012)
+    return Recording(build_scene(furnished_hall(), 24, texel_m), rig(width), frames, 20.0, path, shutter_s=0.012)
 
 
 def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recording:
@@ -171,7 +173,7 @@ def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Reco
         [(15, -3, 0), (5, -2, 0), (-6, 0, 0)],
     )
     return Recording(
-        build_scene(_hall(), 25, texel_m),
+        build_scene(furnished_hall(), 25, texel_m),
         rig(width),
         frames,
         20.0,
@@ -188,7 +190,7 @@ def mirror(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recor
         [(1.6, 2.4, 1.25), (2.4, 2.7, 1.25), (3.2, 2.9, 1.25)],
         [(4, 0, 0), (6, 0, 0), (2, 0, 0)],
     )
-    return Recording(build_scene(_hall(mirror=True), 26, texel_m), rig(width), frames, 20.0, path)
+    return Recording(build_scene(furnished_hall(mirror=True), 26, texel_m), rig(width), frames, 20.0, path)
 
 
 def spin(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recording:
@@ -196,7 +198,7 @@ def spin(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recordi
     last = frames / 20.0
     t = [last * s for s in (0, 0.33, 0.66, 1.0)]
     path = smooth_path(t, [(2.6, 2.9, 1.25)] * 4, [(-12, 0, 0), (14, 0, 0), (14, 12, 2), (8, 4, 18)])
-    return Recording(build_scene(_hall(), 27, texel_m), rig(width), frames, 20.0, path)
+    return Recording(build_scene(furnished_hall(), 27, texel_m), rig(width), frames, 20.0, path)
 
 
 RECORDINGS: dict[str, Callable[..., Recording]] = {

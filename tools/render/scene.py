@@ -71,6 +71,8 @@ class Scene:
 
     def with_boxes_at(self, places: Mapping[int, tuple[tuple[float, float, float], float]]) -> "Scene":
         """The scene with some boxes elsewhere: index -> (centre_m, yaw_deg). Contact shadows stay behind."""
+        if not places:
+            return self
         boxes = list(self.boxes)
         for index, (centre_m, yaw_deg) in places.items():
             boxes[index] = replace(boxes[index], centre_m=centre_m, yaw_deg=yaw_deg)
