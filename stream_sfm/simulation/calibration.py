@@ -1,13 +1,10 @@
-"""Study: what estimates are worth where the calibration is wrong and errors of views last along their tracks.
+"""Study: how good estimates are where the calibration is wrong and errors of views last along their tracks.
 
 The rig's errors are drawn from what `rig.…` assumes. The window learns them, and how long errors last, from the views
 alone; beside it stand windows that take the rig for exact, the errors for white, or both. The bound has the same
 unknowns, eqs. (76) and (77).
 """
 
-from collections.abc import Callable
-from collections.abc import Sequence as Listed
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,13 +17,12 @@ from ..estimators.baselines.calibration_bound import bound_with_rig
 from ..frontend.persistence import Persistence
 from ..frontend.rig_effects import RigEffects
 from ..geometry.se3 import Array
-from ..types import Observations, Solution, Status
-from . import conditions
-from .conditions import Measured, Report, by_condition, lost_share
-from .measure import errors, traces
+from ..types import Observations, Solution
+from .measure import bound_variances, errors, followed
 from .scenes import Scene, Sequence
 from .statistics import mean, ratio
-from .trials import Progress
+from .studies import condition_report
+from .trials import Job, Measured, Report, Study
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
@@ -61,30 +57,28 @@ _OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # which they 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition(conditions.Condition):
-    """What is wrong in a scene: the rig, by its prior, or not."""
+class Condition:
+    """A scene, and whether the rig is wrong in it, as its prior says; run in a `share` of the trials asked for."""
 
+    scene: Scene
     wrong_rig: bool
+    frames: tuple[int, ...] = (10, 15, 20, 25, 30)
+    share: float = 1.0
 
     @property
     def windows(self) -> tuple[Window, ...]:
         """The windows that differ under this condition."""
         return WINDOWS if self.wrong_rig else _OF_EXACT_RIG
 
-    def job(self) -> Callable[[np.random.SeedSequence], Measured]:
-        """Return the measurement of one sequence of the scene."""
-        return partial(measure, condition=self)
-
 
 # Row differences of real rigs scatter by 0.12 to 0.16 px.
 _SCENE = Scene(track_length=8, std_px=0.15, round_off=False)
 _LASTING = replace(_SCENE, autocorrelation=0.75)
-_FRAMES = (10, 15, 20, 25, 30)
-CONDITIONS = (
-    Condition("wrong_rig_lasting_errors", _LASTING, _FRAMES, wrong_rig=True),
-    Condition("wrong_rig", _SCENE, _FRAMES, share=0.5, wrong_rig=True),
-    Condition("lasting_errors", _LASTING, _FRAMES, share=0.5, wrong_rig=False),
-)
+CONDITIONS = {
+    "wrong_rig_lasting_errors": Condition(scene=_LASTING, wrong_rig=True),
+    "wrong_rig": Condition(scene=_SCENE, wrong_rig=True, share=0.5),
+    "lasting_errors": Condition(scene=_LASTING, wrong_rig=False, share=0.5),
+}
 
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
@@ -116,33 +110,22 @@ def measure(seed: np.random.SeedSequence, condition: Condition) -> Measured:
     The variances of the bound are under "bound".
     """
     of_scene, of_rig = seed.spawn(2)
-    frames = condition.frames
     sequence = condition.scene.sequence(of_scene)
     error = np.random.default_rng(of_rig).normal(size=len(TERMS)) * condition.wrong_rig
     observations = seen_by_wrong_rig(sequence, error)
-    result = {w.label: _measure_one(w, sequence, observations, error, frames) for w in condition.windows}
+
+    def figures(frame: int, solution: Solution) -> dict[str, float]:
+        return errors(sequence, frame, solution) | {"nees_rig": _nees_rig(solution, error)}
+
+    result = {}
+    for window in condition.windows:
+        estimator = make_estimator("cross-frame", sequence.projection, Config())
+        told = [window.told(o) for o in observations]
+        result[window.label] = followed(estimator, told, condition.frames, tuple(EXPECTED), figures)
     known = observations if condition.wrong_rig else tuple(replace(o, rig_effects=None) for o in observations)
-    rho = condition.scene.autocorrelation
-    bounds = [
-        bound_with_rig(sequence.projection, known, sequence.world_from_cam, sequence.points_in_world, n, rho)
-        for n in frames
-    ]
-    rows = [traces(bound, slice(None)) for bound in bounds]
-    result["bound"] = {q: np.array([row[q] for row in rows]) for q in QUANTITIES}
-    return result
-
-
-def _measure_one(
-    window: Window, sequence: Sequence, observations: Listed[Observations], error: Array, frames: Listed[int]
-) -> dict[str, Array]:
-    estimator = make_estimator("cross-frame", sequence.projection, Config())
-    result = {name: np.full(len(frames), np.nan) for name in EXPECTED}
-    for o in observations:
-        solution = estimator.step(window.told(o))
-        if o.frame_index in frames and solution.status is not Status.LOST:
-            found = errors(sequence, o.frame_index, solution) | {"nees_rig": _nees_rig(solution, error)}
-            for name in EXPECTED:
-                result[name][frames.index(o.frame_index)] = found[name]
+    rho, truth = condition.scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
+    bounds = [bound_with_rig(sequence.projection, known, *truth, n, rho) for n in condition.frames]
+    result["bound"] = {q: v for q, v in bound_variances(bounds).items() if q in QUANTITIES}
     return result
 
 
@@ -154,33 +137,23 @@ def _nees_rig(solution: Solution, error: Array) -> float:
     return float(away @ np.linalg.solve(solution.rig.cov, away))
 
 
-def _evaluate(data: Measured) -> Report:
-    bound = data["bound"]
-    return {
-        label: {
-            "over_bound": {q: ratio(entry[q], bound[q]) for q in QUANTITIES},
-            **{q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()},
-            "lost_share": lost_share(entry),
-        }
-        for label, entry in data.items()
-        if label != "bound"
-    }
+def _jobs() -> dict[str, Job]:
+    return {name: Job(partial(measure, condition=c), c.share) for name, c in CONDITIONS.items()}
 
 
-def calibration(
-    trials: int,
-    seed: int,
-    executor: Executor | None,
-    progress: Progress | None = None,
-    conditions: tuple[Condition, ...] = (),
-) -> Report:
-    """Measure variance over the bound and normalised errors of the windows; by condition."""
-    chosen = conditions or CONDITIONS
-    parts = by_condition(chosen, _evaluate, trials, seed, executor, progress)
-    by_name = {c.name: parts[c.name] | {"wrong_rig": c.wrong_rig} for c in chosen}
-    return {"experiment": "calibration", "seed": seed, "expected": EXPECTED, "conditions": by_name}
+def _report(measured: dict[str, Measured]) -> Report:
+    """Report variance over the bound and normalised errors of the windows; by condition."""
+    parts = {}
+    for name, data in measured.items():
+        condition, bound = CONDITIONS[name], data["bound"]
+
+        def evaluate(entry: dict[str, Array], bound: dict[str, Array] = bound) -> Report:
+            known = {q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()}
+            return {"over_bound": {q: ratio(entry[q], bound[q]) for q in QUANTITIES}, **known}
+
+        part = condition_report(condition.scene, condition.frames, data, evaluate)
+        parts[name] = part | {"wrong_rig": condition.wrong_rig}
+    return {"expected": EXPECTED, "conditions": parts}
 
 
-def total_trials(trials: int) -> int:
-    """Return how many trials the study runs altogether."""
-    return conditions.total_trials(trials, CONDITIONS)
+CALIBRATION = Study(_jobs, _report)

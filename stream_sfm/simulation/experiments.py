@@ -1,37 +1,25 @@
-"""The studies by name: how each is run, how many trials it takes, and how its results are written."""
+"""The studies by name, and how their results are written."""
 
 import os
-from collections.abc import Callable
-from concurrent.futures import Executor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from ..errors import ConfigError, OutputError
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
-from . import calibration, figure6, rates, studies
-from .trials import Progress
-
-Report = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """`run(trials, seed, executor, progress)` makes the report; `total_trials(trials)` are run altogether."""
-
-    run: Callable[[int, int, Executor | None, Progress | None], Report]
-    total_trials: Callable[[int], int]
-
+from .calibration import CALIBRATION
+from .figure6 import FIGURE6
+from .rates import RATES
+from .studies import CONSISTENCY, EFFICIENCY
+from .trials import Progress, Report
 
 EXPERIMENTS = {
-    "efficiency": Experiment(studies.efficiency, studies.total_trials),
-    "consistency": Experiment(studies.consistency, studies.total_trials),
-    "rates": Experiment(rates.rates, rates.total_trials),
-    "calibration": Experiment(calibration.calibration, calibration.total_trials),
-    "figure6": Experiment(figure6.figure6, lambda trials: trials),
+    "efficiency": EFFICIENCY,
+    "consistency": CONSISTENCY,
+    "rates": RATES,
+    "calibration": CALIBRATION,
+    "figure6": FIGURE6,
 }
 
 
@@ -58,7 +46,8 @@ def simulate(
     if folder is not None:
         make_folder(folder)
     with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
-        report: Report = msgspec.to_builtins(EXPERIMENTS[experiment].run(trials, seed, executor, on_progress))
+        found = EXPERIMENTS[experiment].run(trials, seed, executor, on_progress)
+    report: Report = msgspec.to_builtins({"experiment": experiment, "trials": trials, "seed": seed, **found})
     if folder is not None:
         _write(experiment, report, folder)
     return report

@@ -8,16 +8,14 @@ The scene is the paper's own: natural visibility, about 200 mm per frame, round-
 stand the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
 """
 
-from concurrent.futures import Executor
 from functools import partial
-from typing import Any
 
 import msgspec
 import numpy as np
 
-from .measure import QUANTITIES, Method, measure, stacked
+from .measure import QUANTITIES, Method, measure
 from .scenes import Scene
-from .trials import Progress, run_trials
+from .trials import Job, Measured, Report, Study
 
 BATCHES = (1, 2, 4, 8)  # paper: the batch sizes b of its figure
 FRAMES = tuple(range(1, 31))  # paper: 31 frames
@@ -33,18 +31,20 @@ METHODS = (
 )
 
 
-def figure6(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
-    """Return RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m, with label "bound"."""
-    job = partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES)
-    data = stacked(run_trials(job, trials, seed, executor, progress))
+def _jobs() -> dict[str, Job]:
+    return {"figure6": Job(partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES))}
+
+
+def _report(measured: dict[str, Measured]) -> Report:
+    """Report RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m, with label "bound"."""
     return {
-        "experiment": "figure6",
-        "trials": trials,
-        "seed": seed,
         "scene": msgspec.to_builtins(SCENE),
         "frames": list(FRAMES),
         "curves": {
             label: {q: np.sqrt(np.nanmean(entry[q], axis=0)).tolist() for q in QUANTITIES}
-            for label, entry in data.items()
+            for label, entry in measured["figure6"].items()
         },
     }
+
+
+FIGURE6 = Study(_jobs, _report)

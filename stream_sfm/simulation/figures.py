@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .figure6 import BATCHES
+from .studies import REFERENCE
+from .trials import Report
 
 _STYLE: Any = {
     "font.size": 9,
@@ -32,32 +34,38 @@ _OTHERS = {
     "cross-frame": ("joint prior, b = 8", "#1b9e77", "-"),
     "bound": ("Cramér–Rao bound", "black", ":"),
 }
-_ROWS = (
-    ("rotation", "pose: rotation, mrad", 1e3),
-    ("position", "pose: position, mm", 1e3),
-    ("global_structure", "global structure, mm", 1e3),
-    ("local_structure", "local structure, mm", 1e3),
-)
+_ROWS = {
+    "rotation": "pose: rotation, mrad",
+    "position": "pose: position, mm",
+    "global_structure": "global structure, mm",
+    "local_structure": "local structure, mm",
+}
+_PANELS = {
+    "nees_pose": "pose: normalised\nsquared error",
+    "nees_point": "local point",
+    "nees_point_in_world": "point in the world",
+}
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write name.png and name.svg, and return their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    figure.savefig(paths[0], dpi=_DPI)
-    figure.savefig(paths[1], metadata={"Date": None})
+    with plt.rc_context(_STYLE):  # equal bytes for equal results
+        figure.savefig(paths[0], dpi=_DPI)
+        figure.savefig(paths[1], metadata={"Date": None})
     plt.close(figure)
     return paths
 
 
-def figure6(report: dict[str, Any]) -> Figure:
+def figure6(report: Report) -> Figure:
     """Draw twelve panels: CC anchored, CC literal, WC; pose, global and local structure against the frame number."""
     with plt.rc_context(_STYLE):
         figure, axes = plt.subplots(4, 3, figsize=(11.0, 10.4), sharex=True, sharey="row", layout="constrained")
         kinds = (("cc", "CC, anchored"), ("literal", "CC, literal"), ("wc", "world-centred (WC)"))
         for column, (kind, title) in enumerate(kinds):
             axes[0, column].set_title(title, fontweight="bold")
-            for row, (quantity, label, scale) in enumerate(_ROWS):
-                _curves(axes[row, column], report, kind, quantity, scale)
+            for row, (quantity, label) in enumerate(_ROWS.items()):
+                _curves(axes[row, column], report, kind, quantity)
                 if column == 0:
                     axes[row, column].set_ylabel(f"RMS error\n{label}")
             axes[-1, column].set_xlabel("frame number n")
@@ -67,101 +75,78 @@ def figure6(report: dict[str, Any]) -> Figure:
         return figure
 
 
-def _curves(axis: Axes, report: dict[str, Any], kind: str, quantity: str, scale: float) -> None:
+def _curves(axis: Axes, report: Report, kind: str, quantity: str) -> None:
+    """Draw one panel, in milliradians or millimetres."""
     frames, curves = report["frames"], report["curves"]
     for b, colour in zip(BATCHES, _BATCH_COLOURS, strict=True):
-        axis.plot(frames, scale * np.array(curves[f"{kind}_b{b}"][quantity]), color=colour, label=f"b = {b}")
+        axis.plot(frames, 1e3 * np.array(curves[f"{kind}_b{b}"][quantity]), color=colour, label=f"b = {b}")
     for key, (label, colour, style) in _OTHERS.items():
-        axis.plot(frames, scale * np.array(curves[key][quantity]), style, color=colour, label=label, lw=1.4)
+        axis.plot(frames, 1e3 * np.array(curves[key][quantity]), style, color=colour, label=label, lw=1.4)
     axis.set_ylim(bottom=0)
     axis.set_xlim(frames[0], frames[-1])
 
 
-def efficiency(report: dict[str, Any]) -> Figure:
+def efficiency(report: Report) -> Figure:
     """Draw the variance over the bound of every estimator, with intervals; one panel per quantity."""
-    return _bars(
-        report["conditions"]["nominal"]["estimators"],
-        "over_bound",
-        {
-            "rotation": "rotation",
-            "position": "position",
-            "global_structure": "global structure",
-            "local_structure": "local structure",
-        },
-        dict.fromkeys(("rotation", "position", "global_structure", "local_structure"), 1.0),
-        "Variance over the Cramér–Rao bound (1 is the limit)",
-    )
+    estimators = report["conditions"]["nominal"]["estimators"]
+    values = {name: entry["over_bound"] for name, entry in estimators.items()}
+    title = "Variance over the Cramér–Rao bound (1 is the limit)"
+    return _bars(values, dict.fromkeys(values[REFERENCE], 1.0), title)
 
 
-def consistency(report: dict[str, Any]) -> Figure:
+def consistency(report: Report) -> Figure:
     """Draw the mean normalised squared errors of every estimator; the dotted line is that of a true covariance."""
-    return _bars(
-        report["conditions"]["nominal"]["estimators"],
-        None,
-        {"nees_pose": "pose", "nees_point": "local point", "nees_point_in_world": "point in the world"},
-        report["expected"],
-        "Normalised squared error (dotted: expected)",
-    )
+    estimators = report["conditions"]["nominal"]["estimators"]
+    return _bars(estimators, report["expected"], "Normalised squared error (dotted: expected)")
 
 
-def calibration(report: dict[str, Any]) -> Figure:
+def calibration(report: Report) -> Figure:
     """Draw the variance over the bound and the NEES of the pose, with a wrong rig and errors that last."""
     estimators = next(iter(report["conditions"].values()))["estimators"]
-    return _bars(
-        {label: {**entry["over_bound"], "nees_pose": entry["nees_pose"]} for label, entry in estimators.items()},
-        None,
-        {
-            "rotation": "rotation",
-            "position": "position",
-            "local_structure": "local structure",
-            "nees_pose": "pose: normalised\nsquared error",
-        },
-        report["expected"],
-        "Wrong calibration, lasting errors: variance over the bound, and consistency (dotted: expected)",
-    )
+    values = {name: {**entry["over_bound"], "nees_pose": entry["nees_pose"]} for name, entry in estimators.items()}
+    expected = {q: report["expected"][q] for q in next(iter(values.values()))}
+    title = "Wrong calibration, lasting errors: variance over the bound, and consistency (dotted: expected)"
+    return _bars(values, expected, title)
 
 
-def _bars(
-    estimators: dict[str, Any], key: str | None, panels: dict[str, str], expected: dict[str, float], title: str
-) -> Figure:
+def _bars(values: dict[str, Any], expected: dict[str, float], title: str) -> Figure:
+    """Draw one panel per expected quantity, one row per estimator, each value with its interval."""
     with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(
-            1, len(panels), figsize=(2.8 * len(panels), 3.4), sharey=True, layout="constrained"
-        )
-        names = list(estimators)[::-1]
-        for axis, (quantity, label) in zip(axes, panels.items(), strict=True):
-            values = [(estimators[n][key] if key else estimators[n])[quantity] for n in names]
-            middle = np.array([v["value"] for v in values])
-            spread = np.array([[v["value"] - v["low"], v["high"] - v["value"]] for v in values]).T
-            axis.errorbar(
-                middle, range(len(names)), xerr=np.maximum(spread, 0), fmt="o", color="#2171b5", capsize=2
-            )
-            axis.axvline(expected[quantity], color="black", ls=":")
-            if middle.max() > _LOG_SCALE_ABOVE * expected[quantity]:
+        size = (2.8 * len(expected), 3.4)
+        figure, axes = plt.subplots(1, len(expected), figsize=size, sharey=True, layout="constrained")
+        names = list(values)[::-1]
+        for axis, (quantity, right) in zip(axes, expected.items(), strict=True):
+            intervals = [values[name][quantity] for name in names]
+            middle = np.array([v["value"] for v in intervals])
+            spread = np.array([[v["value"] - v["low"], v["high"] - v["value"]] for v in intervals]).T
+            ends = np.maximum(spread, 0)
+            axis.errorbar(middle, range(len(names)), xerr=ends, fmt="o", color=_BATCH_COLOURS[2], capsize=2)
+            axis.axvline(right, color="black", ls=":")
+            if middle.max() > _LOG_SCALE_ABOVE * right:
                 axis.set_xscale("log")
-            axis.set_title(label)
+            axis.set_title(_PANELS.get(quantity, quantity.replace("_", " ")))
         axes[0].set_yticks(range(len(names)), names)
         figure.suptitle(title, fontsize=11)
         return figure
 
 
-def rates(report: dict[str, Any]) -> Figure:
+def rates(report: Report) -> Figure:
     """Draw the drift rate over the track length, and local structure over the window, with their laws."""
     with plt.rc_context(_STYLE):
         figure, (left, right) = plt.subplots(1, 2, figsize=(8.2, 3.4), layout="constrained")
-        spans = report["drift_over_span"]
-        left.loglog(spans["span_frames"], spans["theory"], "k:", label="3/(L²−1)")
-        left.loglog(spans["span_frames"], spans["rotation_relative"], "o", color="#2171b5", label="rotation")
-        left.loglog(spans["span_frames"], spans["position_relative"], "x", color="#d95f02", label="position")
+        spans, windows = report["drift_over_span"], report["structure_over_window"]
+        x = spans["span_frames"]
+        left.loglog(x, spans["theory"], "k:", label="3/(L²−1)")
+        left.loglog(x, spans["rotation_relative"], "o", color=_BATCH_COLOURS[2], label="rotation")
+        left.loglog(x, spans["position_relative"], "x", color="#d95f02", label="position")
         left.set(xlabel="frames L in which a point is seen", ylabel="drift rate over that of L = 2")
-        windows = report["structure_over_window"]
-        right.loglog(windows["window_frames"], windows["theory"], "k:", label="(H_b + (L−b)/b)/L, L = 16")
-        right.loglog(
-            windows["window_frames"], [v["value"] for v in windows["relative"]], "o", color="#2171b5", label="bound"
-        )
+        left.set_xticks(x, map(str, x))
+        x = windows["window_frames"]
+        right.loglog(x, windows["theory"], "k:", label="(H_b + (L−b)/b)/L, L = 16")
+        right.loglog(x, [v["value"] for v in windows["relative"]], "o", color=_BATCH_COLOURS[2], label="bound")
         right.set(xlabel="frames b in the window", ylabel="local structure over one view")
-        for axis, ticks in ((left, spans["span_frames"]), (right, windows["window_frames"])):
-            axis.set_xticks(ticks, [str(t) for t in ticks])
+        right.set_xticks(x, map(str, x))
+        for axis in (left, right):
             axis.minorticks_off()
             axis.legend()
         return figure

@@ -1,5 +1,6 @@
 """One trial of several estimators on one simulated sequence: squared and normalised errors, and the bound, eq. (62)."""
 
+from collections.abc import Callable
 from collections.abc import Sequence as Listed
 from dataclasses import dataclass
 
@@ -13,8 +14,9 @@ from ..estimators.baselines.full_batch import Bound, cramer_rao_bound
 from ..geometry import se3
 from ..geometry.linear import mahalanobis2
 from ..geometry.se3 import Array
-from ..types import Solution, Status
+from ..types import Estimator, Observations, Solution, Status
 from .scenes import Scene, Sequence
+from .trials import Measured
 
 QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
 NORMALISED = ("nees_pose", "nees_point", "nees_point_in_world")  # closed form: 6, 3 and 3 are expected
@@ -33,27 +35,68 @@ class Method:
         """The key of its results."""
         return self.key or self.name
 
+    def make(self, sequence: Sequence) -> Estimator:
+        """Make the estimator for a sequence."""
+        window = msgspec.structs.replace(Config().window, frames=self.frames)
+        config = msgspec.structs.replace(Config(), window=window)
+        return make_estimator(self.name, sequence.projection, config)
+
 
 def measure(
     seed: np.random.SeedSequence, scene: Scene, methods: Listed[Method], frames: Listed[int], bound: bool = True
-) -> dict[str, dict[str, Array]]:
+) -> Measured:
     """Run one trial, and return label -> quantity -> values (len(frames),), NaN where the frame was lost.
 
     Quantities: rotation (rad²), position (m²), structure (m², mean over the points in view), `bound_<quantity>` of the
     very same points, and NEES. With `bound`, an entry "bound" holds the variances of the bound itself.
     """
     sequence = scene.sequence(seed)
-    bounds = {n: _bound(sequence, n) for n in frames} if bound else {}
-    result = {m.label: _measure_one(sequence, m, frames, bounds) for m in methods}
-    if bound:
-        rows = [traces(bounds[n], slice(None)) for n in frames]
-        result["bound"] = {q: np.array([r[q] for r in rows]) for q in QUANTITIES}
+    bounds = {n: bound_of(sequence, n) for n in frames} if bound else {}
+    names = (*QUANTITIES, *NORMALISED, *(f"bound_{q}" for q in QUANTITIES if bound))
+
+    def figures(frame: int, solution: Solution) -> dict[str, float]:
+        found = errors(sequence, frame, solution)
+        if bound:
+            rows = np.searchsorted(bounds[frame].track_ids, solution.track_ids)
+            found |= {f"bound_{q}": v for q, v in traces(bounds[frame], rows).items()}
+        return found
+
+    observations = sequence.observations[: max(frames) + 1]
+    result = {m.label: followed(m.make(sequence), observations, frames, names, figures) for m in methods}
+    return result | ({"bound": bound_variances(list(bounds.values()))} if bound else {})
+
+
+def followed(
+    estimator: Estimator,
+    observations: Listed[Observations],
+    frames: Listed[int],
+    names: Listed[str],
+    figures: Callable[[int, Solution], dict[str, float]],
+) -> dict[str, Array]:
+    """Run an estimator, and return the `figures` with these `names` at `frames`, NaN where a frame was lost."""
+    result = {name: np.full(len(frames), np.nan) for name in names}
+    for o in observations:
+        solution = estimator.step(o)
+        if o.frame_index in frames and solution.status is not Status.LOST:
+            found = figures(o.frame_index, solution)
+            for name in names:
+                result[name][frames.index(o.frame_index)] = found[name]
     return result
 
 
-def _bound(sequence: Sequence, frame: int) -> Bound:
-    s = sequence
-    return cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world, frame)
+def bound_of(sequence: Sequence, frame: int | None = None, newest: int | None = None) -> Bound:
+    """Return the Cramér–Rao bound at a frame (None: the last one), from all views or those of the `newest` frames."""
+    since = slice(None if newest is None else -newest, None)
+    poses = sequence.world_from_cam[since]
+    return cramer_rao_bound(
+        sequence.projection, sequence.observations[since], poses, sequence.points_in_world, frame
+    )
+
+
+def bound_variances(bounds: Listed[Bound]) -> dict[str, Array]:
+    """Return quantity -> variances (n,) of n bounds."""
+    rows = [traces(bound, slice(None)) for bound in bounds]
+    return {q: np.array([row[q] for row in rows]) for q in QUANTITIES}
 
 
 def traces(bound: Bound, rows: slice | NDArray[np.intp]) -> dict[str, float]:
@@ -67,27 +110,6 @@ def traces(bound: Bound, rows: slice | NDArray[np.intp]) -> dict[str, float]:
     }
 
 
-def _measure_one(
-    sequence: Sequence, method: Method, frames: Listed[int], bounds: dict[int, Bound]
-) -> dict[str, Array]:
-    names = (*QUANTITIES, *NORMALISED, *(f"bound_{q}" for q in QUANTITIES if bounds))
-    result = {name: np.full(len(frames), np.nan) for name in names}
-    window = msgspec.structs.replace(Config().window, frames=method.frames)
-    estimator = make_estimator(method.name, sequence.projection, msgspec.structs.replace(Config(), window=window))
-    wanted = {n: k for k, n in enumerate(frames)}
-    for n, observations in enumerate(sequence.observations[: max(frames) + 1]):
-        solution = estimator.step(observations)
-        if n not in wanted or solution.status is Status.LOST:
-            continue
-        values = errors(sequence, n, solution)
-        if bounds:
-            rows = np.searchsorted(bounds[n].track_ids, solution.track_ids)
-            values |= {f"bound_{q}": v for q, v in traces(bounds[n], rows).items()}
-        for name, value in values.items():
-            result[name][wanted[n]] = value
-    return result
-
-
 def errors(sequence: Sequence, frame: int, solution: Solution) -> dict[str, float]:
     """Return squared and normalised errors of one frame against the truth."""
     truth = sequence.world_from_cam[frame]
@@ -96,22 +118,13 @@ def errors(sequence: Sequence, frame: int, solution: Solution) -> dict[str, floa
     position = solution.world_from_cam[:3, 3] - truth[:3, 3]
     in_world = solution.points_in_world - points
     in_cam = solution.points_in_cam - se3.transform(se3.inverse(truth), points)
+    exact = not solution.cov_pose.any()  # as the first frame is, by definition
     return {
         "rotation": float(xi[3:] @ xi[3:]),
         "position": float(position @ position),
         "global_structure": float((in_world**2).sum(axis=1).mean()),
         "local_structure": float((in_cam**2).sum(axis=1).mean()),
-        "nees_pose": float(mahalanobis2(xi[None], solution.cov_pose[None]).mean())
-        if solution.cov_pose.any()
-        else np.nan,
+        "nees_pose": np.nan if exact else float(mahalanobis2(xi[None], solution.cov_pose[None]).mean()),
         "nees_point": float(mahalanobis2(in_cam, solution.cov_points).mean()),
         "nees_point_in_world": float(mahalanobis2(in_world, solution.cov_points_in_world).mean()),
-    }
-
-
-def stacked(trials: list[dict[str, dict[str, Array]]]) -> dict[str, dict[str, Array]]:
-    """Return label -> quantity -> values (trials, frames) of a list of trials."""
-    return {
-        label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]}
-        for label in trials[0]
     }

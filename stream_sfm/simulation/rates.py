@@ -4,20 +4,16 @@ For every entry: the paper's rate, the measured exponent, and what exact theory 
 trials) says. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
 """
 
-from concurrent.futures import Executor
 from functools import partial
-from typing import Any
 
 import msgspec
 import numpy as np
 
-from ..estimators.baselines.full_batch import cramer_rao_bound
-from ..geometry.se3 import Array
-from .measure import QUANTITIES, Method, measure, stacked
+from .measure import QUANTITIES, Method, bound_of, bound_variances, measure
 from .motions import MOTIONS
 from .scenes import Scene
-from .statistics import Interval, exponent, mean, ratio
-from .trials import Progress, run_trials
+from .statistics import exponent, mean, ratio
+from .trials import Job, Measured, Report, Study, trials_of
 
 METHOD = Method("cross-frame")
 READINGS = (METHOD, Method("cross-frame-wc"), Method("cross-frame-cc"))  # the joint window; the paper's WC and CC
@@ -82,74 +78,67 @@ _THEORY = {
 }
 
 
-def rates(trials: int, seed: int, executor: Executor | None, progress: Progress | None = None) -> dict[str, Any]:
-    """Measure Table 1; see the module.
+def _jobs() -> dict[str, Job]:
+    jobs = {
+        name: Job(partial(measure, scene=run.scene, methods=READINGS, frames=run.frames))
+        for name, run in RUNS.items()
+    }
+    for length in SPANS:  # one image support for all L
+        scene = Scene(motion=_SLOW, track_length=length, support_frames=max(SPANS))
+        jobs[f"L={length}"] = Job(partial(measure, scene=scene, methods=READINGS, frames=LAST_FRAMES, bound=False))
+    windows = tuple(Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES)
+    scene = Scene(motion=_LATERAL, track_length=8)
+    jobs["windows"] = Job(partial(measure, scene=scene, methods=windows, frames=LAST_FRAMES))
+    jobs["drift"] = Job(drift_rates, _BOUND_FRACTION)
+    jobs["structure"] = Job(structure_over_window, _BOUND_FRACTION)
+    return jobs
+
+
+def _report(measured: dict[str, Measured]) -> Report:
+    """Report Table 1; see the module.
 
     Keys: `table` (rows), `drift_over_span` and `structure_over_window` of the bound, `estimators_over_span` and
     `estimators_over_window`: variances of the estimators themselves.
     """
-    table = []
-    for name, run in RUNS.items():
-        job = partial(measure, scene=run.scene, methods=READINGS, frames=run.frames)
-        data = stacked(run_trials(job, trials, seed, executor, progress))
-        kind = name.split("_")[0]  # non, simple or general
-        for quantity in QUANTITIES:
-            table.append(
-                {
-                    "sequence": name,
-                    "title": run.title,
-                    "quantity": quantity,
-                    "frames": [run.frames[0], run.frames[-1]],
-                    "paper": _PAPER[quantity][kind],
-                    "measured_exponent": exponent(np.array(run.frames), data[METHOD.label][quantity]),
-                    "exponents": {
-                        m.label: exponent(np.array(run.frames), data[m.label][quantity]) for m in READINGS
-                    },
-                    "bound_exponent": exponent(np.array(run.frames), data["bound"][quantity]).value,
-                    "theory": _THEORY[quantity][kind],
-                }
-            )
-    few = bound_trials(trials)
-    spans = run_trials(drift_rates, few, seed, executor, progress)
-    windows = run_trials(structure_over_window, few, seed, executor, progress)
     return {
-        "experiment": "rates",
-        "trials": trials,
-        "seed": seed,
         "estimator": METHOD.label,
-        "table": table,
-        "drift_over_span": _spans_report(np.stack(spans), few),
-        "structure_over_window": _windows_report(np.stack(windows), few),
-        "estimators_over_span": _estimators_over_span(trials, seed, executor, progress),
-        "estimators_over_window": _estimators_over_window(trials, seed, executor, progress),
+        "table": [_row(name, quantity, measured[name]) for name in RUNS for quantity in QUANTITIES],
+        "drift_over_span": _drift_report(measured["drift"]),
+        "structure_over_window": _structure_report(measured["structure"]),
+        "estimators_over_span": _estimators_over_span([measured[f"L={length}"] for length in SPANS]),
+        "estimators_over_window": _estimators_over_window(measured["windows"]),
     }
 
 
-def _estimators_over_span(
-    trials: int, seed: int, executor: Executor | None, progress: Progress | None
-) -> dict[str, Any]:
-    """Variances of the estimators at the end of 31 frames by track length, over those at L = 2 (same image support)."""
-    found: dict[str, dict[str, list[Interval]]] = {m.label: {q: [] for q in QUANTITIES} for m in READINGS}
-    base: dict[str, dict[str, Array]] = {}
-    for length in SPANS:
-        scene = Scene(motion=_SLOW, track_length=length, support_frames=max(SPANS))
-        job = partial(measure, scene=scene, methods=READINGS, frames=LAST_FRAMES, bound=False)
-        data = stacked(run_trials(job, trials, seed, executor, progress))
-        base = base or data
-        for label, of_quantity in found.items():
-            for quantity, values in of_quantity.items():
-                values.append(ratio(data[label][quantity], base[label][quantity]))
+def _row(name: str, quantity: str, data: Measured) -> Report:
+    run, kind = RUNS[name], name.split("_")[0]  # non, simple or general
+    x = np.array(run.frames)
+    exponents = {m.label: exponent(x, data[m.label][quantity]) for m in READINGS}
+    return {
+        "sequence": name,
+        "title": run.title,
+        "quantity": quantity,
+        "frames": [run.frames[0], run.frames[-1]],
+        "paper": _PAPER[quantity][kind],
+        "measured_exponent": exponents[METHOD.label],
+        "exponents": exponents,
+        "bound_exponent": exponent(x, data["bound"][quantity]).value,
+        "theory": _THEORY[quantity][kind],
+    }
+
+
+def _estimators_over_span(by_length: list[Measured]) -> Report:
+    """Variances of the estimators at the end of 31 frames by track length, over those at L = 2."""
+    base = by_length[0]
+    found = {
+        m.label: {q: [ratio(data[m.label][q], base[m.label][q]) for data in by_length] for q in QUANTITIES}
+        for m in READINGS
+    }
     return {"span_frames": list(SPANS), "variance_relative": found}
 
 
-def _estimators_over_window(
-    trials: int, seed: int, executor: Executor | None, progress: Progress | None
-) -> dict[str, Any]:
+def _estimators_over_window(data: Measured) -> Report:
     """Variances of the estimators over the bound by the frames b in the window, at L = 8 and 200 mm per frame."""
-    methods = tuple(Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES)
-    scene = Scene(motion=_LATERAL, track_length=8)
-    job = partial(measure, scene=scene, methods=methods, frames=LAST_FRAMES)
-    data = stacked(run_trials(job, trials, seed, executor, progress))
     found = {
         m.label: {
             q: [ratio(data[f"{m.name} b={b}"][q], data[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
@@ -160,44 +149,24 @@ def _estimators_over_window(
     return {"window_frames": list(BATCHES), "variance_over_bound": found}
 
 
-def bound_trials(trials: int) -> int:
-    """Return the number of trials of the laws that are evaluated on the bound."""
-    return max(2, round(_BOUND_FRACTION * trials))
-
-
-def total_trials(trials: int) -> int:
-    """Return how many trials `rates` runs altogether."""
-    return (len(RUNS) + len(SPANS) + 1) * trials + 2 * bound_trials(trials)
-
-
-def drift_rates(seed: np.random.SeedSequence) -> Array:
-    """Return the growth per frame of the bound's variance, (len(SPANS), 2: rad², m²), one image support for all L."""
-    rows = []
+def drift_rates(seed: np.random.SeedSequence) -> Measured:
+    """Return the growth of the bound's variances (len(SPANS),) per frame, by track length, with one image support."""
+    grown = []
     for length in SPANS:
-        s = Scene(
-            frames=_DRIFT_FRAMES[1] + 1,
-            motion=_SLOW,
-            track_length=length,
-            support_frames=max(SPANS),
-        ).sequence(seed)
-        bound = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world)
-        early = cramer_rao_bound(
-            s.projection, s.observations, s.world_from_cam, s.points_in_world, _DRIFT_FRAMES[0]
-        )
-        grown = bound.cov_poses[-1] - early.cov_poses[-1]
-        rows.append([np.trace(grown[3:, 3:]), np.trace(grown[:3, :3])])
-    return np.array(rows) / (_DRIFT_FRAMES[1] - _DRIFT_FRAMES[0])
+        last = _DRIFT_FRAMES[-1]
+        scene = Scene(frames=last + 1, motion=_SLOW, track_length=length, support_frames=max(SPANS))
+        sequence = scene.sequence(seed)
+        variances = bound_variances([bound_of(sequence, n) for n in _DRIFT_FRAMES])
+        grown.append({q: np.ptp(v) / np.ptp(_DRIFT_FRAMES) for q, v in variances.items()})
+    return {"bound": {q: np.array([of_length[q] for of_length in grown]) for q in ("rotation", "position")}}
 
 
-def structure_over_window(seed: np.random.SeedSequence) -> Array:
-    """Return the mean variance of local structure from the last b frames alone, (len(WINDOWS),) m², at L = 16."""
+def structure_over_window(seed: np.random.SeedSequence) -> Measured:
+    """Return the variance of local structure from the last b frames alone, (len(WINDOWS),) m², at L = 16."""
     length = max(SPANS)
-    s = Scene(frames=2 * length, motion=_SLOW, track_length=length).sequence(seed)
-    values = []
-    for b in WINDOWS:
-        bound = cramer_rao_bound(s.projection, s.observations[-b:], s.world_from_cam[-b:], s.points_in_world)
-        values.append(bound.cov_points_in_cam.trace(axis1=1, axis2=2).mean())
-    return np.array(values)
+    sequence = Scene(frames=2 * length, motion=_SLOW, track_length=length).sequence(seed)
+    variances = bound_variances([bound_of(sequence, newest=b) for b in WINDOWS])
+    return {"bound": {"local_structure": variances["local_structure"]}}
 
 
 def structure_law(length: int, window: int) -> float:
@@ -206,28 +175,28 @@ def structure_law(length: int, window: int) -> float:
     return (harmonic + (length - window) / window) / length
 
 
-def _spans_report(values: Array, trials: int) -> dict[str, Any]:
-    average = values.mean(axis=0)
+def _drift_report(data: Measured) -> Report:
+    rotation, position = (data["bound"][q].mean(axis=0) for q in ("rotation", "position"))
+    theory = np.array([3 / (length**2 - 1) for length in SPANS])
     return {
-        "trials": trials,
+        "trials": trials_of(data),
         "span_frames": list(SPANS),
-        "rotation_relative": (average[:, 0] / average[0, 0]).tolist(),
-        "position_relative": (average[:, 1] / average[0, 1]).tolist(),
-        "theory": [3 / (length**2 - 1) for length in SPANS],
-        "exponent_rotation": _slope(values[:, :, 0]),
-        "exponent_theory": exponent(np.array(SPANS), np.array([[3 / (n**2 - 1) for n in SPANS]])).value,
+        "rotation_relative": (rotation / rotation[0]).tolist(),
+        "position_relative": (position / position[0]).tolist(),
+        "theory": theory.tolist(),
+        "exponent_rotation": exponent(np.array(SPANS), data["bound"]["rotation"]),
+        "exponent_theory": exponent(np.array(SPANS), theory[None]).value,
     }
 
 
-def _slope(values: Array) -> Interval:
-    return exponent(np.array(SPANS), values)
-
-
-def _windows_report(values: Array, trials: int) -> dict[str, Any]:
-    relative = [mean((values[:, k] / values[:, 0])[:, None]) for k in range(len(WINDOWS))]
+def _structure_report(data: Measured) -> Report:
+    variances = data["bound"]["local_structure"]
     return {
-        "trials": trials,
+        "trials": trials_of(data),
         "window_frames": list(WINDOWS),
-        "relative": relative,
+        "relative": [mean(variances[:, [k]] / variances[:, [0]]) for k in range(len(WINDOWS))],
         "theory": [structure_law(max(SPANS), b) for b in WINDOWS],
     }
+
+
+RATES = Study(_jobs, _report)

@@ -1,13 +1,18 @@
-"""Monte-Carlo trials in this process or in many: the same seed gives the same numbers everywhere."""
+"""Monte-Carlo trials in this process or in many, and studies made of them: the same seed gives the same numbers."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ..geometry.se3 import Array
+
 Result = TypeVar("Result")
 Progress = Callable[[int], None]  # called with the number of trials just finished
+Measured = dict[str, dict[str, Array]]  # label -> quantity -> values (k,) of one trial, (trials, k) of all
+Report = dict[str, Any]
 
 
 def run_trials(
@@ -28,3 +33,50 @@ def run_trials(
         if progress:
             progress(1)
     return results
+
+
+def stacked(trials: list[Measured]) -> Measured:
+    """Return the measurements of all trials, (trials, k) each."""
+    return {
+        label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]}
+        for label in trials[0]
+    }
+
+
+def trials_of(data: Measured) -> int:
+    """Return the number of trials that were measured."""
+    return len(next(iter(next(iter(data.values())).values())))
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What one trial does, picklable; of the trials asked for, the fraction `share` is run."""
+
+    measure: Callable[[np.random.SeedSequence], Measured]
+    share: float = 1.0
+
+    def trials(self, asked: int) -> int:
+        """Return how many trials are run: at least two, which an interval needs, unless one was asked for."""
+        return max(2, round(asked * self.share)) if asked > 1 else 1
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Jobs by name, and the report that is made of the measurements of each."""
+
+    jobs: Callable[[], dict[str, Job]]
+    report: Callable[[dict[str, Measured]], Report]
+
+    def total_trials(self, trials: int) -> int:
+        """Return how many trials are run altogether."""
+        return sum(job.trials(trials) for job in self.jobs().values())
+
+    def run(
+        self, trials: int, seed: int, executor: Executor | None = None, progress: Progress | None = None
+    ) -> Report:
+        """Run all jobs, and return their report."""
+        measured = {
+            name: stacked(run_trials(job.measure, job.trials(trials), seed, executor, progress))
+            for name, job in self.jobs().items()
+        }
+        return self.report(measured)

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from stream_sfm.executors import cluster, processes
-from stream_sfm.simulation.measure import Method, measure, stacked
+from stream_sfm.simulation.measure import Method, measure
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.simulation.trials import run_trials
+from stream_sfm.simulation.trials import run_trials, stacked
 from tests.batch.running import GOOD, NEEDS_PROC, batch, outcomes
 from tests.helpers.same_results import assert_same_results
 

@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
 from stream_sfm.estimators.baselines.calibration_bound import bound_with_rig
-from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_views
+from stream_sfm.estimators.baselines.full_batch import gather_views
 from stream_sfm.simulation import calibration
 from stream_sfm.simulation.calibration import Condition, seen_by_wrong_rig
 from stream_sfm.simulation.scenes import Scene, Sequence
@@ -26,9 +26,10 @@ def test_noise_has_its_variance_and_is_autocorrelated_along_tracks() -> None:
     for o, true in zip(noisy.observations, clean.observations, strict=True):
         std = np.sqrt(np.diagonal(o.cov_px, axis1=1, axis2=2))
         errors[o.track_ids, o.frame_index] = (o.z_px - true.z_px) / std
-    assert np.nanmean(errors**2) == pytest.approx(1, abs=0.04)
+    tolerance = 4 * np.sqrt(2 / (len(errors) * 20 * 4 * (1 - RHO**2) / (1 + RHO**2)))  # of what is independent
+    assert np.nanmean(errors**2) == pytest.approx(1, abs=tolerance)
     for lag in (1, 3):
-        assert np.nanmean(errors[:, lag:] * errors[:, :-lag]) == pytest.approx(RHO**lag, abs=0.04)
+        assert np.nanmean(errors[:, lag:] * errors[:, :-lag]) == pytest.approx(RHO**lag, abs=tolerance)
 
 
 def dense_bound(sequence: Sequence, effects: np.ndarray) -> np.ndarray:
@@ -65,24 +66,15 @@ def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
     )
     expected = dense_bound(sequence, by_track[order])[6 * last - 6 : 6 * last, 6 * last - 6 : 6 * last]
     scale = np.sqrt(np.diag(expected))
-    assert np.abs(found.cov_poses[last] - expected).max() < 1e-6 * scale.max() ** 2
-    assert np.diag(found.cov_poses[last]) == pytest.approx(np.diag(expected), rel=1e-6)
-
-
-def test_with_white_noise_and_an_exact_rig_it_is_the_bound_of_the_other_studies() -> None:
-    s = SMALL.sequence(np.random.SeedSequence(3))
-    plain = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world)
-    found = bound_with_rig(s.projection, s.observations, s.world_from_cam, s.points_in_world, SMALL.frames - 1, 0.0)
-    assert found.track_ids.tolist() == plain.track_ids.tolist()
-    assert np.diag(found.cov_poses[-1]) == pytest.approx(np.diag(plain.cov_poses[-1]), rel=1e-6)
-    assert found.cov_points_in_cam == pytest.approx(plain.cov_points_in_cam, rel=1e-6)
+    off = (found.cov_poses[last] - expected) / np.outer(scale, scale)
+    assert np.abs(off).max() < 1e-5  # of σ: the information has a condition number of 1e10
 
 
 @pytest.mark.slow
 def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
     """Of eight trials at two frames the mean NEES has a deviation of about 1."""
     scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
-    condition = Condition("small", scene, (15, 20), wrong_rig=True)
+    condition = Condition(scene=scene, frames=(15, 20), wrong_rig=True)
     trials = run_trials(lambda seed: calibration.measure(seed, condition), 8, seed=1)
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
     assert 2 < found["cross-frame"] < 9

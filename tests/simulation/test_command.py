@@ -1,4 +1,4 @@
-"""`stream-sfm simulate` end to end, with few trials."""
+"""`stream-sfm simulate` end to end, with few trials of short scenes."""
 
 import dataclasses
 import json
@@ -13,67 +13,58 @@ from stream_sfm.simulation import calibration, figure6, rates, studies
 from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
 
-
-def run(capsys, *arguments):
-    assert main(["simulate", *arguments]) == 0
-    return capsys.readouterr()
+TRIALS = ("--trials", "2", "--workers", "1", "--out")
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """The same experiments on short scenes."""
+    """The same studies on short scenes."""
     small = Scene(frames=6, track_length=4)
-    methods = (Method("cross-frame"), Method("ekf"))
-    conditions = [dataclasses.replace(c, scene=small, methods=methods, frames=(3, 5)) for c in studies.CONDITIONS]
-    monkeypatch.setattr(studies, "CONDITIONS", tuple(conditions))
-    lasting = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
-    conditions = [dataclasses.replace(c, scene=lasting, frames=(3, 5)) for c in calibration.CONDITIONS[::2]]
-    monkeypatch.setattr(calibration, "CONDITIONS", tuple(conditions))
+    compared = {"scene": small, "frames": (3, 5), "methods": (Method("cross-frame"), Method("ekf"))}
+    conditions = {name: dataclasses.replace(c, **compared) for name, c in studies.CONDITIONS.items()}
+    monkeypatch.setattr(studies, "CONDITIONS", conditions)
+    noisy = {
+        "scene": dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75),
+        "frames": (3, 5),
+    }
+    conditions = {name: dataclasses.replace(c, **noisy) for name, c in calibration.CONDITIONS.items()}
+    monkeypatch.setattr(calibration, "CONDITIONS", conditions)
     monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
-    run_short = rates.Run("general", small, (3, 4, 5))
-    monkeypatch.setattr(rates, "RUNS", {"general_slow": run_short})
+    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, (3, 4, 5))})
     monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
+
+
+SAID = {
+    "efficiency": "variance relative to the Cramér–Rao bound",
+    "consistency": "mean normalised squared error",
+    "calibration": "variance relative to the bound",
+    "rates": "exact theory",
+    "figure6": "RMS errors at frame 3",
+}
 
 
 @pytest.mark.parametrize("experiment", simulate.EXPLAINED)
 def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
-    arguments = [experiment, "--trials", "2", "--workers", "1", "--out", str(tmp_path)]
-    captured = run(capsys, *arguments, "--json", "--quiet")
-    report = json.loads(captured.out)
-    assert report == json.loads((tmp_path / "results.json").read_text())
-    assert report["experiment"] == experiment
-    assert (tmp_path / f"{experiment}.png").stat().st_size > 10_000
+    assert main(["simulate", experiment, *TRIALS, str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    assert SAID[experiment] in captured.out
+    report = json.loads((tmp_path / "results.json").read_text())
+    assert (report["experiment"], report["trials"], report["seed"]) == (experiment, 2, 0)
+    assert (tmp_path / f"{experiment}.png").stat().st_size > 10_000  # an empty picture has 3 kB
     assert "<svg" in (tmp_path / f"{experiment}.svg").read_text()
     assert all(line.startswith("simulate ") for line in captured.err.splitlines())  # a slow run shows progress
 
 
-def test_efficiency_is_keyed_by_estimator_and_readable(short, tmp_path, capsys):
-    text = run(capsys, "efficiency", "--trials", "2", "--workers", "1", "--out", str(tmp_path)).out
-    assert "cross-frame" in text
-    report = json.loads((tmp_path / "results.json").read_text())
-    entry = report["conditions"]["nominal"]["estimators"]["ekf"]
-    assert set(entry["over_bound"]) == set(entry["over_reference"])
-    assert entry["over_bound"]["rotation"]["low"] <= entry["over_bound"]["rotation"]["value"]
-
-
-def test_rates_prints_three_columns(short, tmp_path, capsys):
-    text = run(capsys, "rates", "--trials", "2", "--workers", "1", "--out", str(tmp_path)).out
-    assert "paper" in text
-    assert "measured" in text
-    assert "exact theory" in text
-    report = json.loads((tmp_path / "results.json").read_text())
+def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, capsys):
+    assert main(["simulate", "rates", *TRIALS, str(tmp_path), "--json", "--quiet"]) == 0
+    report = sfm.simulate("rates", trials=2, workers=1)
+    assert report == json.loads(capsys.readouterr().out)
     assert set(report["table"][0]["exponents"]) == {"cross-frame", "cross-frame-wc", "cross-frame-cc"}
     over_window = report["estimators_over_window"]["variance_over_bound"]["cross-frame-cc"]["rotation"]
     assert len(over_window) == len(rates.BATCHES) and all(v["low"] <= v["value"] <= v["high"] for v in over_window)
     over_span = report["estimators_over_span"]["variance_relative"]["cross-frame-wc"]["position"]
-    assert over_span[0]["value"] == pytest.approx(1) and len(over_span) == len(rates.SPANS)
-
-
-def test_a_program_gets_the_same_report_and_unknown_experiments_are_refused(short, tmp_path, capsys):
-    run(capsys, "efficiency", "--trials", "2", "--workers", "1", "--out", str(tmp_path))
-    report = sfm.simulate("efficiency", trials=2, workers=1)
-    assert report == json.loads((tmp_path / "results.json").read_text())
+    assert over_span[0]["value"] == 1  # it is its own reference
     with pytest.raises(sfm.ConfigError, match="known are efficiency"):
         sfm.simulate("magic")
 
@@ -83,6 +74,6 @@ def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.delitem(sys.modules, "stream_sfm.simulation.figures", raising=False)
     monkeypatch.delattr("stream_sfm.simulation.figures", raising=False)
-    assert main(["simulate", "figure6", "--trials", "2", "--workers", "1", "--out", str(tmp_path), "-q"]) == 2
+    assert main(["simulate", "figure6", *TRIALS, str(tmp_path), "-q"]) == 2
     assert "the package matplotlib is missing" in capsys.readouterr().err
     assert json.loads((tmp_path / "results.json").read_text())
