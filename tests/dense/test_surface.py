@@ -14,12 +14,12 @@ from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.cli.main import main
 from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
-from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays, std_along_ray
+from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays
 from stream_sfm.dense.fusion import Fusion
 from stream_sfm.dense.isosurface import isosurface
-from stream_sfm.dense.mesh import Mesh, mesh_of_frame
+from stream_sfm.dense.mesh import Mesh, mesh_of_frame, normals_of
 from stream_sfm.dense.ply import write_ply
-from stream_sfm.dense.preview import preview
+from stream_sfm.dense.preview import near_part, preview
 from stream_sfm.dense.refine import refine
 from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.structure import structure_errors
@@ -76,19 +76,10 @@ def test_a_slanted_wall_is_where_it_is_and_sigma_says_how_well(vergence_rad):
     along_ray = (points @ normal - offset) / (points @ normal / length)
     ratio = np.abs(along_ray) / mesh.std_m
     assert np.median(np.abs(along_ray)) < 0.02  # a tenth of a pixel is 17 mm here
-    assert 0.45 < np.median(ratio) < 1.0  # 0.67 is exact
-    assert np.percentile(ratio, 95) < 2.5
+    assert 0.45 < np.median(ratio) < 1.0  # 0.67 if consistent; neighbours share their noise
+    assert np.percentile(ratio, 95) < 2.5  # 1.96 if consistent
     towards_camera = np.sign(-offset) * normal @ rectifier.rect_from_cam.T
-    assert np.median(mesh.normals @ towards_camera) > 0.9
-
-
-def test_sigma_along_the_ray_is_that_of_monte_carlo():
-    rng = np.random.default_rng(1)
-    ray, disparity, std = np.array([0.3, -0.2, 1.0]), 20.0, 0.2
-    fb = PAIR.f_px * PAIR.baseline_m
-    drawn = np.linalg.norm(ray) * fb / (disparity + std * rng.normal(size=20_000))
-    claimed = std_along_ray(PAIR, ray, np.array(disparity), np.array(std))
-    assert drawn.std() == pytest.approx(claimed, rel=0.03)  # 0.5 % of sampling, 0.03 % of curvature
+    assert np.median(mesh.normals @ towards_camera) > 0.9  # noise of neighbouring pixels tilts their triangles
 
 
 def test_sigma_of_the_subpixel_step_is_that_of_monte_carlo():
@@ -108,7 +99,7 @@ def test_sigma_of_the_subpixel_step_is_that_of_monte_carlo():
         errors.append(disparity[inner] - true)
         claimed.append(std[inner])
     scatter, sigma = np.std(errors, axis=0), np.mean(claimed, axis=0)
-    assert 0.65 < np.median(scatter / sigma) < 1.1
+    assert 0.65 < np.median(scatter / sigma) < 1.1  # 1 is exact; see above
     assert abs(np.mean(errors)) < 0.02  # no preference for whole pixels
 
 
@@ -123,12 +114,11 @@ def test_a_step_is_not_bridged_and_nothing_floats_between():
     mesh = mesh_of_frame(PAIR, found, GREY, 1.0)
     depths = mesh.vertices[:, 2]
     on_near, on_far = np.abs(depths - near) < 0.1, np.abs(depths - far) < 0.4
-    assert on_near.sum() > 2000 and on_far.sum() > 5000
-    assert (on_near | on_far).mean() > 0.995
-    corners = depths[mesh.faces]
-    assert np.ptp(corners, axis=1).max() < 0.5
+    assert on_near.sum() > 2000 and on_far.sum() > 5000  # of 3000 and 16 200, less what windows at edges lose
+    assert (on_near | on_far).mean() > 0.995  # a few mismatches are too small a patch to be recognised
+    assert np.ptp(depths[mesh.faces], axis=1).max() < 0.5 < far - near  # no triangle joins the two
     hidden = found.disparity_px[35:85, 58:68]  # of the background, seen by the left camera alone
-    assert np.isnan(hidden).mean() > 0.7
+    assert np.isnan(hidden).mean() > 0.7  # its rim is matched as far as the windows reach
 
 
 def test_the_cosine_of_a_slanted_plane():
@@ -148,10 +138,11 @@ def test_a_sphere_comes_out_whole():
     found = isosurface(keys, radius - 10.3, radius[:, None])
     mesh = trimesh.Trimesh(found.points, found.faces, process=False)
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 10.3**3, rel=0.02)  # positive: faces look outwards
+    # Positive: faces look outwards. Chords of one voxel at a radius of ten cut off 1 %.
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 10.3**3, rel=0.02)
     outwards = found.points / np.linalg.norm(found.points, axis=1, keepdims=True)
-    assert np.einsum("ni,ni->n", outwards, found.normals).min() > 0.99
-    assert np.abs(found.attributes[:, 0] - 10.3).max() < 1
+    assert np.einsum("ni,ni->n", outwards, found.normals).min() > 0.99  # within 8°, one voxel at that radius
+    assert np.abs(found.attributes[:, 0] - 10.3).max() < 1  # voxels
 
 
 def fused(frames: int, config: DenseConfig, cov_position: np.ndarray, seed: int = 8) -> tuple[Fusion, Mesh]:
@@ -171,23 +162,23 @@ def test_a_fused_wall_gets_better_with_frames_and_sigma_says_so():
     for mesh, limit in ((few, 0.010), (many, 0.006)):  # one frame: 0.2 px is 20 mm
         error = np.abs(mesh.vertices[:, 2] - 2.0)
         assert np.median(error) < limit
-        assert 0.4 < np.median(error / mesh.std_m) < 1.1
-        assert np.median(mesh.normals[:, 2]) < -0.9
-    assert np.median(few.std_m) / np.median(many.std_m) == pytest.approx(2, rel=0.1)
+        assert 0.4 < np.median(error / mesh.std_m) < 1.1  # 0.67 if consistent
+        assert np.median(mesh.normals[:, 2]) < -0.9  # towards the camera, but for noise
+    assert np.median(few.std_m) / np.median(many.std_m) == pytest.approx(2, rel=0.1)  # √(16/4)
 
 
 def test_what_frames_share_does_not_average_out():
     cov = np.diag([0, 0, 0.03**2])
     _, mesh = fused(16, DenseConfig(voxel_m=0.02), cov)
-    assert np.median(mesh.std_m) == pytest.approx(0.03, rel=0.05)
+    assert np.median(mesh.std_m) == pytest.approx(0.03, rel=0.05)  # noise adds 5 mm in square
 
 
 def test_voxels_stay_within_their_number():
     fusion, mesh = fused(4, DenseConfig(voxel_m=0.01, max_voxels=10_000), np.zeros((3, 3)))
     assert fusion.voxel_m == pytest.approx(0.04)  # 1.6 m × 1.2 m, five layers
     assert len(fusion) <= 10_000
-    assert len(mesh.faces) > 500
-    assert np.median(np.abs(mesh.vertices[:, 2] - 2.0)) < 0.02
+    assert len(mesh.faces) > 500  # of 2400 triangles of 4 cm
+    assert np.median(np.abs(mesh.vertices[:, 2] - 2.0)) < 0.02  # half a voxel
 
 
 def small_mesh() -> Mesh:
@@ -226,8 +217,7 @@ def test_a_preview_shows_the_nearer_surface_and_the_background():
         np.concatenate([wall.std_m, wall.std_m]),
     )
     front, behind = (preview(two, azimuth, 0, 160, 120) for azimuth in (0, 180))
-    assert front[60, 80, 0] > 200 and front[60, 80, 2] < 30
-    assert behind[60, 80, 2] > 200 and behind[60, 80, 0] < 30
+    assert front[60, 80].tolist() == [255, 0, 0] and behind[60, 80].tolist() == [0, 0, 255]
     assert (front[0] == 255).all() and (front[-1] == 255).all()
 
 
@@ -241,8 +231,8 @@ def test_room_against_its_depth():
     ratio = np.abs(found.errors_m) / found.sigmas_m
     assert len(found.errors_m) > 120_000  # of 196 608 pixels
     assert np.median(np.abs(found.errors_m)) < 0.02  # measured 0.014; a tenth of a pixel is 28 mm at 4.3 m
-    assert 0.3 < np.median(ratio) < 0.8
-    assert np.percentile(ratio, 95) < 2.4
+    assert 0.3 < np.median(ratio) < 0.8  # 0.67 if consistent; σ has a part for errors that a render does not have
+    assert np.percentile(ratio, 95) < 2.4  # 1.96 if consistent
 
 
 def colour_log(path: Path, bgr: np.ndarray) -> Path:
@@ -266,7 +256,35 @@ def test_colours_are_those_of_the_camera(tmp_path: Path):
     orange = np.stack([0.1 * grey, 0.5 * grey, grey], axis=-1).astype(np.uint8)  # blue, green, red
     log = open_log(colour_log(tmp_path / "c.mcap", orange))
     red, green, blue = surface_of_frame(log, 0).mesh.colours.mean(axis=0)
-    assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)
+    assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)  # whole levels
+
+
+def floor(relative_std_at_10_m: float, far_m: float = 100.0) -> Mesh:
+    """A floor in front of the camera, whose σ grows with the square of the distance as that of stereo does."""
+    z, x = np.meshgrid(np.geomspace(1, far_m, 150), np.linspace(-0.5, 0.5, 30), indexing="ij")
+    vertices = np.stack([x.ravel(), np.ones(z.size), z.ravel()], axis=1).astype(np.float32)
+    number = np.arange(z.size, dtype=np.int32).reshape(z.shape)
+    corners = (number[:-1, :-1], number[1:, :-1], number[:-1, 1:])
+    faces = np.stack([c.ravel() for c in corners], axis=1)
+    distance = np.linalg.norm(vertices, axis=1)
+    std_m = (relative_std_at_10_m * distance**2 / 10).astype(np.float32)
+    return Mesh(vertices, faces, normals_of(vertices, faces), np.zeros((z.size, 3), np.uint8), std_m)
+
+
+def test_the_preview_of_one_frame_ends_where_the_relative_sigma_is_reached() -> None:
+    mesh = floor(0.005)  # 1.5 % at 30 m
+    near = near_part(mesh)
+    distance = np.linalg.norm(near.vertices, axis=1)
+    assert 25 < distance.max() < 35  # one of fifty groups on either side
+    whole = np.linalg.norm(mesh.vertices, axis=1)
+    assert len(near.vertices) == (whole <= distance.max()).sum()  # nothing nearer is lost
+    corners = {tuple(corner) for corner in mesh.vertices[mesh.faces].reshape(-1, 9).tolist()}
+    assert len(near.faces) and corners.issuperset(map(tuple, near.vertices[near.faces].reshape(-1, 9).tolist()))
+
+
+def test_what_is_certain_or_uncertain_throughout_stays_whole() -> None:
+    for mesh in (floor(0.0005), floor(0.2), floor(0.005, far_m=5)):
+        assert near_part(mesh) is mesh
 
 
 def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, capsys):
@@ -279,8 +297,8 @@ def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Pat
     assert len(mesh.vertices) == said["vertices"] > 1000
     plane = Wall(5).world_from_wall
     apart = (mesh.vertices - plane[:3, 3]) @ plane[:3, 2]
-    assert np.median(np.abs(apart)) < 0.01
-    assert cv2.imread(str(files["png"])).std() > 10
+    assert np.median(np.abs(apart)) < 0.01  # a tenth of a pixel is 17 mm in one frame
+    assert cv2.imread(str(files["png"])).std() > 10  # grey levels: there is a picture
     assert b"surface" in files["rrd"].read_bytes()
 
 
