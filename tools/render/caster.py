@@ -261,8 +261,8 @@ def image_of(
         rows = slice(top, min(top + BAND_ROWS, camera.height))
         for k, group in enumerate(groups):
             times = row_s[rows] + shutter_s * ((k + 0.5) / len(groups) - 0.5)
-            scene = moment(times[len(times) // 2])[0]
-            poses = np.array([moment(t)[1] for t in times])
+            scene, room_from_cam = moment(times[len(times) // 2])
+            poses = np.array([moment(t)[1] for t in times]) if readout_s else np.array(len(times) * [room_from_cam])
             rays = all_rays[rows][:, :, group]
             image[rows] += _light(scene, camera, poses, rays, rows) / np.float32(len(groups))
     return image
