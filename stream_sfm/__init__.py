@@ -112,8 +112,6 @@ _HOMES = {
     "camera.models": ("Camera",),
     "camera.refinement": ("Refinement",),
     "camera.rig": ("MonoRig", "StereoRig"),
-    "comparison.compare": ("ComparisonResult", "compare"),
-    "comparison.many": ("compare_many",),
     "config": (
         "Config",
         "DenseConfig",
@@ -148,9 +146,7 @@ _HOMES = {
     "importers.data_sets": ("import_euroc", "import_images", "import_kitti"),
     "importers.video": ("import_video",),
     "inspection.overview": ("inspect_log as inspect",),
-    "pipeline.refine": ("RefinedRig", "calibrate"),
     "mcap_file.recover": ("Recovered", "recover"),
-    "pipeline.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "recording.frames": ("RecordedFrame",),
     "recording.truth_file": ("GroundTruthFile",),
     "recording.ground_truth": ("DepthImages",),
@@ -162,6 +158,10 @@ _HOMES = {
     "results.run_results": ("PointTable", "RunResults", "read_results"),
     "results.schema": ("EstimateRecord",),
     "results.trajectory_files": ("read_tum",),
+    "run.compare": ("ComparisonResult", "compare"),
+    "run.many": ("compare_many",),
+    "run.refine": ("RefinedRig", "calibrate"),
+    "run.replay": ("ReplayInterrupted", "ReplayResult", "replay"),
     "simulation.experiments": ("simulate",),
     "types": (
         "Estimator",
@@ -189,8 +189,6 @@ if TYPE_CHECKING:
     from .camera.models import Camera
     from .camera.refinement import Refinement
     from .camera.rig import MonoRig, StereoRig
-    from .comparison.compare import ComparisonResult, compare
-    from .comparison.many import compare_many
     from .config import (
         Config,
         DenseConfig,
@@ -227,8 +225,6 @@ if TYPE_CHECKING:
     from .importers.video import import_video
     from .inspection.overview import inspect_log as inspect
     from .mcap_file.recover import Recovered, recover
-    from .pipeline.refine import RefinedRig, calibrate
-    from .pipeline.replay import ReplayInterrupted, ReplayResult, replay
     from .recording.frames import RecordedFrame
     from .recording.ground_truth import DepthImages
     from .recording.messages import ImageMessage
@@ -240,6 +236,10 @@ if TYPE_CHECKING:
     from .results.run_results import PointTable, RunResults, read_results
     from .results.schema import EstimateRecord
     from .results.trajectory_files import read_tum
+    from .run.compare import ComparisonResult, compare
+    from .run.many import compare_many
+    from .run.refine import RefinedRig, calibrate
+    from .run.replay import ReplayInterrupted, ReplayResult, replay
     from .simulation.experiments import simulate
     from .types import (
         Estimator,

@@ -10,10 +10,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
-from stream_sfm.comparison.compare import compare
 from stream_sfm.evaluation.consistency import nees_pose
 from stream_sfm.geometry import se3
 from stream_sfm.recording.log_writer import StereoLogWriter
+from stream_sfm.run.compare import compare
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES, KNOCK = 34, 14

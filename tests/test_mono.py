@@ -9,7 +9,6 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import compare
 from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.ate import ate_rmse_sim3_m
 from stream_sfm.evaluation.drift import path_length_m
@@ -17,6 +16,7 @@ from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.recording import StereoLog
 from stream_sfm.results.estimates_reader import read_estimates
+from stream_sfm.run.compare import compare
 from tests.helpers.places import ROOM
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 from tests.helpers.wall_log import LEFT, write_wall_log

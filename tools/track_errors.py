@@ -28,7 +28,7 @@ from stream_sfm.frontend.front_end import StereoFrontEnd
 from stream_sfm.frontend.persistence import _whitened_rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
-from stream_sfm.pipeline.structure import TrueDepth
+from stream_sfm.run.depth import TrueDepth
 from stream_sfm.types import Observations, Selection, Trajectory
 
 LAGS = (1, 2, 5, 10, 20)

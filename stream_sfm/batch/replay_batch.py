@@ -10,8 +10,8 @@ from ..camera.calibration.read import Where
 from ..camera.rig import checked_paths
 from ..config import Config
 from ..executors import cluster
-from ..pipeline.refine import check_calibrates
 from ..recording.truth_file import GroundTruthFile
+from ..run.refine import check_calibrates
 from ..types import Selection
 from .collect import run_batch
 from .job import JobResult

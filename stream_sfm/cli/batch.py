@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
 def _compare(args: argparse.Namespace) -> int:
     """Compare the methods on all logs, print the table, and return whether all of them were compared."""
     from ..batch.logs import find_logs
-    from ..comparison.compare import COMPARED
-    from ..comparison.many import compare_many
+    from ..run.compare import COMPARED
+    from ..run.many import compare_many
     from ..wording import printable
     from .batch_table import print_many
     from .printing import cleaned, print_json

@@ -8,7 +8,7 @@ from ..errors import ExitCode
 from . import arguments
 
 if TYPE_CHECKING:
-    from ..pipeline.refine import RefinedRig
+    from ..run.refine import RefinedRig
 
 
 def add_parser(subparsers: Any) -> None:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate, write the file and print what was found."""
     from ..files import write_whole
     from ..outputs import refuse_overwriting
-    from ..pipeline.refine import calibrate
+    from ..run.refine import calibrate
     from .printing import print_json
 
     inputs = [
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _found(refined: "RefinedRig", args: argparse.Namespace) -> dict[str, Any]:
     from ..camera.rectification import Rectifier
-    from ..pipeline.refine import describe
+    from ..report.calibration_field import describe
 
     projection = Rectifier(refined.rig).projection
     logs = []

@@ -8,9 +8,9 @@ from ..errors import ExitCode
 from . import arguments
 
 if TYPE_CHECKING:
-    from ..comparison.compare import ComparisonResult
     from ..config import Config
     from ..recording import StereoLog
+    from ..run.compare import ComparisonResult
     from ..types import Selection
 
 # The names of `comparison.COMPARED`, which the help lists without importing the estimators.
@@ -79,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
 def _compare(
     log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
 ) -> "ComparisonResult":
-    from ..comparison.compare import compare, outputs
     from ..inspection import inspect_log
+    from ..run.compare import compare, outputs
     from .printing import print_notes
     from .progress import frame_progress
 

@@ -10,8 +10,8 @@ from . import arguments
 
 if TYPE_CHECKING:
     from ..config import Config
-    from ..pipeline.replay import ReplayResult
     from ..recording import StereoLog
+    from ..run.replay import ReplayResult
     from ..types import Selection, Sink
 
 
@@ -56,9 +56,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print, and return whether the log was read to its end."""
-    from ..pipeline.replay import ReplayInterrupted
     from ..recording import open_log
     from ..results.folder import changed_results, new_run_folder, point_latest_to
+    from ..run.replay import ReplayInterrupted
 
     config = arguments.read_settings(args, ["mono=true"] if args.mono else [])
     selection = arguments.read_selection(args)
@@ -86,13 +86,11 @@ def run(args: argparse.Namespace) -> int:
 def _replay(
     log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
 ) -> "ReplayResult":
-    from ..pipeline.replay import replay
+    from ..run.replay import replay
     from .progress import frame_progress
 
     viewers = _viewers(log, config.mono, args)
     total = selection.count(log.expected_frames)
-    if total is not None and args.there_and_back:
-        total = 2 * total - 1
     with frame_progress("replay", total, args.quiet, args.verbose) as progress:
         sinks = [*viewers, progress]
         return replay(

@@ -139,7 +139,7 @@ def _write(surface: "Surface", args: argparse.Namespace) -> None:
 def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
-    from ..pipeline.statistics import peak_rss_mib
+    from ..run.summary import peak_rss_mib
 
     low, median, high = (float(p) for p in np.percentile(surface.mesh.std_m, [5, 50, 95]))
     return {

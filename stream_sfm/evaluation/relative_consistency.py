@@ -2,7 +2,7 @@
 
 A pose in the world answers for all drift since the start, and one wrong start spoils its NEES from then on. A relative
 motion answers for its own frames. Its error is judged in units of its covariance: against ground truth with its own σ;
-or, without any truth, estimates from disjoint parts of the observations against each other (`pipeline/self_test.py`).
+or, without any truth, estimates from disjoint parts of the observations against each other (`run/self_test.py`).
 """
 
 from array import array

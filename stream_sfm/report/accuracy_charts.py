@@ -10,7 +10,7 @@ from ..evaluation.segments import lengths_for_path, segment_errors
 from ..geometry.se3 import Array
 from .lengths import LengthUnit
 from .methods import label, style
-from .records import MethodRun
+from .records import RunRecord
 from .svg import Chart, Series, draw
 from .traces import Trace, broken
 
@@ -20,23 +20,26 @@ _AXES = ("x (right)", "y (down)", "z (forward)", "about x (pitch)", "about y (ya
 _MOST_SIGMA = 12.0  # a band wider than this many times the largest error is clipped: it would flatten the curve
 
 
-def paths(runs: Iterable[MethodRun], traces: Traces, unit: LengthUnit) -> list[Markup]:
-    """The paths seen from above and from the side; where they coincide, one path and how far the methods are off."""
+def paths(runs: Iterable[RunRecord], traces: Traces, unit: LengthUnit, length: str = "m") -> list[Markup]:
+    """The paths seen from above and from the side, in units of `length`.
+
+    Where they coincide, one path, and how far the methods are off in the other unit.
+    """
     apart_m = max((float(t.position_m.max()) for t in traces.values()), default=np.inf)
     true = next(iter(traces.values())).truth if traces else np.empty((0, 4, 4))
     if len(true) and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
         return _deviations(true, traces, apart_m, unit)
     charts = []
     for title, i, j, labels, flip in (
-        ("Path seen from above", 0, 2, ("x, m (right)", "z, m (forward)"), False),
-        ("Path seen from the side", 2, 1, ("z, m (forward)", "y, m (down)"), True),
+        ("Path seen from above", 0, 2, (f"x, {length} (right)", f"z, {length} (forward)"), False),
+        ("Path seen from the side", 2, 1, (f"z, {length} (forward)", f"y, {length} (down)"), True),
     ):
         series = []
         if traces:
             t = next(iter(traces.values())).truth
             series.append(Series("ground truth", t[:, i, 3], t[:, j, 3], "m-truth"))
         for run in runs:
-            poses = traces[run.name].estimate if run.name in traces else np.array(run.poses).reshape(-1, 4, 4)
+            poses = traces[run.name].estimate if run.name in traces else run.poses
             series.append(Series(label(run.name), poses[:, i, 3], poses[:, j, 3], style(run.name)))
         charts.append(draw(Chart(title, *labels, series, equal=True, flip_y=flip, height=340)))
     return charts

@@ -1,13 +1,75 @@
-"""The error of the calibration over the image, as a picture: what the disparity is off by in each part, with its σ."""
+"""The error of the calibration that the images have shown: in numbers and words, and as a picture over the image."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from .records import CalibrationError
+from ..camera.refinement import TERMS, disparity_rms_px
+from ..frontend.rig_effects import disparity_over_image
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..types import RigEstimate
 from .svg import WIDTH
 
+_ROWS, _COLUMNS = 5, 9  # of the places in the image where the pages give the error of the disparity
+_TELLING = 0.1  # of a distance: what is said about an error is where it reaches that
 _CELL_HEIGHT = 40
 _LEAST_SCALE_PX = 0.1  # of the strongest colour: less than that is no error worth colour
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CalibrationError:
+    """What the images have told about the calibration: `numbers` as the section `rig` of summary.json.
+
+    `disparity_px` (rows, columns): the error of the disparity of far points over the left image, with `std_px`.
+    """
+
+    numbers: dict[str, Any]
+    disparity_px: Array
+    std_px: Array
+
+
+def calibration_error(projection: StereoProjection, estimate: RigEstimate | None) -> CalibrationError | None:
+    """The whole error of the given calibration, from an estimate in pixels; None where nothing is known."""
+    if estimate is None:
+        return None
+    error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
+    return CalibrationError(describe(estimate, projection.f_px * projection.baseline_m), error_px, std_px)
+
+
+def describe(estimate: RigEstimate, disparity_at_1m_px: float) -> dict[str, Any]:
+    """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean."""
+    refined, rms_px = estimate.refined, disparity_rms_px(estimate.mean)
+    if estimate.applied and refined is not None:
+        text = (
+            f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
+            f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
+        )
+    elif estimate.applied:
+        far_m = _TELLING * disparity_at_1m_px / max(rms_px, 1e-9)
+        text = (
+            f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
+            "would be off by 10 % and more"
+        )
+    else:
+        root = np.linalg.cholesky(estimate.cov)
+        within_px = float(np.sqrt(sum(disparity_rms_px(column) ** 2 for column in root.T)))  # σ, RMS over the image
+        text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
+        if refined is not None:
+            text = (
+                f"refined by {rms_px:.2f} px of disparity, with which the images agree; "
+                f"right within {within_px:.2f} px"
+            )
+    return {
+        "applied": estimate.applied,
+        "terms": list(TERMS),
+        "error_px": estimate.mean.tolist(),
+        "std_px": np.sqrt(np.diag(estimate.cov)).tolist(),
+        "disparity_rms_px": rms_px,
+        "text": text,
+    }
 
 
 def picture(calibration: CalibrationError | None) -> Markup:

@@ -8,18 +8,16 @@ from markupsafe import Markup
 from .accuracy_charts import Traces
 from .lengths import LengthUnit
 from .methods import label, style
-from .records import Comparison, MethodRun
+from .records import Comparison, RunRecord
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .traces import broken, closure
 
 
-def consistency(traces: Traces, runs: Iterable[MethodRun], gaps: Sequence[int]) -> list[Markup]:
+def consistency(traces: Traces, runs: Iterable[RunRecord], gaps: Sequence[int]) -> list[Markup]:
     """NEES where there is ground truth, NIS in any case."""
     nis = []
     for run in runs:
-        dof = np.array(run.nis_dof, float)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(dof > 0, np.array(run.nis) / dof, np.nan)
+        ratio = run.nis_over_dof
         nis.append(Series(label(run.name), np.arange(len(ratio)), smoothed(ratio), style(run.name)))
     return [*([_nees(traces, gaps)] if traces else []), innovations(nis, gaps)]
 
@@ -63,16 +61,16 @@ def _nees(traces: Traces, gaps: Sequence[int]) -> Markup:
     )
 
 
-def agreement(runs: list[MethodRun], gaps: Sequence[int], unit: LengthUnit) -> list[Markup]:
+def agreement(runs: list[RunRecord], gaps: Sequence[int], unit: LengthUnit) -> list[Markup]:
     """Closure after there and back, distance between the methods, reprojection error."""
     reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
     apart, reprojection = [], []
     for run in runs:
-        n = min(len(run.poses), len(reference.poses))
+        n = min(len(run), len(reference))
         if run is not reference and n:
-            d = np.array(run.poses[:n])[:, :3, 3] - np.array(reference.poses[:n])[:, :3, 3]
+            d = run.poses[:n, :3, 3] - reference.poses[:n, :3, 3]
             apart.append(Series(label(run.name), np.arange(n), np.linalg.norm(d, axis=1), style(run.name)))
-        y = np.array(run.reprojection_px, float)
+        y = run.column("reprojection_px")
         reprojection.append(Series(label(run.name), np.arange(len(y)), smoothed(y), style(run.name)))
     title, note = f"Distance from {label(reference.name)}", "positions, without alignment"
     return [
@@ -92,7 +90,7 @@ def agreement(runs: list[MethodRun], gaps: Sequence[int], unit: LengthUnit) -> l
     ]
 
 
-def _closures(runs: list[MethodRun], unit: LengthUnit) -> list[Markup]:
+def _closures(runs: list[RunRecord], unit: LengthUnit) -> list[Markup]:
     """Two charts, none where the frames were not processed in reverse order as well."""
     position, rotation = [], []
     for run in runs:
@@ -112,7 +110,7 @@ def structure(c: Comparison, unit: LengthUnit) -> list[Markup]:
     """Local structure: error of its depths where the log has depth images, estimated σ, CC against WC."""
     sigma = []
     for run in c.runs:
-        y = unit.per_m * np.array(run.sigma_local_m, float)
+        y = unit.per_m * run.column("sigma_local_m")
         sigma.append(Series(label(run.name), np.arange(len(y)), y, style(run.name)))
     note = "median of the points in view"
     charts = [
@@ -128,7 +126,7 @@ def structure(c: Comparison, unit: LengthUnit) -> list[Markup]:
             )
         ),
     ]
-    rows = np.array(c.local_difference).reshape(-1, 2)
+    rows = np.array(c.front.local_difference).reshape(-1, 2)
     if len(rows):
         series = [Series("CC and WC-derived", rows[:, 0], unit.per_m * rows[:, 1], "m-cross-frame-cc")]
         note = "median distance between equal points"
@@ -167,18 +165,21 @@ def _depth_errors(c: Comparison, unit: LengthUnit) -> list[Markup]:
 
 def work(c: Comparison) -> list[Markup]:
     """Number of points and time per frame."""
-    n = np.arange(len(c.front.tracked))
+    n = np.arange(len(c.front))
     points = [
         Series("tracked from the previous frame", n, np.array(c.front.tracked, float), "m-cross-frame"),
         Series("new", n, np.array(c.front.new, float), "m-ekf"),
     ]
     stages = [
-        Series("decode (waiting)", n, smoothed(np.array(c.front.decode_ms)), "m-truth"),
-        Series("rectify", n, smoothed(np.array(c.front.rectify_ms)), "m-ekf-cv"),
-        Series("front-end", n, smoothed(np.array(c.front.frontend_ms)), "m-cross-frame-wc"),
+        Series(name, n, smoothed(np.array(c.front.times_ms[stage])), colour)
+        for name, stage, colour in (
+            ("decode (waiting)", "decode", "m-truth"),
+            ("rectify", "rectify", "m-ekf-cv"),
+            ("front-end", "frontend", "m-cross-frame-wc"),
+        )
     ]
-    rejected = [_per_frame(run, run.rejected) for run in c.runs]
-    estimators = [_per_frame(run, run.estimator_ms) for run in c.runs]
+    rejected = [_per_frame(run, "rejected") for run in c.runs]
+    estimators = [_per_frame(run, "estimator") for run in c.runs]
     gaps = c.front.gaps
     return [
         draw(Chart("Points", "frame", "points", points, zero=True, marks=gaps)),
@@ -188,5 +189,5 @@ def work(c: Comparison) -> list[Markup]:
     ]
 
 
-def _per_frame(run: MethodRun, values: Sequence[float]) -> Series:
-    return Series(label(run.name), np.arange(len(values)), smoothed(np.array(values, float)), style(run.name))
+def _per_frame(run: RunRecord, column: str) -> Series:
+    return Series(label(run.name), np.arange(len(run)), smoothed(run.column(column)), style(run.name))

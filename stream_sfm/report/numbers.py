@@ -25,8 +25,8 @@ from ..evaluation.summary import evaluate
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .conclusion import conclusion
-from .records import Comparison, MethodRun
-from .traces import closure
+from .records import Comparison, RunRecord, quantiles
+from .traces import return_error
 
 SCHEMA_VERSION = 1
 _FIGURES = (
@@ -61,10 +61,9 @@ _TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 def numbers(comparison: Comparison) -> dict[str, Any]:
     """Compute the content of report.json; a figure that is not defined for this log is None."""
     c = comparison
-    frames = len(c.front.tracked)
-    truth_frames = 0
-    if c.truth is not None and c.runs:
-        truth_frames = max(len(matched(r.trajectory(), c.truth)[0]) if r.poses else 0 for r in c.runs)
+    truth, known = c.truth.poses, [0]
+    if truth is not None:
+        known += [len(matched(r.trajectory(), truth)[0]) for r in c.runs]
     ratios = _over_cross_frame(c)
     content = {
         "schema_version": SCHEMA_VERSION,
@@ -72,10 +71,10 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "log": c.log,
         "complete": c.complete and not any(r.failure for r in c.runs),
         "warnings": c.warnings,
-        "frames": frames,
-        "frames_with_ground_truth": truth_frames,
-        "frames_in_doubt": [],
-        "frames_ignored": [list(r) for r in c.ignored],
+        "frames": len(c.front),
+        "frames_with_ground_truth": max(known),
+        "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
+        "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": {run.key: method_numbers(run, c) for run in c.runs},
         "ekf_over_cross_frame": ratios.get("ekf"),
@@ -84,69 +83,42 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "self_test": c.self_test,
         "rig": None if c.calibration is None else c.calibration.numbers,
         "divergence_from_cross_frame_m": _divergence(c),
-        "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.local_difference]),
-        "tracks": _tracks(c),
-        "timing_ms": {
-            stage: quantiles(values)
-            for stage, values in (
-                ("decode", c.front.decode_ms),
-                ("rectify", c.front.rectify_ms),
-                ("frontend", c.front.frontend_ms),
-            )
-        },
+        "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.front.local_difference]),
+        "tracks": c.front.tracks(),
+        "timing_ms": {stage: quantiles(values) for stage, values in c.front.times_ms.items()},
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
     return content | {"conclusion": conclusion(content).text}
 
 
-def method_numbers(run: MethodRun, c: Comparison) -> dict[str, Any]:
+def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
     """The figures of one method; those against ground truth are None when it stopped before the last frame."""
     figures: dict[str, Any] = dict.fromkeys(_FIGURES)
-    if c.truth is not None and _complete(run, c):
-        figures |= evaluate(run.trajectory(), c.truth, run.structure)
-        figures |= _relative(run.trajectory(), c.truth)
-        spans = against_truth(run.relative, c.truth, c.std_truth)
-        figures |= {"std_truth": list(c.std_truth), "relative_consistency": spans}
-    shared = np.array(c.front.rectify_ms) + np.array(c.front.frontend_ms)
-    estimator = np.array(run.estimator_ms)
-    dof = sum(run.nis_dof)
-    back = closure(run)
-    far = back is not None and back.apart_m[-1] > 1e-3
+    truth, std = c.truth.poses, c.truth.std
+    if truth is not None and _complete(run, c):
+        figures |= evaluate(run.trajectory(), truth, run.structure)
+        figures |= _relative(run.trajectory(), truth)
+        spans = against_truth(run.relative, truth, std)
+        figures |= {"std_truth": list(std), "relative_consistency": spans}
+    estimator, dof = run.column("estimator"), run.column("nis_dof").sum()
     return figures | {
-        "ms_per_frame_p50": _median(shared[: len(estimator)] + estimator),
-        "estimator_ms": quantiles(run.estimator_ms),
-        "frames": len(run.poses),
+        "ms_per_frame_p50": _median(run.column("frontend") + estimator),
+        "estimator_ms": quantiles(estimator),
+        "frames": len(run),
         "failure": run.failure or None,
-        "statuses": dict(Counter(run.statuses)),
-        "path_length_m": path_length_m(np.array(run.poses)) if run.poses else None,
-        "nis_over_dof": sum(run.nis) / dof if dof else None,
-        "reprojection_rms_px": _median(run.reprojection_px),
-        "local_sigma_median_m": _median(run.sigma_local_m),
-        "there_and_back": None
-        if back is None
-        else {
-            "end_position_m": float(back.position_m[-1]),
-            "end_rotation_deg": float(back.rotation_deg[-1]),
-            "end_drift_percent": 100 * float(back.position_m[-1] / back.apart_m[-1]) if far else None,
-            "all_frames_drift_percent": 100 * float(np.sqrt((back.position_m**2).sum() / (back.apart_m**2).sum()))
-            if far
-            else None,
-        },
+        "statuses": dict(Counter(map(str, run.statuses))),
+        "path_length_m": path_length_m(run.poses) if len(run) else None,
+        "nis_over_dof": float(run.column("nis").sum() / dof) if dof else None,
+        "reprojection_rms_px": _median(run.column("reprojection_px")),
+        "local_sigma_median_m": _median(run.column("sigma_local_m")),
+        "there_and_back": return_error(run),
     }
 
 
-def _complete(run: MethodRun, c: Comparison) -> bool:
+def _complete(run: RunRecord, c: Comparison) -> bool:
     """Whether the method processed all frames of the forward pass; it may have failed on the reversed one."""
-    return 0 < len(run.poses) == len(c.front.tracked)
-
-
-def quantiles(values: Any) -> dict[str, float] | None:
-    """Median, 95th percentile and maximum of some values; None where there are none."""
-    if not len(values):
-        return None
-    p50, p95 = np.quantile(values, [0.5, 0.95])
-    return {"p50": float(p50), "p95": float(p95), "max": float(np.max(values))}
+    return 0 < len(run) == len(c.front)
 
 
 def interval(found: Exponent | Ratio) -> list[float]:
@@ -208,15 +180,15 @@ def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
     """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
     by_name = {r.name: r for r in c.runs if _complete(r, c)}
     reference = by_name.pop("cross-frame", None)
-    if c.truth is None or reference is None:
+    if c.truth.poses is None or reference is None:
         return {}
-    of_reference = consecutive(reference.trajectory(), c.truth)
+    of_reference = consecutive(reference.trajectory(), c.truth.poses)
     if of_reference is None:
         return {}
     _, base, true = of_reference
     result = {}
     for run in by_name.values():
-        of_run = consecutive(run.trajectory(), c.truth)
+        of_run = consecutive(run.trajectory(), c.truth.poses)
         if of_run is not None and (found := paired_ratio(of_run[1], base, true)) is not None:
             result[run.key] = {
                 name: {"value": ratio.value, "ci95": interval(ratio)}
@@ -231,21 +203,9 @@ def _divergence(c: Comparison) -> dict[str, float]:
     if not runs:
         return {}
     reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
-    base = np.array(reference.poses)[:, :3, 3]
+    base = reference.poses[:, :3, 3]
     return {
-        r.key: float(np.sqrt(((np.array(r.poses)[:, :3, 3] - base) ** 2).sum(axis=1).mean()))
+        r.key: float(np.sqrt(((r.poses[:, :3, 3] - base) ** 2).sum(axis=1).mean()))
         for r in runs
         if r is not reference
-    }
-
-
-def _tracks(c: Comparison) -> dict[str, Any]:
-    lengths = np.array([last - first + 1 for first, last in c.front.lives.values()])
-    if not len(lengths):
-        return {"count": 0, "mean_frames": None, "median_frames": None, "longest_frames": None}
-    return {
-        "count": len(lengths),
-        "mean_frames": float(lengths.mean()),
-        "median_frames": float(np.median(lengths)),
-        "longest_frames": int(lengths.max()),
     }

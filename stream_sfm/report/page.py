@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..files import json_bytes, write_whole
+from ..types import Status
 from . import accuracy_charts, calibration_field, consistency_charts, pictures
 from .accuracy_charts import Traces
 from .conclusion import conclusion
@@ -62,7 +63,7 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
             "stereo": pictures.stereo_frames(c.front),
             "needles": pictures.needles(c.front),
             "lives": pictures.lives(c.front),
-            "timeline": pictures.timeline(c.runs, len(c.front.tracked), c.front.gaps),
+            "timeline": pictures.timeline(c.runs, len(c.front), c.front.gaps),
             "calibration": calibration_field.picture(c.calibration),
         },
         stages=[*content["timing_ms"].items(), *((label(r.name), methods[r.key]["estimator_ms"]) for r in c.runs)],
@@ -74,9 +75,9 @@ def render(c: Comparison, content: dict[str, Any]) -> str:
 
 def _traces(c: Comparison) -> Traces:
     """The traces of the methods that can be compared with ground truth."""
-    if c.truth is None:
+    if c.truth.poses is None:
         return {}
-    found = ((run.name, trace(run, c.truth)) for run in c.runs if len(run.poses) > 1)
+    found = ((run.name, trace(run, c.truth.poses)) for run in c.runs if len(run) > 1)
     return {name: t for name, t in found if t is not None}
 
 
@@ -84,7 +85,7 @@ def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
     """The units of errors of position, and of errors of the local structure."""
     closures = [found.position_m for run in c.runs if (found := closure(run)) is not None]
     errors = unit_for(*([t.position_m for t in traces.values()] or closures))
-    sigmas = [np.array(run.sigma_local_m, float) for run in c.runs]
+    sigmas = [run.column("sigma_local_m") for run in c.runs]
     return errors, unit_for(*([np.median(x[np.isfinite(x)])] for x in sigmas if np.isfinite(x).any()))
 
 
@@ -133,13 +134,13 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
     frames, known = content["frames"], content["frames_with_ground_truth"]
     if frames < 24:
         notes.append(f"The log has only {frames} frames: growth, segment errors and intervals are not meaningful.")
-    if c.truth is not None and known < frames:
+    if c.truth.poses is not None and known < frames:
         if known:
             notes.append(f"Ground truth covers {known} of {frames} frames; all errors refer to these frames only.")
         else:
             notes.append("The log has ground truth, but none at the time stamp of any frame.")
-    if c.ignored:
-        where = ", ".join(f"{first} to {end - 1}" for first, end in c.ignored)
+    if c.truth.ignored:
+        where = ", ".join(f"{first} to {end - 1}" for first, end in c.truth.ignored)
         notes.append(f"The ground truth of frames {where} was not used, as asked for.")
     if c.front.gaps:
         where = ", ".join(str(g) for g in c.front.gaps[:8])
@@ -148,9 +149,8 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
     notes += [f"{label(r.name)}: {r.failure}." for r in c.runs if r.failure]
     for run in c.runs:
-        lost = run.statuses.count("lost")
-        if lost:
-            notes.append(f"{label(run.name)}: tracking was lost in {lost} of {len(run.statuses)} frames.")
+        if lost := run.count(Status.LOST):
+            notes.append(f"{label(run.name)}: tracking was lost in {lost} of {len(run)} frames.")
     return notes
 
 

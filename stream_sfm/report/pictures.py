@@ -7,8 +7,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ..types import Status
+from .front_record import FrontRecord, Snapshot
 from .methods import label
-from .records import FrontRecord, MethodRun, Snapshot
+from .records import RunRecord
 from .svg import WIDTH, round_numbers
 
 _MOST_LIVES = 1200  # lines; more cannot be told apart at the height of the figure
@@ -66,7 +67,7 @@ def lives(front: FrontRecord) -> Markup:
         return Markup('<p class="none">No point was tracked.</p>')
     every = max(1, -(-len(spans) // _MOST_LIVES))
     drawn = spans[::every]
-    n, height = max(len(front.tracked) - 1, 1), 420
+    n, height = max(len(front) - 1, 1), 420
     left, top, w, h = 56, 8, WIDTH * 2 - 68, height - 48
     step = h / len(drawn)
     path = "".join(
@@ -94,7 +95,7 @@ def lives(front: FrontRecord) -> Markup:
     )  # fmt: skip
 
 
-def timeline(runs: Sequence[MethodRun], frames: int, gaps: Sequence[int]) -> Markup:
+def timeline(runs: Sequence[RunRecord], frames: int, gaps: Sequence[int]) -> Markup:
     """The status of every frame, one bar per method; time gaps are marked."""
     n, row, left, w = max(frames, 1), 22, 150, WIDTH * 2 - 162
     out = []
@@ -123,7 +124,7 @@ def timeline(runs: Sequence[MethodRun], frames: int, gaps: Sequence[int]) -> Mar
     ).format(keys, WIDTH * 2, height + 34, Markup("".join(out)))
 
 
-def _runs(run: MethodRun) -> list[tuple[str, int, int]]:
+def _runs(run: RunRecord) -> list[tuple[str, int, int]]:
     result: list[tuple[str, int, int]] = []
     for i, status in enumerate(run.statuses):
         if result and result[-1][0] == status:

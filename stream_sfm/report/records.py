@@ -1,76 +1,179 @@
-"""What a comparison records of each frame for its report: small numbers, and a few small images."""
+"""What a run keeps of each method, frame by frame, for its summary, its page and the report of a comparison."""
 
+from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..errors import FrameError
+from ..evaluation import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..geometry.se3 import Array
-from ..types import FrameEstimate, Observations, Trajectory
+from ..types import FrameEstimate, RigChange, RigEstimate, Status, Trajectory
+from .calibration_field import CalibrationError
+from .front_record import FrontRecord
 
-MAX_SNAPSHOTS = 6  # kept, of which three are shown; a report stays below a few megabytes
+STAGES = ("decode", "frontend", "estimator", "total")
+COUNTS = ("tracked", "new", "used", "rejected")
+_NUMBERS = (*STAGES, *COUNTS, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
+_STATUSES = list(Status)
+# Frames: real calibrations are corrected within the first two or three, which their poses hardly show.
+_AT_THE_START = 10
+_MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
 
 
-@dataclass(slots=True, eq=False, repr=False)
-class MethodRun:
-    """The results of one method; a list has one entry per frame unless stated otherwise.
+class RunRecord:
+    """What is kept of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
 
-    `reprojection_px`: RMS over the views used; `depth_rows`: (frame, RMS depth error, RMS estimated σ), for frames
-    with a depth image; `sigma_local_m`: median estimated σ of the local points along their viewing rays; `back`:
-    poses of the reversed pass, from the last but one frame to the first; `failure`: why the method stopped early.
+    `reasons`: of the statuses; `back`: poses of the way back, from the last but one frame to the first; `depth_rows`:
+    (frame, RMS depth error, RMS estimated σ) of the frames with a depth image, and `structure` their sum, None where a
+    depth image could not be read; `failure`: why the method stopped early; `rig`: the latest estimate of the errors of
+    the calibration, in pixels.
     """
 
-    name: str
-    structure: StructureComparison | None = None
-    relative: RelativeRecord = field(default_factory=RelativeRecord)
-    stamps_ns: list[int] = field(default_factory=list)
-    poses: list[Array] = field(default_factory=list)
-    covs: list[Array] = field(default_factory=list)
-    statuses: list[str] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    used: list[int] = field(default_factory=list)
-    rejected: list[int] = field(default_factory=list)
-    nis: list[float] = field(default_factory=list)
-    nis_dof: list[int] = field(default_factory=list)
-    estimator_ms: list[float] = field(default_factory=list)
-    reprojection_px: list[float] = field(default_factory=list)
-    sigma_local_m: list[float] = field(default_factory=list)
-    depth_rows: list[tuple[int, float, float]] = field(default_factory=list)
-    back: list[Array] = field(default_factory=list)
-    failure: str = ""
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.failure = ""
+        self.refused = 0
+        self.first_refusal: FrameError | None = None
+        self.reasons: list[str] = []
+        self.back: list[Array] = []
+        self.depth_rows: list[tuple[int, float, float]] = []
+        self.structure: StructureComparison | None = None
+        self.relative = RelativeRecord()
+        self.rig: RigEstimate | None = None
+        self.rig_changes: list[RigChange] = []
+        self._corrected_from: tuple[int, RigEstimate] | None = None  # the first frame, and what was corrected in it
+        self._stamps_ns = array("q")
+        self._poses, self._covs, self._numbers = array("d"), array("d"), array("d")
+        self._statuses = array("b")  # places in Status
 
     @property
     def key(self) -> str:
         """The name of the method as a JSON key."""
         return self.name.replace("-", "_")
 
-    def add(self, estimate: FrameEstimate) -> None:
-        """Record what the report shows of one frame."""
-        self.stamps_ns.append(estimate.stamp_ns)
-        self.poses.append(estimate.world_from_cam)
-        self.covs.append(estimate.cov_pose)
-        self.statuses.append(str(estimate.status))
+    def add(self, estimate: FrameEstimate, total_ms: float = 0.0, reprojection_px: float = float("nan")) -> None:
+        """Keep one estimate; `total_ms`: from asking for the frame until its files were written."""
+        self._stamps_ns.append(estimate.stamp_ns)
+        self._poses.frombytes(np.ascontiguousarray(estimate.world_from_cam, dtype=float).tobytes())
+        self._covs.frombytes(np.ascontiguousarray(estimate.cov_pose, dtype=float).tobytes())
+        self._statuses.append(_STATUSES.index(estimate.status))
         self.reasons.append(estimate.reason)
-        self.used.append(estimate.counts["used"])
-        self.rejected.append(estimate.counts["rejected"])
-        self.nis.append(estimate.nis)
-        self.nis_dof.append(estimate.nis_dof)
-        self.estimator_ms.append(estimate.timings_ms["estimator"])
-        self.sigma_local_m.append(_median_sigma(estimate))
+        t = estimate.timings_ms
+        times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
+        counts = [estimate.counts[name] for name in COUNTS]
+        last = (estimate.nis, estimate.nis_dof, _median_sigma(estimate), reprojection_px)
+        self._numbers.extend((*times_ms, total_ms, *counts, *last))
         self.relative.add(estimate)
+        self.rig = estimate.rig or self.rig
+        if estimate.rig_change is not None:
+            self.rig_changes.append(estimate.rig_change)
+        if self._corrected_from is None and not self.rig_changes and estimate.rig and estimate.rig.applied:
+            self._corrected_from = (estimate.frame_index, estimate.rig)
+
+    def refuse(self, error: FrameError) -> None:
+        """Count a frame that the front-end refused."""
+        self.refused += 1
+        self.first_refusal = self.first_refusal or error
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Stamps (n,)."""
+        return np.array(self._stamps_ns, np.int64)
+
+    @property
+    def poses(self) -> Array:
+        """Poses (n, 4, 4), `world_from_cam`."""
+        return np.array(self._poses).reshape(-1, 4, 4)
+
+    @property
+    def statuses(self) -> list[Status]:
+        """The status of each frame."""
+        return [_STATUSES[k] for k in self._statuses]
+
+    def column(self, name: str) -> Array:
+        """One of the numbers of each frame (n,): a stage in ms, a count, nis, nis_dof, sigma_local_m (median estimated
+        σ of the points along their rays), or reprojection_px (RMS over the views used)."""
+        return np.array(self._numbers).reshape(-1, len(_NUMBERS))[:, _NUMBERS.index(name)]
+
+    @property
+    def nis_over_dof(self) -> Array:
+        """Squared innovation per degree of freedom (n,), NaN where there is none."""
+        dof = self.column("nis_dof")
+        return np.where(dof > 0, self.column("nis") / np.maximum(dof, 1), np.nan)
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
-        n = len(self.poses)
-        return Trajectory(
-            np.array(self.stamps_ns, np.int64),
-            np.array(self.poses).reshape(n, 4, 4),
-            np.array(self.covs).reshape(n, 6, 6),
-        )
+        return Trajectory(self.stamps_ns, self.poses, np.array(self._covs).reshape(-1, 6, 6))
+
+    def count(self, status: Status) -> int:
+        """How many frames have a status."""
+        return self._statuses.count(_STATUSES.index(status))
+
+    def warnings(self, disparity_at_1m_px: float) -> list[str]:
+        """Sentences about a calibration that was wrong or has changed, and about frames that are refused, lost, or
+        degraded where that are many. `disparity_at_1m_px`: focal length times baseline."""
+        notes = [str(change) for change in self.rig_changes]
+        if self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
+            frame, rig = self._corrected_from
+            wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
+            notes.append(
+                f"from frame {frame} on an error of the calibration is corrected, {wrong_px:.2f} px of disparity; the "
+                "frames before were estimated with it: distances of 10 m were off by "
+                f"{10 * wrong_px / disparity_at_1m_px:.1%}"
+            )
+        if self.refused:
+            notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
+        if lost := self.count(Status.LOST):
+            notes.append(f"tracking was lost in {lost} frames, {self._first(Status.LOST)}")
+        if (degraded := self.count(Status.DEGRADED)) > _MANY_DEGRADED * len(self):
+            notes.append(f"{degraded} of {len(self)} frames are degraded, {self._first(Status.DEGRADED)}")
+        return notes
+
+    def _first(self, status: Status) -> str:
+        row = self._statuses.index(_STATUSES.index(status))
+        return f"first at {(self._stamps_ns[row] - self._stamps_ns[0]) / 1e9:.2f} s: {self.reasons[row]}"
+
+    def problem(self, one_wanted: bool) -> str:
+        """Why no motion was estimated, empty if it was; a single frame is enough only where `one_wanted`."""
+        tracked = self.count(Status.OK) + self.count(Status.DEGRADED)
+        if self.count(Status.LOST) and not tracked:
+            return f"tracking was lost in every frame: {self.reasons[self.statuses.index(Status.LOST)]}"
+        if len(self) == 1 and not one_wanted:
+            return "only one stereo frame could be estimated, so that there is no motion"
+        return ""
+
+    def summary(self) -> dict[str, Any]:
+        """The part of summary.json that follows from the estimates: statuses, durations, lengths."""
+        wall_s = float(self.column("total").sum()) / 1e3
+        return {
+            "statuses": {status.value: self.count(status) for status in Status},
+            "duration_s": (self._stamps_ns[-1] - self._stamps_ns[0]) / 1e9 if len(self) else 0.0,
+            "path_length_m": path_length_m(self.poses),
+            "timing_ms": {
+                stage: quantiles(self.column(stage)) or dict.fromkeys(("p50", "p95", "max")) for stage in STAGES
+            },
+            "frames_per_s": len(self) / wall_s if wall_s else 0.0,
+        }
+
+
+def quantiles(values: Any) -> dict[str, float] | None:
+    """Median, 95th percentile and maximum of some values; None where there are none."""
+    if not len(values):
+        return None
+    p50, p95 = np.quantile(values, [0.5, 0.95])
+    return {"p50": float(p50), "p95": float(p95), "max": float(np.max(values))}
 
 
 def _median_sigma(estimate: FrameEstimate) -> float:
@@ -82,94 +185,37 @@ def _median_sigma(estimate: FrameEstimate) -> float:
     return float(np.sqrt(np.median(np.maximum(variance, 0))))
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Snapshot:
-    """A stereo frame as small JPEGs of the rectified images, with displacements in full-size pixels.
+class Truth(NamedTuple):
+    """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
 
-    `stereo` (n, 4) u_left, v_left, u_right, v_right; `temporal` (m, 4) from (u, v) in the previous frame to now.
+    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, metres and
+    radians.
     """
 
-    frame_index: int
-    size: tuple[int, int]
-    left_jpeg: bytes
-    right_jpeg: bytes
-    stereo: Array
-    temporal: Array
-
-
-@dataclass(slots=True, eq=False, repr=False)
-class FrontRecord:
-    """What all methods share: observations and times, one entry per frame unless stated otherwise.
-
-    `lives`: track id -> [first frame, last frame]; `gaps`: frames that follow a gap in time.
-    """
-
-    decode_ms: list[float] = field(default_factory=list)
-    rectify_ms: list[float] = field(default_factory=list)
-    frontend_ms: list[float] = field(default_factory=list)
-    tracked: list[int] = field(default_factory=list)
-    new: list[int] = field(default_factory=list)
-    lives: dict[int, list[int]] = field(default_factory=dict)
-    snapshots: list[Snapshot] = field(default_factory=list)
-    snapshot_stride: int = 1
-    gaps: list[int] = field(default_factory=list)
-
-    def add(self, observations: Observations) -> None:
-        """Record the observations of one frame."""
-        frame = observations.frame_index
-        self.tracked.append(len(observations.track_ids) - observations.n_new)
-        self.new.append(observations.n_new)
-        for track in observations.track_ids.tolist():
-            self.lives.setdefault(track, [frame, frame])[1] = frame
-
-    def wants_snapshot(self, frame_index: int) -> bool:
-        """Whether this frame is one of the few that are shown, evenly spread over a log of any length."""
-        return frame_index % self.snapshot_stride == 0
-
-    def keep(self, snapshot: Snapshot) -> None:
-        """Add a snapshot; when there are too many, every second one is dropped and the stride doubles."""
-        self.snapshots.append(snapshot)
-        if len(self.snapshots) > MAX_SNAPSHOTS:
-            self.snapshots = self.snapshots[::2]
-            self.snapshot_stride *= 2
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CalibrationError:
-    """What the images have told about the calibration: `numbers` as the section `rig` of summary.json.
-
-    `disparity_px` (rows, columns): the error of the disparity of far points over the left image, with `std_px`.
-    """
-
-    numbers: dict[str, Any]
-    disparity_px: Array
-    std_px: Array
+    poses: Trajectory | None = None
+    ignored: Sequence[tuple[int, int]] = ()
+    std: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(slots=True, eq=False, repr=False)
 class Comparison:
-    """Everything that a report is made from.
+    """Everything that the report of a comparison is made from.
 
-    `inspection` as `inspect_log` returns it, or empty; `local_difference`: (frame, median distance between CC and
-    WC-derived local points, metres); `return_note`: whether the frames were also processed in reverse order, or why
-    not; `ignored`: ranges [first, end) of frames without their truth;
-    `self_test`: the result of that, if it was done; `std_truth`: σ of the ground truth itself, metres and radians;
-    `calibration`: what the cross-frame window has found about that.
+    `inspection` as `inspect_log` returns it, or empty; `return_note`: whether the frames were also processed in reverse
+    order, or why not; `self_test`: the result of that, if it was done; `calibration`: what the images have told about
+    it.
     """
 
     log: str
     rig: StereoRig
     config: Config
-    runs: list[MethodRun]
+    runs: list[RunRecord]
     front: FrontRecord
-    truth: Trajectory | None
+    truth: Truth
     inspection: dict[str, Any]
-    local_difference: list[tuple[int, float]] = field(default_factory=list)
-    ignored: list[tuple[int, int]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
     interrupted: bool = False
     return_note: str = ""
     self_test: dict[str, list[dict[str, Any]]] | None = None
-    std_truth: tuple[float, float] = (0.0, 0.0)
     calibration: CalibrationError | None = None

@@ -1,63 +1,50 @@
 """The page of one run: where it went and how sure it is, its errors where the truth is known, statuses and time."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from .. import __version__
-from ..geometry.se3 import Array
-from ..types import Status, Trajectory
-from . import calibration_field, pictures
+from ..types import Trajectory
+from . import accuracy_charts, calibration_field, pictures
+from .calibration_field import CalibrationError
 from .consistency_charts import innovations
 from .lengths import UNSCALED, LengthUnit, unit_for
 from .methods import label, style
-from .records import CalibrationError, MethodRun
+from .records import RunRecord
 from .svg import SMOOTHED, Chart, Series, draw, smoothed
 from .template import inline, template
 from .traces import Trace, broken, trace_of
 
-_TUBE_SIGMAS = 3
-_TUBE_SHARE = 0.02  # of the path's extent: a tube narrower than this is drawn wider by a round factor, and says so
 _EXPECTED_NEES = 6
-
-
-class RunColumns(NamedTuple):
-    """What a run remembers of each frame: poses with covariances, statuses, counts of points, NIS per degree of
-    freedom, and milliseconds by stage."""
-
-    trajectory: Trajectory
-    statuses: list[Status]
-    counts: dict[str, Array]
-    nis_over_dof: Array
-    times_ms: dict[str, Array]
 
 
 def render_run(
     summary: dict[str, Any],
-    columns: RunColumns,
-    truth: Trajectory | None,
+    run: RunRecord,
+    truth: Trajectory | None = None,
     calibration: CalibrationError | None = None,
 ) -> str:
-    """Render a run as HTML from its summary and columns, and from its truth and the calibration's error, if known."""
-    run = MethodRun(summary["method"], statuses=[str(s) for s in columns.statuses])
-    unit = "units" if summary["unscaled"] else "m"
-    found = None if truth is None else trace_of(columns.trajectory, truth)
-    errors_unit = UNSCALED if summary["unscaled"] else _errors_unit(columns.trajectory, found)
+    """Render a run as HTML from its summary and record, and from its truth and the calibration's error, if known."""
+    estimate = run.trajectory()
+    found = None if truth is None else trace_of(estimate, truth)
+    unit = UNSCALED if summary["unscaled"] else _errors_unit(estimate, found)
+    length = "units" if summary["unscaled"] else "m"
     return template("run.html.j2").render(
         s=summary,
         version=__version__,
         name=summary["log"].rsplit("/", 1)[-1],
-        unit=unit,
+        unit=length,
         conclusion=conclusion_of_run(summary),
-        paths=_paths(columns.trajectory, found, summary["method"], unit),
-        errors=_errors(columns.trajectory, found, summary["method"], errors_unit),
-        errors_unit=errors_unit,
+        paths=accuracy_charts.paths([run], {} if found is None else {run.name: found}, unit, length),
+        errors=_errors(estimate, found, run.name, unit),
+        errors_unit=unit,
         local_unit=unit_for([(summary.get("ground_truth") or {}).get("local_structure_median_m") or 0.0]),
         consistency=_consistency(summary),
         field=calibration_field.picture(calibration),
-        work=_work(columns),
-        timeline=pictures.timeline([run], len(columns.statuses), ()),
+        work=_work(run),
+        timeline=pictures.timeline([run], len(run), ()),
         label=label,
         css=inline("page.css"),
         js=inline("page.js"),
@@ -93,50 +80,6 @@ def conclusion_of_run(summary: dict[str, Any]) -> str:
 def _length(metres: float) -> str:
     unit = unit_for([metres])
     return f"{unit.per_m * metres:.3g} {unit.name}"
-
-
-def _paths(estimate: Trajectory, found: Trace | None, method: str, unit: str) -> list[Markup]:
-    """From above and from the side, with a tube of ±3σ across the path."""
-    poses = estimate.world_from_cam if found is None else found.estimate
-    cov = (
-        estimate.cov_pose
-        if found is None
-        else (None if estimate.cov_pose is None else estimate.cov_pose[found.frames])
-    )
-    charts = []
-    for title, i, j, labels, flip in (
-        ("Path seen from above", 0, 2, (f"x, {unit} (right)", f"z, {unit} (forward)"), False),
-        ("Path seen from the side", 2, 1, (f"z, {unit} (forward)", f"y, {unit} (down)"), True),
-    ):
-        series = (
-            [] if found is None else [Series("ground truth", found.truth[:, i, 3], found.truth[:, j, 3], "m-truth")]
-        )
-        series.append(Series(label(method), poses[:, i, 3], poses[:, j, 3], style(method)))
-        note = ""
-        if cov is not None and len(poses) > 1 and not flip:  # from the side a path ahead has no width to tell
-            edges, factor = _tube(poses, cov, i, j)
-            name = f"±{_TUBE_SIGMAS}σ" + ("" if factor == 1 else f" × {factor:g}")
-            series.append(Series(name, edges[:, 0], edges[:, 1], "tube"))
-            note = "" if factor == 1 else f"the tube is drawn {factor:g} times as wide as ±{_TUBE_SIGMAS}σ"
-        charts.append(draw(Chart(title, *labels, series, note=note, equal=True, flip_y=flip, height=340)))
-    return charts
-
-
-def _tube(poses: Array, cov: Array, i: int, j: int) -> tuple[Array, float]:
-    """Both edges (2n + 1, 2) of ±3σ across the path in the plane of axes i and j, and by what it is drawn wider."""
-    at = poses[:, [i, j], 3]
-    along = np.gradient(at, axis=0)
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(length, 1e-12)
-    r = poses[:, [i, j], :3]  # rows of the rotation: axes of the camera in those of the world
-    in_plane = r @ cov[:, :3, :3] @ np.swapaxes(r, 1, 2)
-    sigma = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", across, in_plane, across), 0))
-    extent, widest = float(np.ptp(at, axis=0).max()), _TUBE_SIGMAS * float(np.median(sigma))
-    factor = 1.0
-    while 0 < widest * factor < _TUBE_SHARE * extent and factor < 1000:
-        factor *= 10
-    offset = _TUBE_SIGMAS * factor * sigma[:, None] * across
-    return np.concatenate([at + offset, np.full((1, 2), np.nan), at - offset]), factor
 
 
 def _errors_unit(estimate: Trajectory, found: Trace | None) -> LengthUnit:
@@ -177,19 +120,19 @@ def _consistency(summary: dict[str, Any]) -> tuple[list[int], list[tuple[str, di
     return sorted({span for _, factors in rows for span in factors}), rows
 
 
-def _work(columns: RunColumns) -> list[Markup]:
+def _work(run: RunRecord) -> list[Markup]:
     """Counts of points, innovations, and time per frame."""
-    n = np.arange(len(columns.statuses))
+    n = np.arange(len(run))
     colours = {
         "tracked": "m-cross-frame",
         "used": "m-cross-frame-wc",
         "new": "m-ekf",
         "rejected": "m-frame-to-frame",
     }
-    points = [Series(name, n, columns.counts[name], colour) for name, colour in colours.items()]
+    points = [Series(name, n, run.column(name), colour) for name, colour in colours.items()]
     stages = {"decode": "m-truth", "frontend": "m-cross-frame-wc", "estimator": "m-ekf", "total": "m-cross-frame"}
-    times = [Series(name, n, smoothed(columns.times_ms[name]), colour) for name, colour in stages.items()]
-    nis = [Series("NIS / dof", n, smoothed(columns.nis_over_dof), "m-cross-frame")]
+    times = [Series(name, n, smoothed(run.column(name)), colour) for name, colour in stages.items()]
+    nis = [Series("NIS / dof", n, smoothed(run.nis_over_dof), "m-cross-frame")]
     return [
         draw(Chart("Points", "frame", "points", points, zero=True)),
         draw(Chart("Time per frame", "frame", "ms", times, note=SMOOTHED, zero=True)),

@@ -12,7 +12,7 @@ from ..evaluation.drift import distances_m
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .records import MethodRun
+from .records import RunRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Trace:
         return np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1))
 
 
-def trace(run: MethodRun, truth: Trajectory) -> Trace | None:
+def trace(run: RunRecord, truth: Trajectory) -> Trace | None:
     """The trace of a method; None where fewer than two frames have a ground truth."""
     return trace_of(run.trajectory(), truth)
 
@@ -75,12 +75,11 @@ class Closure:
     rotation_deg: Array
 
 
-def closure(run: MethodRun) -> Closure | None:
+def closure(run: RunRecord) -> Closure | None:
     """The closure of a method; None where it did not process all frames in reverse order."""
-    n = len(run.poses)
+    n, there = len(run), run.poses
     if n < 2 or len(run.back) != n - 1:
         return None
-    there = np.array(run.poses)
     along = distances_m(there)
     frames = np.arange(n - 2, -1, -1)
     error = se3.inverse(there[frames]) @ np.array(run.back)
@@ -90,6 +89,24 @@ def closure(run: MethodRun) -> Closure | None:
         np.linalg.norm(error[:, :3, 3], axis=1),
         np.degrees(np.linalg.norm(se3.log_so3(error[:, :3, :3]), axis=1)),
     )
+
+
+def return_error(run: RunRecord) -> dict[str, float] | None:
+    """How far a run there and back ends from its start; None if it did not come back, or does not move.
+
+    `end_position_m` and `end_rotation_deg`; `path_length_m` of the path there and back; `end_drift_percent`, the
+    position relative to that path; `all_frames_drift_percent`, √(Σ closure² / Σ distance²) of all frames.
+    """
+    back = closure(run)
+    if back is None or back.apart_m[-1] < 1e-3:
+        return None
+    return {
+        "end_position_m": float(back.position_m[-1]),
+        "end_rotation_deg": float(back.rotation_deg[-1]),
+        "path_length_m": float(back.apart_m[-1]),
+        "end_drift_percent": 100 * float(back.position_m[-1] / back.apart_m[-1]),
+        "all_frames_drift_percent": 100 * float(np.sqrt((back.position_m**2).sum() / (back.apart_m**2).sum())),
+    }
 
 
 def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:

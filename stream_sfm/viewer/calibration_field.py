@@ -13,7 +13,7 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..frontend.rig_effects import disparity_error, disparity_over_image
 from ..geometry.se3 import Array
-from ..pipeline.refine import describe
+from ..report.calibration_field import describe
 from ..types import FrameEstimate, RigEstimate
 from . import layout
 

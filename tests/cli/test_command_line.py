@@ -21,8 +21,8 @@ from stream_sfm.cli.error_lines import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.error_lines import OPTIONS
 from stream_sfm.cli.inspection_tables import broken_at
 from stream_sfm.cli.main import COMMANDS, build_parser, main
-from stream_sfm.comparison.compare import COMPARED
 from stream_sfm.config import Config, read_config
+from stream_sfm.run.compare import COMPARED
 from tests.helpers.stereo_logs import Spec, video, write_log
 from tests.helpers.wall_log import write_wall_log
 

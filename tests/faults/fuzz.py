@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from stream_sfm.cli.main import main
-from stream_sfm.pipeline.statistics import peak_rss_mib
 from stream_sfm.results.trajectory_files import read_tum
+from stream_sfm.run.summary import peak_rss_mib
 from tests.faults.mutations import FRAMES, make_base, mutate
 
 MAX_SECONDS = 5.0  # of CPU, for a damaged log: a busy machine is no failure

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.pipeline.replay import replay
+from stream_sfm.run.replay import replay
 from tests.faults.mutations import BASES, FRAMES, Base, make_base
 from tests.helpers.stereo_logs import (
     CONTAINERS,
@@ -150,7 +150,7 @@ def test_chunks_that_inflate_to_a_hundred_megabytes_each_do_not_add_up(path: Pat
             write_image(log, "foxglove", Spec.topics[1], time, scene(n, 1), "mono8")
     log.close()
     assert path.stat().st_size < 200_000
-    script = "import sys; from stream_sfm.pipeline.replay import replay; s = replay(sys.argv[1]).summary; "
+    script = "import sys; from stream_sfm.run.replay import replay; s = replay(sys.argv[1]).summary; "
     script += "print(s['frames']['estimated'], s['peak_rss_mib'])"
     done = subprocess.run(
         [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=120, check=True

@@ -13,8 +13,8 @@ from mcap_ros2.decoder import DecoderFactory
 from stream_sfm.batch.replay_batch import replay_batch
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import compare
-from stream_sfm.pipeline.replay import replay
+from stream_sfm.run.compare import compare
+from stream_sfm.run.replay import replay
 from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
 

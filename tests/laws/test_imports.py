@@ -23,10 +23,10 @@ LAYERS = (
     ("observer", "sources"),
     ("engine", "recording"),
     ("results", "inspection", "importers", "simulation"),
-    ("report",),
-    ("pipeline", "dense"),
+    ("report", "dense"),
     ("viewer",),
-    ("comparison", "batch"),
+    ("run",),
+    ("batch",),
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}

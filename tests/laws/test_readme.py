@@ -29,7 +29,7 @@ NOT_RUN = {
     "dask": "needs a cluster; tests/batch/test_cluster.py has one",
     "--scheduler": "needs a cluster",
     "--view": "needs a display; tests/viewer/ writes files instead",
-    "batch compare": "needs more frames for its ratios; tests/comparison/test_many.py runs it",
+    "batch compare": "needs more frames for its ratios; tests/run/test_many.py runs it",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
     "import kitti": "needs a recording; tests/importers/ makes one",
     "import video": "needs a recording; tests/importers/ makes one",

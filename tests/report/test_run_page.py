@@ -1,4 +1,4 @@
-"""The page of one run: what its sentence says, and what it shows of runs that are short of something."""
+"""The page of one run: what its sentence says, one unit for all lengths, what it shows where something is missing."""
 
 import re
 from typing import Any
@@ -6,30 +6,32 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stream_sfm.camera.refinement import TERMS
 from stream_sfm.evaluation.association import without_frames
 from stream_sfm.geometry import se3
-from stream_sfm.report.records import CalibrationError
-from stream_sfm.report.run_page import RunColumns, _tube, conclusion_of_run, render_run
-from stream_sfm.types import Status, Trajectory
+from stream_sfm.report.calibration_field import CalibrationError, picture
+from stream_sfm.report.lengths import METRES, MILLIMETRES, LengthUnit, unit_for
+from stream_sfm.report.records import RunRecord
+from stream_sfm.report.run_page import conclusion_of_run, render_run
+from stream_sfm.types import FrameEstimate, Status, Trajectory
 
 FRAMES = 30
 STAMPS = np.arange(FRAMES) * 100_000_000
 
 
-def trajectory(std_m: float = 0.01) -> Trajectory:
+def record(status: Status = Status.OK) -> RunRecord:
     """Along an arc, with σ that grows with the frames."""
-    poses = [np.eye(4)]
-    for _ in range(FRAMES - 1):
-        poses.append(poses[-1] @ se3.exp([0, 0, 0.1, 0, 0.02, 0]))
-    cov = np.arange(FRAMES)[:, None, None] * np.diag([std_m**2] * 3 + [1e-6] * 3)
-    return Trajectory(STAMPS, np.array(poses), cov)
-
-
-def columns(statuses: list[Status] | None = None) -> RunColumns:
-    ones = np.ones(FRAMES)
-    counts = {name: 100 * ones for name in ("tracked", "new", "used", "rejected")}
-    times = {name: ones for name in ("decode", "frontend", "estimator", "total")}
-    return RunColumns(trajectory(), statuses or [Status.OK] * FRAMES, counts, ones, times)
+    found, pose, none = RunRecord("cross-frame"), np.eye(4), np.empty(0, np.int64)
+    points, covs = np.empty((0, 3)), np.empty((0, 3, 3))
+    for k in range(FRAMES):
+        cov = k * np.diag([0.01**2] * 3 + [1e-6] * 3)
+        counts = dict.fromkeys(("tracked", "new", "used", "rejected"), 100)
+        local = (none, points, covs, points, covs, none, np.empty((0, 4, 4)), none, points, covs)
+        found.add(
+            FrameEstimate(k, int(STAMPS[k]), status, "", pose, cov, *local, counts, 1.0, 1, {"estimator": 1.0})
+        )
+        pose = pose @ se3.exp([0, 0, 0.1, 0, 0.02, 0])
+    return found
 
 
 def summary(**changes: Any) -> dict[str, Any]:
@@ -50,14 +52,11 @@ TRUTH = {
 }  # fmt: skip
 
 
-def test_the_sentence_says_how_large_errors_and_sigma_are() -> None:
+def test_the_sentence_says_how_large_errors_and_sigma_are_and_what_went_wrong() -> None:
     text = conclusion_of_run(summary(ground_truth=TRUTH))
     assert "30 frames were estimated, none of them degraded or lost." in text
     assert "off by 1 mm RMS" in text and "0.5 % of its length" in text
     assert "2 times as large as the estimated σ (NEES 24 for 6)" in text
-
-
-def test_the_sentence_names_what_went_wrong() -> None:
     frames = summary()["frames"] | {"lost": 3, "degraded": 2}
     text = conclusion_of_run(summary(frames=frames, complete=False, end={"std_position_m": 0.05}))
     assert "2 degraded, 3 lost." in text and "σ of 0.05 m" in text and "not complete" in text
@@ -66,38 +65,45 @@ def test_the_sentence_names_what_went_wrong() -> None:
 @pytest.mark.parametrize("truth", [True, False])
 def test_the_page_is_one_file(truth: bool) -> None:
     found = {"ground_truth": TRUTH} if truth else {"end": {"std_position_m": 0.05}}
-    page = render_run(summary(**found), columns(), trajectory() if truth else None)
-    assert "a &amp; b.mcap" in page and "±3σ" in page and ("Position error and σ" in page) == truth
+    page = render_run(summary(**found), record(), record().trajectory() if truth else None)
+    assert "a &amp; b.mcap" in page and ("Position error and σ" in page) == truth
     outside = re.findall(r'(?:src|href)="(?!data:|#)[^"]*"|url\(|@import', page)
     assert outside == []
 
 
 def test_frames_without_truth_are_left_out() -> None:
-    known = without_frames(trajectory(), STAMPS, [(10, 20)])
-    page = render_run(summary(ground_truth=TRUTH), columns([Status.LOST] * FRAMES), known)
+    known = without_frames(record().trajectory(), STAMPS, [(10, 20)])
+    page = render_run(summary(ground_truth=TRUTH), record(Status.LOST), known)
     assert "Position error and σ" in page and "lost, frames 0 to 29" in page
 
 
-def test_the_tube_is_as_wide_as_it_says() -> None:
-    """Three σ across the path on both sides, times the factor."""
-    t = trajectory(std_m=0.01)
-    assert t.cov_pose is not None
-    edges, factor = _tube(t.world_from_cam, t.cov_pose, 0, 2)
-    at = t.world_from_cam[:, [0, 2], 3]
-    for edge in (edges[:FRAMES], edges[FRAMES + 1 :]):
-        distance = np.linalg.norm(edge - at, axis=1)
-        assert distance == pytest.approx(factor * 3 * 0.01 * np.sqrt(np.arange(FRAMES)))
-    narrow = trajectory(std_m=1e-6)
-    assert narrow.cov_pose is not None
-    assert _tube(narrow.world_from_cam, narrow.cov_pose, 0, 2)[1] == 1000
+@pytest.mark.parametrize(("off_m", "unit"), [(0.05, MILLIMETRES), (3.0, METRES)])
+def test_chart_and_table_of_a_run_have_one_unit(off_m: float, unit: LengthUnit) -> None:
+    poses = record().poses
+    poses[1:] = poses[1:] @ se3.exp([off_m, 0, 0, 0, 0, 0])
+    figures = TRUTH | {"ate_rmse_m": off_m, "ate_rmse_aligned_m": 0.5 * off_m}
+    page = render_run(summary(ground_truth=figures), record(), Trajectory(STAMPS, poses))
+    assert f"<th>ATE<br><small>{unit.name}</small></th>" in page
+    assert f"<td>{off_m * unit.per_m:#.3g}</td>".replace(".<", "<") in page
+    chart = re.search(r'aria-label="Position error and σ".*?</svg>', page, re.DOTALL)
+    assert chart and f">{unit.name}</text>" in chart[0]
 
 
-def test_spans_are_columns_and_the_field_of_the_calibration_is_shown() -> None:
+def test_small_lengths_are_in_millimetres() -> None:
+    assert unit_for([0.001, np.nan, -0.9], None, np.zeros((2, 2))) == MILLIMETRES
+    assert unit_for([0.001], [-1.5]) == METRES
+    assert unit_for() == unit_for([np.nan]) == MILLIMETRES
+
+
+def test_spans_are_columns_and_each_part_of_the_image_has_its_error_with_sigma() -> None:
     tracks = [{"frames": 1, "factor": 0.9}, {"frames": 2, "factor": 1.2}]
-    rig = {"text": "agrees", "terms": ["1"], "error_px": [0.1], "std_px": [0.2]}
-    field = CalibrationError(rig, np.array([[-0.25, 0.1]]), np.array([[0.03, 0.03]]))
-    page = render_run(summary(ground_truth=TRUTH, self_test={"tracks": tracks}, rig=rig), columns(), None, field)
+    rig = {"text": "agrees", "terms": list(TERMS[:1]), "error_px": [0.1], "std_px": [0.2]}
+    error_px = np.array([[0.21, -0.4, 0.0], [0.1, -0.2, 0.3]])
+    field = CalibrationError(rig, error_px, np.full((2, 3), 0.05))
+    page = render_run(summary(ground_truth=TRUTH, self_test={"tracks": tracks}, rig=rig), record(), None, field)
     rows = dict(re.findall(r"<tr><th>([^<]*)</th>((?:<td>.*?</td>)+)</tr>", page))
     assert re.findall(r"[\d.]+|–", rows["against ground truth"]) == ["1.10", "–"]
     assert re.findall(r"[\d.]+|–", rows["halves of the tracks"]) == ["0.90", "1.20"]
-    assert "−0.25 ± 0.03" in page
+    shown = re.findall(r">([+−][0-9.]+) ± 0.05<", page)
+    assert [float(x.replace("−", "-")) for x in shown] == error_px.ravel().tolist()
+    assert not picture(None)

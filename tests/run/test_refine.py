@@ -12,8 +12,8 @@ from stream_sfm.cli.main import main
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.frontend.rig_effects import prior_std_px
-from stream_sfm.pipeline.refine import calibrate
-from stream_sfm.pipeline.replay import replay
+from stream_sfm.run.refine import calibrate
+from stream_sfm.run.replay import replay
 from tests.helpers.wall_log import write_wall_log
 
 

@@ -10,15 +10,15 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.refinement import TERMS
-from stream_sfm.pipeline.statistics import RunStatistics
+from stream_sfm.report.records import RunRecord
 from tests.helpers.wall import Wall, camera_path, rig
 
 _ONE_AFTER_ANOTHER = """
 import subprocess, sys
 import numpy as np
-from stream_sfm.pipeline.statistics import peak_rss_mib
+from stream_sfm.run.summary import peak_rss_mib
 large = np.ones(100_000_000)
-small = "from stream_sfm.pipeline.statistics import peak_rss_mib; print(peak_rss_mib())"
+small = "from stream_sfm.run.summary import peak_rss_mib; print(peak_rss_mib())"
 print(peak_rss_mib(), flush=True)
 subprocess.run([sys.executable, "-c", small], check=True)
 """
@@ -33,13 +33,13 @@ def test_the_memory_of_a_run_is_its_own_and_not_that_of_the_process_that_started
 
 @pytest.mark.parametrize(("first", "said"), [(2, False), (12, True)])
 def test_a_correction_on_the_way_says_from_which_frame_on_and_what_it_means(first: int, said: bool):
-    engine, statistics = sfm.Engine(rig()), RunStatistics()
+    engine, statistics = sfm.Engine(rig()), RunRecord("cross-frame")
     error_px = np.zeros(len(TERMS))
     error_px[0] = 0.3
     for frame in Wall(1).frames(rig(), camera_path(14)):
         estimate = engine.step(frame)
         found = sfm.RigEstimate(error_px, 1e-4 * np.eye(len(TERMS)), estimate.frame_index >= first)
-        statistics.write(replace(estimate, rig=found), frame)
+        statistics.add(replace(estimate, rig=found))
     warnings = statistics.warnings(60.0)
     assert len(warnings) == said
     if said:

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import compare
-from stream_sfm.comparison.many import QUANTITIES, compare_many, summarise_many
 from stream_sfm.config import Config, RigConfig, read_config
 from stream_sfm.errors import ConfigError
 from stream_sfm.evaluation.relative import paired_ratio
 from stream_sfm.recording import open_log
+from stream_sfm.run.compare import compare
+from stream_sfm.run.many import QUANTITIES, compare_many, summarise_many
 from stream_sfm.types import Selection
-from tests.comparison.test_compare import FEW, spec
 from tests.evaluation.test_intervals import STD, TRIALS, noise, paths
 from tests.helpers.places import ROOM
 from tests.helpers.stereo_logs import write_log
+from tests.run.test_compare import FEW, spec
 
 METHODS = ("cross-frame", "frame-to-frame")
 

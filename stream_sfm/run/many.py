@@ -25,11 +25,11 @@ from ..estimators import check_method
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
-from ..pipeline.refine import check_calibrates
 from ..recording import open_log
 from ..report.many_page import conclusion_of_many, render_many
 from ..types import Selection
 from .compare import COMPARED, compare
+from .refine import check_calibrates
 
 SCHEMA_VERSION = 1
 RECORD, PAGE = "comparison.json", "report.html"
@@ -147,7 +147,7 @@ def run_start(job: Start, settings: Settings) -> dict[str, Any]:
     return {
         "log": str(job.log),
         "start_s": job.start_s,
-        "end_s": job.start_s + (stamps_ns[-1] - stamps_ns[0]) / 1e9,
+        "end_s": job.start_s + float(stamps_ns[-1] - stamps_ns[0]) / 1e9,
         "failure": failure,
         "ratios": ratios,
         "ci95": intervals,

@@ -19,11 +19,11 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
-from stream_sfm.comparison.compare import compare
 from stream_sfm.config import read_config
-from stream_sfm.pipeline.replay import replay
-from stream_sfm.pipeline.there_and_back import KeptFrames
 from stream_sfm.recording import StereoLog, open_log
+from stream_sfm.run.compare import compare
+from stream_sfm.run.replay import replay
+from stream_sfm.run.there_and_back import KeptFrames
 from stream_sfm.types import Trajectory
 from tests.helpers.sinks import Calling
 from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
@@ -215,7 +215,7 @@ def test_an_unknown_method_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.pipeline.there_and_back.KEPT_LIMIT_BYTES", 10_000)
+    monkeypatch.setattr("stream_sfm.run.there_and_back.KEPT_LIMIT_BYTES", 10_000)
     log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
     found = compare(log, methods=("frame-to-frame",)).comparison
     assert "not done" in found.return_note and not found.runs[0].back

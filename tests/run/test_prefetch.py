@@ -8,7 +8,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.errors import LogError
-from stream_sfm.pipeline.prefetch import prepared_ahead
+from stream_sfm.run.loop import prepared_ahead
 
 SIZE = (32, 48)
 CAMERA = sfm.Camera(SIZE[1], SIZE[0], np.array([[40.0, 0, 24], [0, 40, 16], [0, 0, 1]]))
@@ -33,7 +33,7 @@ def test_a_log_that_ends_in_an_error_gives_all_its_frames_first(engine: sfm.Engi
 
     seen = []
     with pytest.raises(LogError, match="cut off"):
-        for now, pair in prepared_ahead(engine, breaking()):
+        for now, pair in prepared_ahead(engine.observer, breaking()):
             assert pair is not None
             seen.append((now.stamp_ns // 10**6, int(pair.left[0, 0])))
     assert seen == [(10, 10), (20, 20), (30, 30)]
@@ -42,7 +42,7 @@ def test_a_log_that_ends_in_an_error_gives_all_its_frames_first(engine: sfm.Engi
 def test_a_frame_that_cannot_be_prepared_is_left_to_the_step(engine: sfm.Engine) -> None:
     bad: Any = sfm.StereoFrame(20 * 10**6, "no image", "none")  # type: ignore[arg-type]
     frames = (f for f in (frame(10), bad, frame(30)))
-    found = list(prepared_ahead(engine, frames))
+    found = list(prepared_ahead(engine.observer, frames))
     assert [pair is None for _, pair in found] == [False, True, False]
     engine.step(*found[0])
     with pytest.raises(sfm.FrameError, match="frame 1 "):
@@ -60,7 +60,7 @@ def test_a_consumer_that_stops_closes_the_log(engine: sfm.Engine) -> None:
         finally:
             closed.append(True)
 
-    ahead = prepared_ahead(engine, endless())
+    ahead = prepared_ahead(engine.observer, endless())
     next(ahead)
     ahead.close()
     assert closed == [True]
@@ -72,7 +72,7 @@ def test_prepared_or_not_the_estimates_are_the_same(engine: sfm.Engine) -> None:
     frames = [sfm.StereoFrame(n * 10**8, image, np.roll(image, -4, axis=1)) for n, image in enumerate(images)]
     other = sfm.Engine(engine.rig)
     items: Generator[Any, None, None] = (f for f in frames)
-    for f, (_, pair) in zip(frames, prepared_ahead(engine, items), strict=True):
+    for f, (_, pair) in zip(frames, prepared_ahead(engine.observer, items), strict=True):
         ahead, alone = engine.step(f, pair), other.step(f)
         assert np.array_equal(ahead.track_ids, alone.track_ids)
         assert np.array_equal(ahead.world_from_cam, alone.world_from_cam)

@@ -1,0 +1,179 @@
+"""Compares methods on one log in one pass: a run with several lanes, a result folder each, and the report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ..blas import one_thread
+from ..camera.rig import StereoRig
+from ..config import Config
+from ..estimators import check_method
+from ..evaluation.association import check_rigid, checked_ranges, without_frames
+from ..interrupts import deferred_interrupts
+from ..observer import Observer
+from ..outputs import RESULTS, refuse_overwriting
+from ..recording import StereoLog, open_log
+from ..report.calibration_field import calibration_error
+from ..report.front_record import FrontRecord
+from ..report.numbers import numbers
+from ..report.page import REPORT, write_report
+from ..report.records import Comparison, Truth
+from ..types import Selection, Sink
+from .depth import TrueDepth
+from .lane import Lane
+from .loop import Check, Course, run
+from .refine import refined_for_itself
+from .self_test import SelfTest
+from .summary import summarise
+
+COMPARED = (
+    "cross-frame",
+    "cross-frame-wc",
+    "cross-frame-cc",
+    "ekf",
+    "iterated-ekf",
+    "ekf-cv",
+    "frame-to-frame",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ComparisonResult:
+    """The result of a comparison: `report` as in report.json, `out_dir` (None: nothing was written), all records."""
+
+    report: dict[str, Any]
+    out_dir: Path | None
+    comparison: Comparison
+
+    def __repr__(self) -> str:
+        names = ", ".join(run.name for run in self.comparison.runs)
+        return f"<ComparisonResult {self.comparison.log}: {names}, written to {self.out_dir}>"
+
+
+def compare(
+    log: str | Path | StereoLog,
+    out_dir: str | Path | None = None,
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    methods: Sequence[str] = COMPARED,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | None = None,
+    there_and_back: bool | None = None,
+    ignore_ground_truth: Sequence[tuple[int, int]] = (),
+    inspection: dict[str, Any] | None = None,
+    calibrate: bool = False,
+    self_test: bool = False,
+    std_truth: tuple[float, float] = (0.0, 0.0),
+    sinks: Sequence[Sink] = (),
+) -> ComparisonResult:
+    """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
+
+    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
+    `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
+    `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
+    `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`: as in `replay`. The
+    errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
+    are compared and not calibrations. `sinks` are given one estimate per frame, of the first method that has not
+    failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for an unknown method,
+    OutputError.
+    """
+    config, selection = config or Config(), selection or Selection()
+    config.needs_scale("compare")
+    for name in methods:
+        check_method(name)
+    truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
+    if not isinstance(log, StereoLog):
+        log = open_log(log, left, right, calibration)
+    folder = None if out_dir is None else Path(out_dir)
+    if folder is not None:
+        refuse_overwriting(outputs(folder, methods), [log.path])
+    if (poses := log.ground_truth()) is not None:
+        check_rigid(poses)
+    rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
+    depth = TrueDepth(log)
+    with one_thread:
+        observer = Observer(rig, config)
+        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
+        lanes = [Lane(c, observer, depth, folder and folder / _key(c.method)) for c in of_methods]
+    front, test = FrontRecord(observer.rectify), SelfTest(observer.projection, config) if self_test else None
+    checks: list[Check] = [front, *([test] if test is not None else [])]
+    with deferred_interrupts() as interruption:
+        course = run(
+            log,
+            lanes,
+            sinks,
+            checks,
+            selection=selection,
+            interruption=interruption,
+            there_and_back=poses is None if there_and_back is None else there_and_back,
+        )
+    if course.error is not None and not course.frames:
+        raise course.error
+    if poses is not None:
+        longest = max((lane.record for lane in lanes), key=len)
+        truth = truth._replace(poses=without_frames(poses, longest.stamps_ns, truth.ignored))
+    comparison = Comparison(
+        log=log.path.name,
+        rig=rig,
+        config=config,
+        runs=[lane.record for lane in lanes],
+        front=front,
+        truth=truth,
+        inspection=inspection or {},
+        warnings=_warnings(log, lanes, course, depth),
+        complete=log.stats.complete and course.complete,
+        interrupted=course.interrupted,
+        return_note=course.back,
+        self_test=None if test is None else test.result(),
+        calibration=calibration_error(
+            observer.projection, next((lane.record.rig for lane in lanes if lane.record.rig is not None), None)
+        ),
+    )
+    result = _written(log, selection, lanes, comparison, folder)
+    if course.error is not None:
+        raise course.error
+    return result
+
+
+def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
+    """All files that a comparison writes."""
+    results = [folder / _key(method) / name for method in methods for name in RESULTS]
+    return [*results, *(folder / name for name in REPORT)]
+
+
+def _key(method: str) -> str:
+    """The folder of a method."""
+    return method.replace("-", "_")
+
+
+def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: TrueDepth) -> list[str]:
+    changes = [str(change) for lane in lanes[:1] for change in lane.record.rig_changes]
+    return list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
+
+
+def _written(
+    log: StereoLog, selection: Selection, lanes: Sequence[Lane], comparison: Comparison, folder: Path | None
+) -> ComparisonResult:
+    """The report, written with the summary of each method if there is a folder."""
+    if folder is None:
+        return ComparisonResult(numbers(comparison), None, comparison)
+    for lane in lanes:
+        record, projection = lane.record, lane.observer.projection
+        of_method = [*record.warnings(projection.f_px * projection.baseline_m), record.failure]
+        summary = summarise(
+            log,
+            lane.config,
+            selection,
+            record,
+            comparison.truth,
+            complete=comparison.complete and not record.failure,
+            warnings=[*comparison.warnings, *filter(None, of_method)],
+        )
+        if lane.folder is not None:
+            lane.folder.write_summary(summary)
+    return ComparisonResult(write_report(comparison, folder), folder, comparison)

@@ -1,0 +1,100 @@
+"""A lane of a run: one estimator on the observations that all lanes share, with its record and its files."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..config import Config
+from ..estimators import make_estimator
+from ..evaluation.structure import StructureComparison
+from ..observer import Observed, Observer
+from ..recording import RecordedFrame
+from ..report.records import RunRecord
+from ..results.folder import ResultFolder
+from ..types import FrameEstimate, Observations, RigEstimate, Solution
+from .depth import TrueDepth
+
+
+class Lane:
+    """One method: its estimator, its `record`, and its result `folder`, if results are written. With
+    `depth`, points are compared with these images.
+
+    If the estimator fails, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
+    """
+
+    def __init__(self, config: Config, observer: Observer, depth: TrueDepth | None, folder: Path | None) -> None:
+        self.config = config
+        self.record = RunRecord(config.method)
+        self.error: Exception | None = None
+        self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
+        self.rig: RigEstimate | None = None  # what the estimator has told of the rig's errors, the latest
+        self.observer, self._depth = observer, depth
+        self._estimator = make_estimator(config.method, observer.projection, config)
+        self._structure = StructureComparison(observer.rig.left)
+
+    def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
+        """Estimate a frame and write it; None if the lane has failed, now or before."""
+        solved = self._solve(observed)
+        if solved is None:
+            return None
+        solution, estimate = solved
+        self.rig = solution.rig or self.rig
+        began_s = time.perf_counter()
+        if self.folder is not None:
+            self.folder.write(estimate, frame)
+        total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.perf_counter() - began_s)
+        self.record.add(estimate, total_ms, self._reprojection_px(solution, observed.observations))
+        self._compare_depth(estimate)
+        return estimate
+
+    def take_backwards(self, observed: Observed) -> None:
+        """Estimate a frame of the way back; only its pose is kept."""
+        solved = self._solve(observed, " (on the way back)")
+        if solved is not None:
+            self.record.back.append(solved[1].world_from_cam)
+
+    def _solve(self, observed: Observed, where: str = "") -> tuple[Solution, FrameEstimate] | None:
+        if self.error is not None:
+            return None
+        began_s = time.perf_counter()
+        try:
+            solution = self._estimator.step(observed.observations)
+        except np.linalg.LinAlgError as error:
+            self.error = error
+            self.record.failure = f"stopped at frame {observed.observations.frame_index}{where}: {error}"
+            return None
+        return solution, self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began_s))
+
+    def _compare_depth(self, estimate: FrameEstimate) -> None:
+        """Compare the points with the depth image of their moment, if there is one."""
+        if self._depth is None:
+            return
+        errors = self._structure.add(estimate, self._depth.at(estimate.stamp_ns))
+        self.record.structure = None if self._depth.problem else self._structure
+        if errors is not None and len(errors.errors_m):
+            rms_m, sigma_m = (float(np.sqrt((x**2).mean())) for x in (errors.errors_m, errors.sigmas_m))
+            self.record.depth_rows.append((estimate.frame_index, rms_m, sigma_m))
+
+    def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
+        """The RMS residual of the current views against the current points, pixels; NaN without points."""
+        rows = np.flatnonzero(np.isin(observations.track_ids, solution.track_ids))
+        points = solution.points_in_cam[np.isin(solution.track_ids, observations.track_ids)]
+        front = points[:, 2] > 1e-3
+        if not front.any():
+            return float("nan")
+        residuals = observations.z_px[rows[front]] - self.observer.projection.project(points[front])
+        return float(np.sqrt(np.nanmean(residuals**2)))
+
+
+def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:
+    """The observations as a lane gets them: without the errors of the rig that another one finds, unless it finds them
+    itself; so methods are compared, and not calibrations."""
+    learnt = next((other.rig for other in lanes if other.rig is not None), None)
+    effects = observed.observations.rig_effects
+    if lane.rig is not None or learnt is None or not learnt.applied or effects is None:
+        return observed
+    z_px = observed.observations.z_px - effects @ learnt.mean
+    return replace(observed, observations=replace(observed.observations, z_px=z_px))

@@ -1,0 +1,207 @@
+"""The one loop: frames of a log, one observer, the estimators of all lanes, then sinks and checks.
+
+Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a log that breaks off, a full disk or a defect end it
+where they occur. In each case the estimates so far are written, and the `Course` says how it went.
+"""
+
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from ..blas import one_thread
+from ..camera.models import MANY_PIXELS
+from ..errors import FrameError, InputError, LogError
+from ..frontend.prepared import PreparedImages
+from ..interrupts import Interruption
+from ..observer import Observed, Observer
+from ..recording import RecordedFrame, StereoLog
+from ..results.folder import close_all
+from ..types import Frame, FrameEstimate, Selection, Sink
+from .lane import Lane, without_rig_errors
+from .there_and_back import TOO_MANY, KeptFrames
+
+Frames = Generator[RecordedFrame, None, None]
+PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
+
+
+class Check(Protocol):
+    """Looks at what all lanes share, frame by frame."""
+
+    def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Take the next frame; `estimates`: by method, of the lanes that have not failed."""
+        ...
+
+
+class Enough(Exception):
+    """Raised by a sink that has seen what it wants: the run ends as at the end of the log."""
+
+
+@dataclass(slots=True)
+class Course:
+    """How a run went: how many frames were used, what is to be told, and the error to raise when all is written.
+
+    `back`: what became of the way back.
+    """
+
+    frames: int = 0
+    complete: bool = True
+    interrupted: bool = False
+    warnings: list[str] = field(default_factory=list)
+    error: BaseException | None = None
+    back: str = "not done: the log has ground truth"
+
+    def end(self, error: BaseException) -> None:
+        """The run ends early; a log that breaks off is no error if some of it was read."""
+        self.complete = False
+        if not isinstance(error, InputError):
+            self.warnings.append(f"the run was ended by {type(error).__name__}: {error}")
+        elif self.frames:
+            self.warnings.append(str(error))
+            return
+        self.error = self.error or error
+
+    def interrupt(self, where: str) -> None:
+        """The run was asked to end."""
+        self.complete, self.interrupted = False, True
+        self.warnings.append(where)
+
+
+def run(
+    log: StereoLog,
+    lanes: Sequence[Lane],
+    sinks: Sequence[Sink] = (),
+    checks: Sequence[Check] = (),
+    *,
+    selection: Selection,
+    interruption: Interruption,
+    there_and_back: bool = False,
+) -> Course:
+    """Feed the selected frames to all lanes, which share one observer, and say how it went; errors are in the result.
+
+    `sinks` are given one estimate per frame, of the first lane that has not failed, and are closed at the end.
+    """
+    course, kept = Course(), KeptFrames() if there_and_back else None
+    observer = lanes[0].observer
+    try:
+        with closing(prepared_ahead(observer, log.frames(selection))) as frames:
+            for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
+                estimates = _step(frame, prepared, waited_ms, lanes, checks)
+                if estimates is None:
+                    continue
+                course.frames += 1
+                for sink in sinks if estimates else ():
+                    sink.write(next(iter(estimates.values())), frame)
+                if kept is not None:
+                    kept.keep(frame)
+                if all(lane.error is not None for lane in lanes):
+                    break
+    except Enough:
+        pass
+    except BaseException as error:
+        course.end(error)
+    refusal = lanes[0].record.first_refusal
+    if not course.frames and refusal is not None and course.error is None:
+        course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
+    if interruption.requested:
+        course.interrupt(f"interrupted after {course.frames} frames")
+    try:
+        close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
+    except Exception as error:
+        course.error = course.error or error
+    if kept is not None:
+        _feed_backwards(kept, lanes, course, interruption)
+    return course
+
+
+def _step(
+    frame: RecordedFrame,
+    prepared: PreparedImages | None,
+    waited_ms: float,
+    lanes: Sequence[Lane],
+    checks: Sequence[Check],
+) -> dict[str, FrameEstimate] | None:
+    """Pass one frame through the observer, and its observations through all lanes and checks.
+
+    Returns the estimates by method; None where the front-end refuses the frame, which each record counts.
+    """
+    with one_thread:
+        try:
+            observed = lanes[0].observer.observe(frame, prepared)
+        except FrameError as error:
+            for lane in lanes:
+                lane.record.refuse(error)
+            return None
+        observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
+        found = {lane.record.name: lane.take(without_rig_errors(lane, lanes, observed), frame) for lane in lanes}
+        estimates = {name: estimate for name, estimate in found.items() if estimate is not None}
+        for check in checks:
+            check.add(observed, frame, estimates)
+        return estimates
+
+
+def _feed_backwards(kept: KeptFrames, lanes: Sequence[Lane], course: Course, interruption: Interruption) -> None:
+    """Feed the frames backwards: a run should end at its start, which shows drift without ground truth."""
+    if not course.complete or course.error is not None:
+        course.back = f"not done: {course.warnings[-1] if course.warnings else course.error}"
+        return
+    if kept.too_many:
+        course.back = f"not done: {TOO_MANY}"
+        course.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")
+        return
+    course.back = f"{course.frames} frames there, {course.frames - 1} back"
+    for frame in kept.backwards():
+        with one_thread:
+            observed = lanes[0].observer.observe(frame)
+            for lane in lanes:
+                lane.take_backwards(without_rig_errors(lane, lanes, observed))
+        if interruption.requested:
+            course.interrupt("interrupted on the way back")
+            course.back = "not done: interrupted on the way back"
+            for lane in lanes:
+                lane.record.back.clear()
+            return
+
+
+def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
+    """Yield each frame with what `Observer.prepare` returned for it, or None if that failed: `observe` says why.
+
+    OpenCV works on the next images while NumPy works on the current ones. Very large images are not prepared ahead. If
+    the log ends in an InputError, all frames that were read before it are yielded first.
+    """
+    if any(camera.width * camera.height > MANY_PIXELS for camera in observer.rig.cameras.values()):
+        with closing(frames):
+            yield from ((frame, None) for frame in frames)
+        return
+    coming: tuple[RecordedFrame, Future[PreparedImages]] | None = None
+    with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
+        try:
+            for index, frame in enumerate(frames):
+                current, coming = coming, (frame, pool.submit(_prepare, observer, frame, index))
+                if current is not None:
+                    yield _finished(*current)
+        except InputError:
+            if coming is not None:
+                yield _finished(*coming)
+            raise
+        if coming is not None:
+            yield _finished(*coming)
+
+
+def _prepare(observer: Observer, frame: RecordedFrame, index: int) -> PreparedImages:
+    with one_thread:
+        return observer.prepare(frame, index)
+
+
+def _finished(frame: RecordedFrame, future: Future[PreparedImages]) -> tuple[RecordedFrame, PreparedImages | None]:
+    return frame, None if future.exception() else future.result()
+
+
+def _timed(frames: PreparedFrames) -> Iterator[tuple[RecordedFrame, PreparedImages | None, float]]:
+    """Each frame with the milliseconds for which the run has waited for it."""
+    asked_s = time.perf_counter()
+    for frame, prepared in frames:
+        yield frame, prepared, 1e3 * (time.perf_counter() - asked_s)
+        asked_s = time.perf_counter()

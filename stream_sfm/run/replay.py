@@ -1,0 +1,194 @@
+"""Replays a log: a run with one lane, its summary and its page. What was computed is never lost."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..blas import one_thread
+from ..camera.rig import MonoRig, StereoRig
+from ..config import Config
+from ..errors import InputError
+from ..evaluation.association import check_rigid, checked_ranges, without_frames
+from ..interrupts import deferred_interrupts
+from ..observer import Observer
+from ..outputs import RESULTS, refuse_overwriting
+from ..recording import StereoLog, open_log
+from ..report.calibration_field import calibration_error
+from ..report.records import Truth
+from ..report.run_page import render_run
+from ..report.traces import return_error
+from ..types import Selection, Sink, Trajectory
+from .calibration import CalibrationSink
+from .depth import TrueDepth
+from .lane import Lane
+from .loop import Course, run
+from .refine import refined_for_itself
+from .self_test import SelfTest
+from .summary import peak_rss_mib, summarise
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ReplayResult:
+    """The result of a replay: `summary` as in summary.json, `out_dir` (None: nothing was written), all poses."""
+
+    summary: dict[str, Any]
+    out_dir: Path | None
+    trajectory: Trajectory
+
+    @property
+    def problems(self) -> list[str]:
+        """Why the results cannot be trusted at all; empty for an ordinary run."""
+        problems: list[str] = self.summary["problems"]
+        return problems
+
+    def __repr__(self) -> str:
+        return f"<ReplayResult {self.summary['log']}: {self.trajectory!r}, written to {self.out_dir}>"
+
+
+class ReplayInterrupted(KeyboardInterrupt):
+    """A replay was ended by Ctrl-C, SIGTERM or SIGHUP; `result` holds what was estimated and written until then."""
+
+    def __init__(self, result: ReplayResult) -> None:
+        super().__init__("replay interrupted")
+        self.result = result
+
+
+def replay(
+    log: str | Path | StereoLog,
+    out_dir: str | Path | None = None,
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    left: str | None = None,
+    right: str | None = None,
+    calibration: str | Path | StereoRig | MonoRig | None = None,
+    there_and_back: bool = False,
+    ignore_ground_truth: Sequence[tuple[int, int]] = (),
+    calibrate: bool = False,
+    self_test: bool = False,
+    std_truth: tuple[float, float] = (0.0, 0.0),
+    sinks: Sequence[Sink] = (),
+) -> ReplayResult:
+    """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
+
+    `left`, `right`, `calibration`: as in `open_log`. `there_and_back`: then the same frames backwards; how far the
+    run ends from its start is in the summary. `ignore_ground_truth`: ranges [first, end) of frames of this run whose
+    ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
+    errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
+    tracks, too, and tell in the summary how large their difference is in σ. `std_truth`: σ of the ground truth itself,
+    in metres and radians. `sinks` are given each estimate and its frame after the files have been written, and are
+    closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
+    they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
+    OutputError, ReplayInterrupted.
+    """
+    config, selection = config or Config(), selection or Selection()
+    if self_test:
+        config.needs_scale("the self-test")
+    ignored = checked_ranges(ignore_ground_truth)
+    if not isinstance(log, StereoLog):
+        log = open_log(log, left, right, calibration, mono=config.mono)
+    folder = None if out_dir is None else Path(out_dir)
+    if folder is not None:
+        refuse_overwriting([folder / name for name in RESULTS], [log.path])
+    rig = refined_for_itself(log, config, selection) if calibrate else log.rig
+    replayed = _Replay(log, rig, config, selection, folder, self_test)
+    with deferred_interrupts() as interruption:
+        course = run(
+            log,
+            [replayed.lane],
+            [*replayed.sinks, *sinks],
+            replayed.checks,
+            selection=selection,
+            interruption=interruption,
+            there_and_back=there_and_back,
+        )
+        result = replayed.result(course, Truth(None, ignored, std_truth), there_and_back)
+    if interruption.requested:
+        raise ReplayInterrupted(result)
+    if course.error is not None:
+        raise course.error
+    return result
+
+
+class _Replay:
+    """The lane of a replay, what watches it, and its result."""
+
+    def __init__(
+        self,
+        log: StereoLog,
+        rig: StereoRig | MonoRig,
+        config: Config,
+        selection: Selection,
+        folder: Path | None,
+        self_test: bool,
+    ) -> None:
+        self._began_cpu_s = time.process_time()
+        self._log, self._config, self._selection = log, config, selection
+        self._depth = None if config.mono else TrueDepth(log)
+        with one_thread:
+            observer = Observer(rig, config)
+            self.lane = Lane(config, observer, self._depth, folder)
+        self.checks = [SelfTest(observer.projection, config)] if self_test else []
+        self.sinks = [] if config.mono else [CalibrationSink(log)]
+
+    def result(self, course: Course, truth: Truth, there_and_back: bool) -> ReplayResult:
+        """Write summary and page; a failure of these is the error of the course unless there is one already."""
+        record = self.lane.record
+        if self.lane.error is not None:
+            course.end(self.lane.error)
+        truth, problems = self._with_poses(truth, course)
+        if not course.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
+            problems.insert(0, f"{self._log.path}: {problem}")
+        further: dict[str, Any] = {
+            "cpu_s": time.process_time() - self._began_cpu_s,
+            "peak_rss_mib": peak_rss_mib(),
+            "problems": [problem for sink in self.sinks for problem in sink.problems] or problems,
+        }
+        projection = self.lane.observer.projection
+        calibration = calibration_error(projection, record.rig)
+        if calibration is not None:
+            further["rig"] = calibration.numbers
+        for test in self.checks:
+            further["self_test"] = test.result()
+        if there_and_back:
+            further["there_and_back"] = return_error(record)
+        of_run = [*record.warnings(projection.f_px * projection.baseline_m), *course.warnings]
+        of_run += [self._depth.problem] if self._depth is not None else []
+        summary = summarise(
+            self._log,
+            self._config,
+            self._selection,
+            record,
+            truth,
+            complete=course.complete and self._log.stats.complete,
+            warnings=[*self._log.stats.warnings, *filter(None, of_run)],
+            further=further,
+        )
+        folder = self.lane.folder
+        if folder is not None and len(record):
+            try:
+                folder.write_summary(summary)
+                folder.write_page(
+                    render_run(summary, record, None if self._config.mono else truth.poses, calibration)
+                )
+            except Exception as error:
+                course.error = course.error or error
+        return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
+
+    def _with_poses(self, truth: Truth, course: Course) -> tuple[Truth, list[str]]:
+        """The truth with its poses at the frames of the run; and why they are refused, if they are."""
+        stamps_ns = self.lane.record.stamps_ns
+        try:
+            poses = self._log.ground_truth() if len(stamps_ns) else None
+        except InputError as error:
+            course.warnings.append(f"ground truth is not compared: {error}")
+            return truth, []
+        if poses is None:
+            return truth, []
+        try:
+            check_rigid(poses)
+        except InputError as error:
+            return truth, [f"{self._log.path}: {error}"]
+        return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []

@@ -1,0 +1,87 @@
+"""A test of covariances without any truth: estimates from disjoint halves of the observations must agree within them.
+
+Even against odd tracks; and tracks born in the left half of the image against those of the right half, which sees also
+what neighbouring tracks share, such as the lens. What both halves share altogether, above all the baseline, no such
+test can see. Each half is estimated by a window of its own, from the front-end's one set of observations.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..estimators import make_estimator
+from ..evaluation.relative_consistency import factors
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..observer import Observed
+from ..types import Frame, FrameEstimate, Observations, RelativeMotions, Status
+
+SPANS = (1, 2, 5, 8)
+TESTS = ("tracks", "image")
+Mask = NDArray[np.bool_]
+
+
+class SelfTest:
+    """Takes observations frame by frame; `result` has the factors of both tests over each span."""
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self._middle_px = (projection.width - 1) / 2
+        self._pairs = {
+            test: [make_estimator("cross-frame", projection, config) for _ in range(2)] for test in TESTS
+        }
+        self._apart: dict[tuple[str, int], list[tuple[Array, Array, Array]]] = {}
+        self._born_left: dict[int, bool] = {}  # of the tracks in view
+
+    def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Estimate the next frame from each half."""
+        o = observed.observations
+        left = o.z_px[:, 0] < self._middle_px
+        self._born_left = {
+            track: self._born_left.get(track, bool(now))
+            for track, now in zip(o.track_ids.tolist(), left, strict=True)
+        }
+        halves = {"tracks": o.track_ids % 2 == 0, "image": np.array(list(self._born_left.values()), bool)}
+        for test, first in halves.items():
+            a, b = (
+                estimator.step(_part(o, rows))
+                for estimator, rows in zip(self._pairs[test], (first, ~first), strict=True)
+            )
+            if Status.LOST not in (a.status, b.status) and a.relative is not None and b.relative is not None:
+                self._compare(test, o.frame_index, a.relative, b.relative)
+
+    def _compare(self, test: str, frame_index: int, a: RelativeMotions, b: RelativeMotions) -> None:
+        """Keep how far apart the motions of both halves are over each span."""
+        for span in SPANS:
+            one, other = (np.flatnonzero(half.frame_indices == frame_index - span) for half in (a, b))
+            if len(one) and len(other):
+                pose = a.frame_from_newest[one[0]]
+                error = se3.log(se3.inverse(pose) @ b.frame_from_newest[other[0]])
+                self._apart.setdefault((test, span), []).append((error, a.cov[one[0]] + b.cov[other[0]], pose))
+
+    def result(self) -> dict[str, list[dict[str, Any]]]:
+        """Test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …"""
+        found: dict[str, list[dict[str, Any]]] = {test: [] for test in TESTS}
+        for test, span in sorted(self._apart, key=lambda key: key[1]):
+            error, cov, poses = (np.stack(part) for part in zip(*self._apart[test, span], strict=True))
+            found[test].append({"frames": span, **factors(error, cov, poses)})
+        return found
+
+
+def _part(observations: Observations, rows: Mask) -> Observations:
+    """The observations of some tracks."""
+    o, n_old = observations, len(observations.track_ids) - observations.n_new
+    return replace(
+        o,
+        track_ids=o.track_ids[rows],
+        z_px=o.z_px[rows],
+        cov_px=o.cov_px[rows],
+        n_new=int(np.count_nonzero(rows[n_old:])),
+        std_drift_px=None if o.std_drift_px is None else o.std_drift_px[rows],
+        inflation=None if o.inflation is None else o.inflation[rows],
+        rig_effects=None if o.rig_effects is None else o.rig_effects[rows],
+    )

@@ -1,0 +1,87 @@
+"""Makes summary.json, for `replay` and for every method of `compare`."""
+
+from pathlib import Path
+from typing import Any
+
+from ..config import Config
+from ..evaluation import evaluate, evaluate_unscaled
+from ..evaluation.end_pose import end_pose
+from ..evaluation.relative_consistency import against_truth
+from ..recording import StereoLog
+from ..report.records import RunRecord, Truth
+from ..results.folder import UNIT_WITHOUT_SCALE
+from ..types import Selection, Status
+
+
+def summarise(
+    log: StereoLog,
+    config: Config,
+    selection: Selection,
+    record: RunRecord,
+    truth: Truth,
+    *,
+    complete: bool,
+    warnings: list[str],
+    further: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the content of summary.json; `further` fields come before those of the ground truth."""
+    trajectory = record.trajectory()
+    summary: dict[str, Any] = {
+        "log": str(log.path),
+        "method": config.method,
+        "unscaled": config.mono,
+        "unit_of_length": UNIT_WITHOUT_SCALE if config.mono else "metre",
+        "complete": complete,
+        "warnings": list(dict.fromkeys(warnings)),
+        "frames": _frame_counts(log, selection, record),
+        **record.summary(),
+        "end": None if config.mono else end_pose(trajectory),
+        **(further or {}),
+    }
+    if truth.poses is None:
+        return summary
+    if config.mono:
+        figures = evaluate_unscaled(trajectory, truth.poses)
+    else:
+        figures = evaluate(trajectory, truth.poses, record.structure)
+        spans = against_truth(record.relative, truth.poses, truth.std)
+        figures |= {"std_truth": list(truth.std), "relative_consistency": spans}
+    # frames_in_doubt: nothing is judged; kept for programs that read it
+    summary["ground_truth"] = figures | {"frames_in_doubt": [], "frames_ignored": [list(r) for r in truth.ignored]}
+    return summary
+
+
+def _frame_counts(log: StereoLog, selection: Selection, record: RunRecord) -> dict[str, int]:
+    """`frames` of the summary.
+
+    `read`: left images read; `paired`: stereo frames among them, or of the selection if it is a part of the log;
+    `estimated`: frames with an estimate of any status, `degraded`, `lost` and `backwards` among them; `dropped`:
+    images that were out of order, undecodable or refused.
+    """
+    stats = log.stats
+    return {
+        "read": stats.left_read,
+        "paired": stats.paired if selection.is_everything else len(record) + record.refused,
+        "estimated": len(record) + len(record.back),
+        "degraded": record.count(Status.DEGRADED),
+        "lost": record.count(Status.LOST),
+        "backwards": len(record.back),
+        "dropped": stats.dropped_backwards + stats.undecodable + record.refused,
+    }
+
+
+def peak_rss_mib() -> float | None:
+    """The largest resident memory of this process so far, MiB; None where the system does not know it."""
+    try:  # Linux; getrusage would count what the process that started this one had needed
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 2**10
+    except (OSError, StopIteration):
+        pass
+    try:
+        import resource
+    except ImportError:
+        return None
+    import sys
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
