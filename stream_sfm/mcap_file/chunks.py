@@ -20,32 +20,35 @@ _BYTES_PER_BYTE, _FREE_BYTES = 1000, 2**34
 class Allowance:
     """How many records and bytes the chunks of one reading may unpack to. Raises BrokenRecord for those beyond it."""
 
-    def __init__(self) -> None:
-        self._own_records = 0  # which the current chunk may still hold by its bytes
-        self._excess_records = self._excess_bytes = 0  # of all chunks
+    def __init__(self, free_bytes: int | None = None) -> None:
+        self._records_left = 0  # which the current chunk may still hold by its bytes
+        self._free_records = _FREE_RECORDS  # of all chunks, beyond what is usual
+        self._free_bytes = _FREE_BYTES if free_bytes is None else free_bytes
 
-    def begin(self, body: bytes) -> None:
-        """Begin a chunk, by its body as it is stored."""
-        self._own_records = _RECORDS_PER_BYTE * len(body)
-        if len(body) < _CHUNK_HEAD.size:
+    def begin(self, stored_bytes: int, declared_bytes: int) -> None:
+        """Begin a chunk, by its bytes as they are stored and those that it declares to unpack to."""
+        self._records_left = _RECORDS_PER_BYTE * stored_bytes
+        if declared_bytes > MAX_RECORD_BYTES:  # it will not be unpacked at all
             return
-        size = _CHUNK_HEAD.unpack_from(body)[2]
-        if size > MAX_RECORD_BYTES:  # it will not be unpacked at all
-            return
-        excess = size - _BYTES_PER_BYTE * len(body)
-        if excess > 0 and self._excess_bytes + excess > _FREE_BYTES:
+        excess = max(declared_bytes - _BYTES_PER_BYTE * stored_bytes, 0)
+        if excess > self._free_bytes:
             raise BrokenRecord(
-                f"{len(body)} bytes declare over {_BYTES_PER_BYTE} times as many, and not for the first time"
+                f"{stored_bytes} bytes declare over {_BYTES_PER_BYTE} times as many, and not for the first time"
             )
-        self._excess_bytes += max(excess, 0)
+        self._free_bytes -= excess
 
     def take_record(self) -> None:
         """Count one record."""
-        self._own_records -= 1
-        if self._own_records < 0:
-            self._excess_records += 1
-            if self._excess_records > _FREE_RECORDS:
+        self._records_left -= 1
+        if self._records_left < 0:
+            self._free_records -= 1
+            if self._free_records < 0:
                 raise BrokenRecord("it holds more records than bytes, as none does that a camera has filled")
+
+
+def chunk_size(body: bytes) -> int:
+    """The bytes that a chunk declares to unpack to, by its body as it is stored; 0 where that is cut off."""
+    return int(_CHUNK_HEAD.unpack_from(body)[2]) if len(body) >= _CHUNK_HEAD.size else 0
 
 
 def decompress_chunk(body: bytes, whole: bool, verify: bool = True) -> bytes | memoryview:

@@ -58,7 +58,11 @@ def read_index(stream: IO[bytes]) -> Index | None:
         return None
     stream.seek(size - tail)
     end = stream.read(tail)
-    if end[-len(MAGIC) :] != MAGIC or RECORD_HEAD.unpack_from(end) != (Opcode.FOOTER, _FOOTER_BYTES):
+    if (
+        len(end) < tail
+        or end[-len(MAGIC) :] != MAGIC
+        or RECORD_HEAD.unpack_from(end) != (Opcode.FOOTER, _FOOTER_BYTES)
+    ):
         return None
     footer = parse_record(Footer.read, end[RECORD_HEAD.size : -len(MAGIC)])
     if footer.summary_start == 0:

@@ -5,9 +5,11 @@ finds the records that are whole, with the index or without it.
 """
 
 import os
+import weakref
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -17,7 +19,7 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from ..errors import LogError
 from ..inputs import open_regular
-from .chunks import Allowance, decompress_chunk
+from .chunks import Allowance, chunk_size, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
 from .heads import MESSAGE_HEAD
@@ -44,11 +46,15 @@ class LogFile:
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
     `index` is None where the file has none that can be trusted; `index_problem` then says why, and is empty where the
-    file simply has none. Raises LogError where the path cannot be opened, is empty, or is not MCAP.
+    file simply has none. `descriptor`: of an open file with the content, in place of what lies at `path`; it is closed
+    with this object. Raises LogError where the path cannot be opened, is empty, or is not MCAP.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
         self.path = Path(path)
+        self._descriptor = descriptor
+        if descriptor is not None:
+            weakref.finalize(self, os.close, descriptor)
         with self._open() as stream:
             try:
                 self.size = os.fstat(stream.fileno()).st_size
@@ -65,7 +71,8 @@ class LogFile:
 
     def _open(self) -> IO[bytes]:
         try:
-            return open_regular(self.path, 1 << 18)
+            descriptor = self._descriptor
+            return open_regular(self.path if descriptor is None else f"/proc/self/fd/{descriptor}", 1 << 18)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
@@ -84,8 +91,8 @@ class LogFile:
             for message in self._messages(damage, topics):
                 read[message.channel.id] += 1
                 yield message
-        except OSError as error:  # a failing disk, a network share that went away
-            damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
+        except OSError as error:
+            damage.add(self._reading_failed(damage, error))
         if damage.complete and self.index is not None:
             for channel_id, count in self.index.counts.items():
                 topic = self.index.channels[channel_id].topic
@@ -104,7 +111,7 @@ class LogFile:
                     continue
                 where = f"{self.path} at byte {record.offset}"
                 try:
-                    body = stream.read(record.available)
+                    body = walk.body(record)
                     # A chunk has a checksum. Other definitions that contradict earlier ones are damaged themselves.
                     parser.may_redefine = record.opcode == Opcode.CHUNK or (damage.complete and not trusted)
                     for opcode, inner in _records_in(record, body, allowance):
@@ -124,7 +131,7 @@ class LogFile:
             walk = self._walk(stream, Damage(), lambda _: False)
             for record in walk:
                 if record.opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
-                    body = stream.read(record.available)
+                    body = walk.body(record)
                     if not _collect(found, record, body, allowance):
                         walk.reject(record)
         return found
@@ -165,24 +172,32 @@ class LogFile:
                 continue
             yield record
 
-    def _bodies(self, opcode: int, damage: Damage, max_bytes: int) -> Iterator[tuple[bytes, str]]:
-        """The bodies of the records of one kind, each with its place."""
-        with self._open() as stream:
-            for record in self._walk(stream, damage, lambda _: False):
-                if record.opcode == opcode and record.length <= max_bytes:
-                    yield stream.read(record.length), f"{self.path} at byte {record.offset}"
-
     def header(self) -> Header | None:
         """The header record, or None where it is damaged."""
-        with self._open() as stream:
-            record = next(iter(self._walk(stream, Damage(), lambda _: False)), None)
-            if record is None or record.opcode != Opcode.HEADER or record.length > _MAX_HEADER_BYTES:
-                return None
-            try:
-                header: Header = parse_record(Header.read, stream.read(record.length))
-            except BrokenRecord:
-                return None
-            return header
+        with suppress(BrokenRecord):
+            for body, _ in self._bodies(Opcode.HEADER, Damage(), _MAX_HEADER_BYTES, first_only=True):
+                header: Header = parse_record(Header.read, body)
+                return header
+        return None
+
+    def _bodies(
+        self, opcode: int, damage: Damage, max_bytes: int, first_only: bool = False
+    ) -> Iterator[tuple[bytes, str]]:
+        """Yield the bodies of the records of one kind, each with its place; `first_only`: look at one record."""
+        try:
+            with self._open() as stream:
+                walk = self._walk(stream, damage, lambda _: False)
+                for record in walk:
+                    if record.opcode == opcode and record.length <= max_bytes:
+                        yield walk.body(record), f"{self.path} at byte {record.offset}"
+                    if first_only:
+                        return
+        except OSError as error:
+            damage.add(self._reading_failed(damage, error))
+
+    def _reading_failed(self, damage: Damage, error: OSError) -> str:
+        """What to say of a failing disk, a network share that went away, a file that became shorter."""
+        return f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}"
 
 
 class _Parser:
@@ -237,7 +252,7 @@ def _records_in(
 ) -> Iterator[tuple[int, bytes | memoryview]]:
     """The records in a chunk, or the one record that is not a chunk. Raises BrokenRecord."""
     if record.opcode == Opcode.CHUNK:
-        allowance.begin(body)
+        allowance.begin(len(body), chunk_size(body))
         for opcode, inner in split_records(memoryview(decompress_chunk(body, record.whole, verify))):
             allowance.take_record()
             yield opcode, inner

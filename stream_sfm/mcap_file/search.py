@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Iterator
 from enum import Enum
-from typing import IO
 
 from mcap.opcode import Opcode
 
@@ -32,10 +31,10 @@ class Wanted(Enum):
 
 
 class Search:
-    """Finds records in a stream of `size` bytes. `knows_channel`: whether a channel is described."""
+    """Finds records in `size` bytes. `read(at, count)` gives some; `knows_channel`: whether a channel is described."""
 
-    def __init__(self, stream: IO[bytes], size: int, knows_channel: Callable[[int], bool]) -> None:
-        self._stream, self._size, self._knows_channel = stream, size, knows_channel
+    def __init__(self, read: Callable[[int, int], bytes], size: int, knows_channel: Callable[[int], bool]) -> None:
+        self._read_bytes, self._size, self._knows_channel = read, size, knows_channel
         self._candidates_left = _MAX_CANDIDATES
 
     def find(self, start: int, stop: int, wanted: Wanted) -> int | None:
@@ -75,5 +74,4 @@ class Search:
         return fields_add_up(opcode, length, lambda at, count: self._read(body + at, count))
 
     def _read(self, at: int, count: int) -> bytes:
-        self._stream.seek(at)
-        return self._stream.read(count)
+        return self._read_bytes(at, max(min(count, self._size - at), 0))

@@ -3,6 +3,7 @@
 What is found twice is taken once, in bounded time: a file can make it look again at about as many bytes as it has.
 """
 
+import errno
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -59,7 +60,7 @@ class Walk:
         knows_channel: Callable[[int], bool],
     ) -> None:
         self._path, self._stream, self._size, self._chunks, self._damage = path, stream, size, chunks, damage
-        self._search = Search(stream, size, knows_channel)
+        self._search = Search(self._read, size, knows_channel)
         self._at: int | None = len(MAGIC)  # None: the end
         self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
         self._has_chunks: bool | None = bool(chunks) or None  # None: not known
@@ -68,7 +69,7 @@ class Walk:
         self._resumptions_left = _MAX_RESUMPTIONS
 
     def __iter__(self) -> Iterator[Record]:
-        """Yield the records; the stream stands at the body of the one yielded."""
+        """Yield the records. Raises OSError where the file cannot be read."""
         while (at := self._at) is not None:
             self._damage.bytes_read = self._size if self._data_ended else at
             start, stop = self._peek(at), self._stop(at)
@@ -83,7 +84,7 @@ class Walk:
                 # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
                 cut = 0 <= left < length and stop == self._size and not self._is_closed()
                 if cut and opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
-                    yield self._located(Record(at, opcode, length, left))
+                    yield Record(at, opcode, length, left)
                     self._unconfirmed = None
                 self._resume(at, problem)
                 continue
@@ -96,7 +97,11 @@ class Walk:
             if length > MAX_RECORD_BYTES and opcode in READ:
                 self._damage.add(f"{self._path} at byte {at}: a record of {length / 2**20:.0f} MiB was skipped")
             else:
-                yield self._located(Record(at, opcode, length, length))
+                yield Record(at, opcode, length, length)
+
+    def body(self, record: Record) -> bytes:
+        """The available bytes of the record that was yielded last. Raises OSError."""
+        return self._read(record.body_offset, record.available)
 
     def reject(self, record: Record) -> None:
         """Look for records inside the one that was yielded last: its body is damaged, and so its length may be."""
@@ -187,12 +192,14 @@ class Walk:
         return self._stream.read(len(MAGIC)) == MAGIC
 
     def _peek(self, at: int) -> bytes:
-        self._stream.seek(at)
-        return self._stream.read(PEEK_BYTES)
+        return self._read(at, min(PEEK_BYTES, self._size - at))
 
-    def _located(self, record: Record) -> Record:
-        self._stream.seek(record.body_offset)
-        return record
+    def _read(self, at: int, count: int) -> bytes:
+        self._stream.seek(at)
+        data = self._stream.read(count)
+        if len(data) < count:
+            raise OSError(errno.EIO, "it became shorter while it was read")
+        return data
 
 
 def _is_message_index(body: bytes, length: int) -> bool:

@@ -52,12 +52,12 @@ def _mav(folder: Path) -> Path | None:
 
 def _images(folder: Path) -> list[ImageFile]:
     path = folder / "data.csv"
-    rows = read_table(path, "table")
-    if not rows or any(len(cells) < 2 for _, cells in rows):
+    images = []
+    for number, cells in read_table(path, "table"):
+        if len(cells) < 2 or not cells[0].isdecimal():
+            raise LogError(f"{path}, line {number} is not a stamp in nanoseconds and the name of an image: {cells}")
+        images.append(ImageFile(int(cells[0]), folder / "data" / cells[1]))
+    if not images:
         raise LogError(f"{path} must list stamps and file names, one image per line")
-    for number, (stamp, *_) in rows:
-        if not stamp.isdecimal():
-            raise LogError(f"{path}, line {number} starts with {stamp!r}, not with a stamp in nanoseconds")
-    images = [ImageFile(int(cells[0]), folder / "data" / cells[1]) for _, cells in rows]
     check_ascending([image.stamp_ns for image in images], path)
     return images

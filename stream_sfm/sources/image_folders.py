@@ -11,6 +11,7 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from .image_files import ImageFile, ImageFilesSource
 from .pose_files import read_times
+from .source import natural_order
 from .text_files import check_ascending, stamp_ns
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
@@ -131,7 +132,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
                 hint=(side,),
             )
         found.update(matches)
-    return sorted(found, key=lambda p: [(int(t), "") if t.isdecimal() else (-1, t) for t in _tokens(str(p))])
+    return sorted(found, key=lambda p: natural_order(str(p)))
 
 
 def _named_stamps(files: Sequence[Path]) -> list[int] | None:
@@ -180,7 +181,3 @@ def _number(path: Path) -> str:
     """The last number in the name of a file, else the name."""
     numbers = re.findall(r"\d+", path.stem)
     return str(int(numbers[-1])) if numbers else path.stem
-
-
-def _tokens(text: str) -> list[str]:
-    return [t for t in re.split(r"(\d+)", text) if t]

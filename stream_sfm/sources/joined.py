@@ -6,7 +6,10 @@ from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import zstandard
+
 from ..mcap_file.damage import Damage
+from ..mcap_file.records import MAX_RECORD_BYTES
 from .source import Attachment, Contents, Message, Source
 
 _Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
@@ -16,12 +19,18 @@ class JoinedSource:
     """The messages of several sources, merged by log time; a part is opened when its time has come.
 
     `path` names the recording; `missing` says which parts could not be opened, `notes` what else to know about it.
+    `compressed`: each message is, with zstd.
     """
 
     def __init__(
-        self, path: str | Path, parts: Sequence[Source], missing: Sequence[str] = (), notes: Sequence[str] = ()
+        self,
+        path: str | Path,
+        parts: Sequence[Source],
+        missing: Sequence[str] = (),
+        notes: Sequence[str] = (),
+        compressed: bool = False,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._compressed = Path(path), compressed
         self._missing, self._notes = list(missing), list(notes)
         found = [part.contents() for part in parts]
         known = [contents for contents in found if contents is not None]
@@ -47,7 +56,15 @@ class JoinedSource:
         return joined
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all) of all parts."""
+        """Yield the messages of `topics` (None: all) of all parts; those that cannot be decompressed are left out."""
+        for message in self._stored(damage, topics):
+            data = _decompressed(message.data) if self._compressed else message.data
+            if isinstance(data, bytes):
+                yield message._replace(data=data)
+            else:
+                damage.add(f"{self.path}: a message of {message.channel.topic} was skipped: {data}")
+
+    def _stored(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[Message]:
         damage.notes += self._notes
         for note in self._missing:
             damage.add(note)
@@ -95,6 +112,16 @@ class JoinedSource:
         if dropped:
             self._contents = None
         return dropped
+
+
+def _decompressed(data: bytes) -> bytes | str:
+    """The content of a message, or why there is none."""
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            content: bytes = reader.read(MAX_RECORD_BYTES + 1)
+    except zstandard.ZstdError as error:
+        return f"{error}"
+    return content if len(content) <= MAX_RECORD_BYTES else "it is larger than 128 MiB"
 
 
 def _generator(messages: Iterator[Message]) -> Generator[Message, None, None]:

@@ -13,10 +13,10 @@ from .source import Attachment, Channel, Contents, Message
 
 
 class McapSource:
-    """The messages of one MCAP file, in file order. Raises LogError as `LogFile`."""
+    """The messages of one MCAP file, in file order. Arguments and errors as of `LogFile`."""
 
-    def __init__(self, path: str | Path) -> None:
-        self._file = LogFile(path)
+    def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
+        self._file = LogFile(path, descriptor)
         self.path = self._file.path
         self.size_bytes = self._file.size
 

@@ -1,9 +1,10 @@
 """Poses in text files: TUM (`t x y z qx qy qz qw`), EuRoC's CSV, KITTI (twelve numbers of a 3×4 pose per line)."""
 
-from itertools import pairwise
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..geometry import se3
@@ -13,6 +14,7 @@ from .text_files import check_ascending, read_table, read_text, stamp_ns
 
 _UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
 _ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
+_Line = tuple[int, list[str]]  # its number and its cells
 
 
 def read_poses(path: Path) -> Trajectory:
@@ -20,26 +22,23 @@ def read_poses(path: Path) -> Trajectory:
 
     KITTI's twelve numbers have no stamps: they are in `times.txt` beside the file, or in front of the twelve.
     """
-    rows = read_table(path, "poses")
-    if not rows:
-        raise LogError(f"{path} holds no pose")
-    columns = len(rows[0][1])
+    columns = len(_first_line(path))
     if is_euroc_table(path):
         return read_euroc(path)
     if columns == 8:
         return read_tum(path)
     if columns == 13:
-        stamps = [stamp_ns(cells[0], f"{path}, line {n}") for n, cells in rows]
-        return _trajectory(path, stamps, _matrices(path, [(n, cells[1:]) for n, cells in rows]))
+        rows = list(read_table(path, "poses"))
+        stamps = _ascending(path, [(n, stamp_ns(cells[0], f"{path}, line {n}")) for n, cells in rows])
+        return Trajectory(stamps, _matrices(path, ((n, cells[1:]) for n, cells in rows)))
     if columns == 12:
         times = path.parent / "times.txt"
         if not times.is_file():
             raise LogError(f"{path} has no stamps: put one in front of each line, or a file {times.name} beside it")
-        poses = read_kitti(path)
-        stamps = read_times(times)
-        if len(poses) > len(stamps):
-            raise LogError(f"{path} has {len(poses)} poses for {len(stamps)} times in {times}")
-        return _trajectory(path, stamps[: len(poses)], poses)
+        poses, of_lines = read_kitti(path), read_times(times)
+        if len(poses) > len(of_lines):
+            raise LogError(f"{path} has {len(poses)} poses for {len(of_lines)} times in {times}")
+        return Trajectory(np.array(of_lines[: len(poses)], dtype=np.int64), poses)
     raise LogError(
         f"{path}: a line has {columns} columns; supported are TUM (8), EuRoC's CSV (8 or more, the quaternion's w "
         "first) and KITTI (12, or 13 with the stamp)"
@@ -48,8 +47,8 @@ def read_poses(path: Path) -> Trajectory:
 
 def is_euroc_table(path: Path) -> bool:
     """Whether a file is a table of EuRoC: cells separated by commas, stamps in whole nanoseconds. Raises LogError."""
-    rows = read_table(path, "poses")
-    return bool(rows) and len(rows[0][1]) >= 8 and rows[0][1][0].isdecimal() and "," in read_text(path, "poses")
+    cells = _first_line(path)
+    return len(cells) >= 8 and cells[0].isdecimal() and "," in read_text(path, "poses")
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -74,37 +73,39 @@ def read_times(path: Path) -> list[int]:
     return stamps
 
 
+def _first_line(path: Path) -> list[str]:
+    for _, cells in read_table(path, "poses"):
+        return cells
+    raise LogError(f"{path} holds no pose")
+
+
 def _with_quaternions(path: Path, columns: tuple[int, int, int, int], form: str) -> Trajectory:
     """`columns`: of x, y, z, w."""
-    stamps: list[int] = []
+    stamps: list[tuple[int, int]] = []
     poses: list[Array] = []
     for number, cells in read_table(path, "poses"):
-        try:
-            values = np.array([float(cell) for cell in cells[:8]])
-        except ValueError:
-            values = np.empty(0)
-        if len(values) != 8 or not np.isfinite(values).all():
+        values = _numbers(cells[:8])
+        if len(values) != 8:
             raise LogError(f"{path}, line {number} is not {form}")
         quaternion = values[list(columns)]
         if not _UNIT_NORMS[0] < np.linalg.norm(quaternion) < _UNIT_NORMS[1]:
             raise LogError(f"{path}, line {number}: the quaternion {quaternion.tolist()} is not of length 1")
-        stamps.append(stamp_ns(cells[0], f"{path}, line {number}"))
+        stamps.append((number, stamp_ns(cells[0], f"{path}, line {number}")))
         poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quaternion), values[1:4]))
-    return _trajectory(path, stamps, np.array(poses).reshape(-1, 4, 4))
+    return Trajectory(_ascending(path, stamps), np.array(poses).reshape(-1, 4, 4))
 
 
-def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
-    if not rows:
-        raise LogError(f"{path} holds no pose")
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    for pose, (number, cells) in zip(poses, rows, strict=True):
-        try:
-            values = np.array([float(cell) for cell in cells])
-        except ValueError:
-            values = np.empty(0)
-        if values.shape != (12,) or not np.isfinite(values).all():
+def _matrices(path: Path, rows: Iterable[_Line]) -> Array:
+    found: list[Array] = []
+    for number, cells in rows:
+        values = _numbers(cells)
+        if len(values) != 12:
             raise LogError(f"{path}, line {number} does not have 12 numbers: {' '.join(cells)[:60]!r}")
-        pose[:3] = values.reshape(3, 4)
+        found.append(values.reshape(3, 4))
+    if not found:
+        raise LogError(f"{path} holds no pose")
+    poses = np.tile(np.eye(4), (len(found), 1, 1))
+    poses[:, :3] = found
     rotations = poses[:, :3, :3]
     if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
@@ -115,8 +116,20 @@ def _matrices(path: Path, rows: list[tuple[int, list[str]]]) -> Array:
     return se3.orthonormalise(poses)
 
 
-def _trajectory(path: Path, stamps: list[int], poses: Array) -> Trajectory:
-    for (number, _), (a, b) in zip(read_table(path, "poses")[1:], pairwise(stamps), strict=False):
-        if b <= a:
-            raise LogError(f"{path}, line {number}: its stamp is not later than the one before: sort the lines")
-    return Trajectory(np.array(stamps, dtype=np.int64), poses)
+def _numbers(cells: list[str]) -> Array:
+    """The cells of a line as finite numbers; empty where they are not."""
+    try:
+        values = np.array([float(cell) for cell in cells])
+    except ValueError:
+        return np.empty(0)
+    return values if np.isfinite(values).all() else np.empty(0)
+
+
+def _ascending(path: Path, stamps: list[tuple[int, int]]) -> NDArray[np.int64]:
+    """The stamps of lines, nanoseconds. Raises LogError naming the first line that is not later than the one before."""
+    times = np.array([stamp for _, stamp in stamps], dtype=np.int64)
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        line = stamps[int(late[0]) + 1][0]
+        raise LogError(f"{path}, line {line}: its stamp is not later than the one before: sort the lines")
+    return times

@@ -1,7 +1,8 @@
 """ROS 1 bags (format 2.0), read in file order: one path for indexed, unindexed, damaged and cut-off files.
 
 A bag is a row of records, each a header of named fields and data. Connections say what a topic holds, chunks contain
-messages, and an index of connections and chunks follows at the end of a bag that was closed.
+messages, and an index of connections and chunks follows at the end of a bag that was closed. The reader of `rosbags`
+is not used: it decompresses without a bound, keeps an entry per message in memory and stops at the first damage.
 """
 
 import bz2
@@ -9,7 +10,8 @@ import os
 import struct
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -18,49 +20,69 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
 from ..inputs import open_regular
+from ..mcap_file.chunks import Allowance
 from ..mcap_file.damage import Damage
-from ..mcap_file.records import MAX_RECORD_BYTES
+from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
 from .source import Attachment, Channel, Contents, Message
 
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
-_LENGTH = struct.Struct("<I")
-_TIME = struct.Struct("<II")  # seconds, nanoseconds
-_PAIR = struct.Struct("<II")  # of a chunk info: connection, number of messages
+_PAIR = struct.Struct("<II")  # of a time: seconds, nanoseconds; of a chunk info: connection, number of messages
 _MAX_HEADER_BYTES = 2**16  # the fields of one record, a few dozen bytes
 _MAX_INDEXED = 2**20  # connections and chunks: a recording of a terabyte has fewer
 _MAX_DEFINITIONS_BYTES = 64 * 2**20  # of all connections, which are kept while a bag is read
-
-
-class _BrokenRecord(Exception):
-    """A record cannot be parsed; the message says why."""
+_CONNECTION_BYTES = 2**10  # overhead of each
+_FREE_BYTES = 2**32  # that small chunks may expand to in all: under a minute of bzip2
 
 
 class _Record(NamedTuple):
-    """The fields of a record and where its data lies; `available` is less than `length` where the file ends."""
+    """The fields of a record, and where its data lies."""
 
     offset: int
     fields: dict[str, bytes]
     data_at: int
     length: int
-    available: int
 
     @property
     def kind(self) -> int:
-        """The operation code, 0 where there is none."""
-        code = self.fields.get("op", b"\0")
-        return code[0] if len(code) == 1 else 0
+        """The operation code."""
+        return self.number("op", 1)
+
+    def number(self, name: str, size: int = 4) -> int:
+        """A field of so many bytes as a number. Raises BrokenRecord."""
+        value = self.fields.get(name, b"")
+        if len(value) != size:
+            raise BrokenRecord(f"a record without {name}")
+        return int.from_bytes(value, "little")
+
+    def time_ns(self, name: str) -> int:
+        """A field that is a time, nanoseconds. Raises BrokenRecord."""
+        seconds, nanoseconds = _PAIR.unpack(self.number(name, 8).to_bytes(8, "little"))
+        return int(seconds) * 10**9 + int(nanoseconds)
 
 
 @dataclass(slots=True)
 class _Index:
-    """Connections by id, message counts by id, and offset of each chunk -> ids of the connections in it."""
+    """Connections and message counts by id, offset of each chunk -> ids of the connections in it, span of times."""
 
     connections: dict[int, Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     chunks: dict[int, frozenset[int]] = field(default_factory=dict)
-    start_ns: int = 0
-    end_ns: int = 0
+    spans_ns: list[int] = field(default_factory=list)
+    definition_bytes: int = 0
+
+    def add_connection(self, record: _Record, data: bytes) -> None:
+        """Add the connection of a record, unless its number is known. Raises BrokenRecord."""
+        number = record.number("conn")
+        if number in self.connections:
+            return
+        topic, described = record.fields.get("topic", b""), _fields(data)
+        self.definition_bytes += len(data) + len(topic) + _CONNECTION_BYTES
+        if self.definition_bytes > _MAX_DEFINITIONS_BYTES:
+            raise BrokenRecord(f"definitions of more than {_MAX_DEFINITIONS_BYTES // 2**20} MiB in total")
+        text, name = (value.decode("utf-8", "replace") for value in (topic, described.get("type", b"")))
+        definition = described.get("message_definition", b"")
+        self.connections[number] = Channel(text, MessageEncoding.ROS1, name, SchemaEncoding.ROS1, definition)
 
 
 class Ros1BagSource:
@@ -68,17 +90,17 @@ class Ros1BagSource:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self._index: _Index | None = None
+        self._index_problem = ""
         with self._open() as stream:
             self.size_bytes = os.fstat(stream.fileno()).st_size
             if (magic := stream.read(len(MAGIC))) != MAGIC:
                 raise LogError(
                     f"{self.path} is a bag of another version ({magic!r}): convert it with `rosbag migrate`"
                 )
-            self._index: _Index | None = None
-            self._index_problem = ""
             try:
                 self._index = self._read_index(stream)
-            except _BrokenRecord as error:
+            except BrokenRecord as error:
                 self._index_problem = str(error)
 
     def _open(self) -> IO[bytes]:
@@ -89,28 +111,25 @@ class Ros1BagSource:
 
     def contents(self) -> Contents | None:
         """From the index, where the bag was closed."""
-        if self._index is None:
+        if (index := self._index) is None:
             return None
-        channels = [(c, self._index.counts.get(i, 0)) for i, c in self._index.connections.items()]
-        return Contents([*channels], self._index.start_ns, self._index.end_ns)
+        channels: list[tuple[Channel, int | None]] = [
+            (channel, index.counts.get(number, 0)) for number, channel in index.connections.items()
+        ]
+        return Contents(channels, min(index.spans_ns, default=0), max(index.spans_ns, default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all)."""
         if self._index_problem:
-            damage.notes.append(f"{self.path}: its index is not used: {self._index_problem}")
+            damage.note(f"{self.path}: its index is not used: {self._index_problem}")
         reader = _MessageReader(self._index, topics)
         try:
             with self._open() as stream:
                 for record in self._records(stream, damage):
-                    whole = record.available == record.length
-                    if record.kind not in (_CHUNK, _CONNECTION, _MESSAGE) or not reader.wants(record):
-                        continue
                     try:
-                        stream.seek(record.data_at)
-                        data = stream.read(record.available)
-                        yield from reader.read(record, data, whole)
-                    except _BrokenRecord as error:
-                        if whole:  # else the cut has been noted
+                        yield from reader.read(stream, record, self.size_bytes)
+                    except BrokenRecord as error:
+                        if record.data_at + record.length <= self.size_bytes:  # else the cut has been noted
                             damage.add(f"{self.path} at byte {record.offset}: skipped: {error}")
         except OSError as error:  # a failing disk, a network share that went away
             damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
@@ -121,17 +140,17 @@ class Ros1BagSource:
         at = len(MAGIC)
         while at < self.size_bytes:
             damage.bytes_read = at
-            problem = ""
             try:
-                record = _read_record(stream, at, self.size_bytes)
-                if record.available == record.length:
+                record = _read_record(stream, at)
+                end = record.data_at + record.length
+                if end <= self.size_bytes:
                     yield record
-                    at = record.data_at + record.length
+                    at = end
                     continue
-                problem = f"the record there has {record.length} bytes, only {record.available} follow"
-                if record.kind == _CHUNK and record.available <= MAX_RECORD_BYTES:
+                problem = f"the record there ends {end - self.size_bytes} bytes behind the file"
+                if record.kind == _CHUNK:
                     yield record  # as far as it goes
-            except _BrokenRecord as error:
+            except BrokenRecord as error:
                 problem = str(error)
             number = bisect_right(chunks, at)
             if number == len(chunks):
@@ -145,37 +164,31 @@ class Ros1BagSource:
             damage.add(f"{self.path} has no index: the recording was not closed, its end may be missing")
 
     def _read_index(self, stream: IO[bytes]) -> _Index | None:
-        """The index; None where the bag was not closed. Raises _BrokenRecord where it cannot be trusted."""
-        header = _read_record(stream, len(MAGIC), self.size_bytes)
+        """The index; None where the bag was not closed. Raises BrokenRecord where it cannot be trusted."""
+        header = _read_record(stream, len(MAGIC))
         if header.kind != _BAG_HEADER:
-            raise _BrokenRecord("the bag header is missing")
+            raise BrokenRecord("the bag header is missing")
         if header.fields.get("encryptor"):
             raise LogError(f"{self.path} is encrypted: decrypt it with `rosbag decrypt`")
-        at, chunk_count = _number(header, "index_pos", 8), _number(header, "chunk_count", 4)
+        at, chunk_count = header.number("index_pos", 8), header.number("chunk_count")
         if at == 0:
             return None
         index = _Index()
-        spans = []
         while at < self.size_bytes and len(index.connections) + len(index.chunks) < _MAX_INDEXED:
-            record = _read_record(stream, at, self.size_bytes)
-            if record.available < record.length:
-                raise _BrokenRecord("it is cut off")
-            stream.seek(record.data_at)
-            data = stream.read(record.length)
+            record = _read_record(stream, at)
+            data = _take(stream, record.length)
             if record.kind == _CONNECTION:
-                index.connections[_number(record, "conn", 4)] = _connection(record, data)
+                index.add_connection(record, data)
             elif record.kind == _CHUNK_INFO:
                 counts = dict(_PAIR.iter_unpack(data[: len(data) // _PAIR.size * _PAIR.size]))
-                index.chunks[_number(record, "chunk_pos", 8)] = frozenset(counts)
+                index.chunks[record.number("chunk_pos", 8)] = frozenset(counts)
                 for number, count in counts.items():
                     index.counts[number] = index.counts.get(number, 0) + count
                 if counts:
-                    spans.append((_time_ns(record, "start_time"), _time_ns(record, "end_time")))
+                    index.spans_ns += (record.time_ns("start_time"), record.time_ns("end_time"))
             at = record.data_at + record.length
         if len(index.chunks) != chunk_count or not set(index.counts) <= set(index.connections):
-            raise _BrokenRecord("it does not list all chunks and connections")
-        if spans:
-            index.start_ns, index.end_ns = min(s for s, _ in spans), max(e for _, e in spans)
+            raise BrokenRecord("it does not list all chunks and connections")
         return index
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
@@ -195,119 +208,84 @@ class _MessageReader:
     """Turns records into messages of the wanted topics, and collects connections on the way."""
 
     def __init__(self, index: _Index | None, topics: frozenset[str] | None) -> None:
-        self._index, self._topics = index, topics
-        self._connections = dict(index.connections) if index else {}
-        self._definition_bytes = 0
+        self._index = replace(index, connections=dict(index.connections)) if index else _Index()
+        self._topics = topics
+        self._allowance = Allowance(_FREE_BYTES)
 
-    def wants(self, record: _Record) -> bool:
-        """Whether a record can hold anything of the wanted topics."""
-        if self._topics is None or self._index is None or record.kind != _CHUNK:
-            return True
-        listed = self._index.chunks.get(record.offset)
-        return listed is None or any(self._index.connections[i].topic in self._topics for i in listed)
-
-    def read(self, record: _Record, data: bytes, whole: bool) -> Iterator[Message]:
-        """Yield the messages in a record. Raises _BrokenRecord."""
-        if record.kind == _CHUNK:
-            content = _decompress(record, data, whole)
-            at = 0
+    def read(self, stream: IO[bytes], record: _Record, size: int) -> Iterator[Message]:
+        """Yield the messages in a record of a stream of `size` bytes. Raises BrokenRecord."""
+        kind, whole = record.kind, record.data_at + record.length <= size
+        if kind not in (_CHUNK, _CONNECTION, _MESSAGE) or (kind == _CHUNK and self._can_skip(record)):
+            return
+        stream.seek(record.data_at)
+        data = stream.read(min(record.length, size - record.data_at))
+        if kind == _CHUNK:
+            self._allowance.begin(len(data), record.number("size"))
+            content, at = _decompress(record, data, whole), 0
+            chunk = BytesIO(content)
             while at < len(content):
-                inner = _parse_record(content, at)
-                yield from self.read(inner, content[inner.data_at : inner.data_at + inner.length], True)
+                inner = _read_record(chunk, at)
+                self._allowance.take_record()
+                if inner.kind == _CHUNK or inner.data_at + inner.length > len(content):
+                    raise BrokenRecord("the records of a chunk do not add up")
+                yield from self.read(chunk, inner, len(content))
                 at = inner.data_at + inner.length
-        elif record.kind == _CONNECTION:
-            number = _number(record, "conn", 4)
-            if number not in self._connections:
-                self._definition_bytes += len(data)
-                if self._definition_bytes > _MAX_DEFINITIONS_BYTES:
-                    raise _BrokenRecord(f"definitions of more than {_MAX_DEFINITIONS_BYTES // 2**20} MiB in total")
-                self._connections[number] = _connection(record, data)
-        elif record.kind == _MESSAGE:
-            channel = self._connections.get(_number(record, "conn", 4))
+        elif kind == _CONNECTION:
+            self._index.add_connection(record, data)
+        else:
+            channel = self._index.connections.get(record.number("conn"))
             if channel is None:
-                raise _BrokenRecord("a message of a connection that is not described")
+                raise BrokenRecord("a message of a connection that is not described")
             if self._topics is None or channel.topic in self._topics:
-                yield Message(channel, _time_ns(record, "time"), data)
+                yield Message(channel, record.time_ns("time"), data)
+
+    def _can_skip(self, record: _Record) -> bool:
+        """Whether the index shows that a chunk holds nothing of the wanted topics."""
+        listed, topics = self._index.chunks.get(record.offset), self._topics
+        if topics is None or listed is None:
+            return False
+        return not any(self._index.connections[number].topic in topics for number in listed)
 
 
-def _read_record(stream: IO[bytes], at: int, size: int) -> _Record:
-    """The record at a position of the file, its data unread. Raises _BrokenRecord."""
+def _read_record(stream: IO[bytes], at: int) -> _Record:
+    """The record at a position of a file or of a chunk, its data unread. Raises BrokenRecord."""
     stream.seek(at)
-    (header_length,) = _LENGTH.unpack(_exactly(stream.read(_LENGTH.size), _LENGTH.size))
+    header_length = int.from_bytes(_take(stream, 4), "little")
     if header_length > _MAX_HEADER_BYTES:
-        raise _BrokenRecord(f"there is no record (a header of {header_length} bytes)")
-    fields = _fields(_exactly(stream.read(header_length), header_length))
-    (length,) = _LENGTH.unpack(_exactly(stream.read(_LENGTH.size), _LENGTH.size))
-    data_at = at + 2 * _LENGTH.size + header_length
-    record = _Record(at, fields, data_at, length, min(length, size - data_at))
-    if record.kind == 0:
-        raise _BrokenRecord("there is no record (zeros, or damage)")
+        raise BrokenRecord(f"there is no record (a header of {header_length} bytes)")
+    fields = _fields(_take(stream, header_length))
+    if len(fields.get("op", b"")) != 1:
+        raise BrokenRecord("there is no record (zeros, or damage)")
+    length = int.from_bytes(_take(stream, 4), "little")
     if length > MAX_RECORD_BYTES:
-        raise _BrokenRecord(f"a record of {length / 2**20:.0f} MiB")
-    return record
+        raise BrokenRecord(f"a record of {length / 2**20:.0f} MiB")
+    return _Record(at, fields, at + 8 + header_length, length)
 
 
-def _parse_record(data: bytes, at: int) -> _Record:
-    """The record at a position of a chunk, whole. Raises _BrokenRecord."""
-    (header_length,) = _LENGTH.unpack(_exactly(data[at : at + _LENGTH.size], _LENGTH.size))
-    start = at + _LENGTH.size
-    fields = _fields(_exactly(data[start : start + header_length], header_length))
-    start += header_length
-    (length,) = _LENGTH.unpack(_exactly(data[start : start + _LENGTH.size], _LENGTH.size))
-    start += _LENGTH.size
-    if length > len(data) - start:
-        raise _BrokenRecord("the last record of a chunk is cut off")
-    return _Record(at, fields, start, length, length)
-
-
-def _exactly(data: bytes, length: int) -> bytes:
-    if len(data) != length:
-        raise _BrokenRecord("the file ends within a record")
+def _take(stream: IO[bytes], count: int) -> bytes:
+    data = stream.read(count)
+    if len(data) != count:
+        raise BrokenRecord("the file ends within a record")
     return data
 
 
 def _fields(header: bytes) -> dict[str, bytes]:
-    """The named fields of a record's header. Raises _BrokenRecord."""
+    """The named fields of a record's header. Raises BrokenRecord."""
     fields: dict[str, bytes] = {}
-    at = 0
-    while at < len(header):
-        (length,) = _LENGTH.unpack(_exactly(header[at : at + _LENGTH.size], _LENGTH.size))
-        at += _LENGTH.size
-        name, equals, value = _exactly(header[at : at + length], length).partition(b"=")
+    stream = BytesIO(header)
+    while stream.tell() < len(header):
+        name, equals, value = _take(stream, int.from_bytes(_take(stream, 4), "little")).partition(b"=")
         if not equals:
-            raise _BrokenRecord("a field of a record has no value")
+            raise BrokenRecord("a field of a record has no value")
         fields[name.decode("utf-8", "replace")] = value
-        at += length
     return fields
 
 
-def _number(record: _Record, name: str, size: int) -> int:
-    value = record.fields.get(name, b"")
-    if len(value) != size:
-        raise _BrokenRecord(f"a record without {name}")
-    return int.from_bytes(value, "little")
-
-
-def _time_ns(record: _Record, name: str) -> int:
-    value = record.fields.get(name, b"")
-    if len(value) != _TIME.size:
-        raise _BrokenRecord(f"a record without {name}")
-    seconds, nanoseconds = _TIME.unpack(value)
-    return int(seconds) * 10**9 + int(nanoseconds)
-
-
-def _connection(record: _Record, data: bytes) -> Channel:
-    described = _fields(data)
-    topic = record.fields.get("topic", b"").decode("utf-8", "replace")
-    name = described.get("type", b"").decode("utf-8", "replace")
-    return Channel(topic, MessageEncoding.ROS1, name, SchemaEncoding.ROS1, described.get("message_definition", b""))
-
-
 def _decompress(record: _Record, data: bytes, whole: bool) -> bytes:
-    """The records in a chunk; where it is cut off (not `whole`), those before the cut. Raises _BrokenRecord."""
-    compression, size = record.fields.get("compression", b""), _number(record, "size", 4)
+    """The records in a chunk; where it is cut off (not `whole`), those before the cut. Raises BrokenRecord."""
+    compression, size = record.fields.get("compression", b""), record.number("size")
     if size > MAX_RECORD_BYTES:
-        raise _BrokenRecord(f"a chunk that declares {size / 2**20:.0f} MiB")
+        raise BrokenRecord(f"a chunk that declares {size / 2**20:.0f} MiB")
     try:
         if compression == b"none":
             content = data
@@ -316,9 +294,9 @@ def _decompress(record: _Record, data: bytes, whole: bool) -> bytes:
         elif compression == b"lz4":
             content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         else:
-            raise _BrokenRecord(f"a chunk in compression {compression!r}, which is not supported")
+            raise BrokenRecord(f"a chunk in compression {compression!r}, which is not supported")
     except (OSError, EOFError, RuntimeError, ValueError, MemoryError) as error:
-        raise _BrokenRecord(f"a damaged chunk of {len(data)} bytes: {error}") from None
+        raise BrokenRecord(f"a damaged chunk of {len(data)} bytes: {error}") from None
     if whole and len(content) != size:
-        raise _BrokenRecord(f"a damaged chunk: it decompresses to {len(content)} bytes but declares {size}")
+        raise BrokenRecord(f"a damaged chunk: it decompresses to {len(content)} bytes but declares {size}")
     return content

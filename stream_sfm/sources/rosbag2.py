@@ -1,34 +1,35 @@
 """ROS 2 bags as they lie on disk: a folder of one or many files, in MCAP or SQLite, with or without metadata.yaml.
 
 metadata.yaml is written when a recording ends, so a bag of a recorder that crashed has none: its files are then found
-by their suffix, and ordered by their content.
+by their suffix, and ordered by their content. Files and messages may be compressed with zstd.
 """
 
 import os
 import re
-import shutil
 import tempfile
-import weakref
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO
 
 import zstandard
 
 from ..errors import LogError
-from ..inputs import check_text, open_regular, read_small
+from ..inputs import open_regular, read_small
 from .joined import JoinedSource
 from .mcap import McapSource
-from .source import Source
-from .sqlite_bag import SqliteBagSource
-from .zstd_messages import ZstdMessages
+from .source import Source, natural_order
+from .sqlite_bag import SqliteBagSource, connect
 
 METADATA = "metadata.yaml"
-_READERS: dict[str, Callable[[Path], Source]] = {".mcap": McapSource, ".db3": SqliteBagSource}
-# A bag may decompress to so much: images hardly shrink, numbers to a tenth.
-_FREE_BYTES, _MAX_RATIO = 2**30, 100
+_SUFFIXES = (".mcap", ".db3")
+# What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
+_FREE_BYTES, _MAX_RATIO = 2**29, 20
 _LISTED = 5  # files named in a message
-_MAX_METADATA_BYTES = 2**24  # a bag of ten thousand files has some megabytes of it
+_MAX_METADATA_BYTES, _MAX_FILES = 2**24, 2**14  # a bag of ten thousand files has some megabytes of metadata
+_SQLITE_VERSIONS_AT = 18  # two bytes: 1 with a rollback journal, 2 with a write-ahead log
+# What is read of metadata.yaml, as recorders write it: a YAML parser would take minutes for a long one, and aliases
+# can make it take forever.
+_FILES = re.compile(r"^ *relative_file_paths: *\n((?: *- +[^\n]*\n?)+)", re.MULTILINE)
+_BY_MESSAGE = re.compile(r"^ *compression_mode: *[\"']?message\b", re.MULTILINE | re.IGNORECASE)
 
 
 def bag_files(folder: Path) -> list[Path]:
@@ -37,102 +38,101 @@ def bag_files(folder: Path) -> list[Path]:
     Raises LogError where their names show that they are several recordings: those of one differ in one number, as in
     `walk_0.mcap`, `walk_1.mcap`.
     """
-    for suffix in _READERS:
+    for suffix in _SUFFIXES:
         found = [p for p in folder.iterdir() if p.is_file() and p.name.removesuffix(".zstd").endswith(suffix)]
         if len({re.sub(r"\d+(?=\D*$)", "", p.name.split(".")[0]) for p in found}) > 1:
             listed = ", ".join(sorted(p.name for p in found)[:_LISTED])
             raise LogError(f"{folder} holds several recordings ({listed}, …): name one of them")
         if found:
-            return sorted(found, key=_natural_order)
+            return sorted(found, key=lambda p: natural_order(p.name))
     return []
 
 
 def open_rosbag2(folder: Path) -> Source:
     """Open a folder with metadata.yaml, or with bag files. Raises LogError where none of its files can be read."""
-    metadata, notes = _read_metadata(folder)
-    names = [Path(str(name)).name for name in metadata.get("relative_file_paths") or ()]
+    names, by_message, notes = _read_metadata(folder)
     files = [folder / name for name in names] or bag_files(folder)
     if not files:
         raise LogError(f"{folder} holds no file of a ROS 2 bag (.mcap, .db3)")
-    decompressed = _Decompressed()
+    compressed = _Decompressor(files)
     parts: list[Source] = []
     missing: list[str] = []
     for file in files:
         try:
-            parts.append(_open_file(file, decompressed))
+            parts.append(compressed.open(file) if file.suffix == ".zstd" else _open_plain(file))
         except LogError as error:  # often the last file of a recorder that crashed
             missing.append(str(error))
     if not parts:
         raise LogError("; ".join(missing[:_LISTED]))
-    bag = JoinedSource(folder, parts, missing, notes)
-    decompressed.keep_for(bag)
-    by_message = str(metadata.get("compression_mode") or "").lower() == "message"
-    return ZstdMessages(bag) if by_message else bag
+    return JoinedSource(folder, parts, missing, notes, by_message)
 
 
-class _Decompressed:
-    """The files of a bag that were compressed as a whole; SQLite and the index of MCAP need to jump in them."""
-
-    def __init__(self) -> None:
-        self._folder: Path | None = None
-
-    def file(self, path: Path) -> Path:
-        """A decompressed copy of `path` in a temporary folder. Raises LogError."""
-        if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="stream_sfm-"))
-            self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        target = self._folder / path.stem
-        try:
-            with open_regular(path) as compressed, target.open("wb") as stream:
-                most = max(_FREE_BYTES, _MAX_RATIO * os.fstat(compressed.fileno()).st_size)
-                with zstandard.ZstdDecompressor().stream_reader(compressed) as reader:
-                    while part := reader.read(2**20):
-                        stream.write(part)
-                        if stream.tell() > most:
-                            raise LogError(
-                                f"{path} decompresses to more than {most / 2**30:.0f} GiB: it is damaged"
-                            )
-        except OSError as error:
-            raise LogError(f"cannot decompress {path} to {self._folder}: {error.strerror}") from None
-        except zstandard.ZstdError as error:
-            raise LogError(f"cannot decompress {path}: {error}") from None
-        return target
-
-    def keep_for(self, bag: JoinedSource) -> None:
-        """Remove the copies when `bag` is no longer in use."""
-        if self._folder is not None:
-            self._remove.detach()
-            weakref.finalize(bag, shutil.rmtree, self._folder, ignore_errors=True)
-
-
-def _read_metadata(folder: Path) -> tuple[dict[str, Any], list[str]]:
-    """The content of metadata.yaml, empty where there is none that can be read, and notes about that."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
+def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
+    """Names of the files, whether each message is compressed, and what is wrong with metadata.yaml."""
     path = folder / METADATA
     if not path.is_file():
-        return {}, []
+        return [], False, []
+    problem = "it lists no files"
     try:
         text = read_small(path, _MAX_METADATA_BYTES).decode()
-        check_text(text)
-        content = YAML(typ="safe", pure=True).load(text)
-        return dict(content["rosbag2_bagfile_information"]), []
-    except (OSError, YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
-        return {}, [f"{path} is not used ({f'{error}'.splitlines()[0]}); the files beside it are read"]
+        listed = _FILES.search(text)
+        names = [line.strip().removeprefix("-").strip(" \"'") for line in listed[1].splitlines()] if listed else []
+        if len(names) > _MAX_FILES:
+            problem = f"it lists more than {_MAX_FILES} files"
+        elif names and not any(name.startswith(("*", "&")) for name in names):  # YAML's aliases and anchors
+            return [Path(name).name for name in names], _BY_MESSAGE.search(text) is not None, []
+    except (OSError, UnicodeDecodeError) as error:
+        problem = f"{error}"
+    return [], False, [f"{path} is not used ({problem}); the files beside it are read"]
 
 
-def _open_file(path: Path, decompressed: _Decompressed) -> Source:
-    if path.suffix == ".zstd":
-        path = decompressed.file(path)
-    reader = _READERS.get(path.suffix)
-    if reader is None:
+def _open_plain(path: Path) -> Source:
+    if path.suffix not in _SUFFIXES:
         raise LogError(
             f"{path}: storage {path.suffix or path.name!r} of ROS 2 is not supported: convert it to mcap"
         )
-    return reader(path)
+    return McapSource(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 
-def _natural_order(path: Path) -> list[tuple[int, str]]:
-    """bag_2 before bag_10."""
-    return [(int(t), "") if t.isdecimal() else (-1, t) for t in re.split(r"(\d+)", path.name) if t]
+class _Decompressor:
+    """Opens files that were compressed as a whole, by copies that have no name and so end with the process.
+
+    SQLite and the index of MCAP need to jump in them. What all of them may hold is bounded by their size.
+    """
+
+    def __init__(self, files: list[Path]) -> None:
+        sizes = [path.stat().st_size for path in files if path.suffix == ".zstd" and path.is_file()]
+        self._left = _FREE_BYTES + _MAX_RATIO * sum(sizes)
+
+    def open(self, path: Path) -> Source:
+        """The source in a compressed file. Raises LogError."""
+        kind = Path(path.stem).suffix
+        if kind not in _SUFFIXES:
+            return _open_plain(Path(path.stem))  # which says that it is not supported
+        try:
+            descriptor, name = tempfile.mkstemp(prefix="stream_sfm-", suffix=kind)
+        except OSError as error:
+            raise LogError(f"cannot decompress {path} to {tempfile.gettempdir()}: {error.strerror}") from None
+        with os.fdopen(descriptor, "w+b") as copy:
+            # SQLite opens a file by its name, so before that is removed, and reads it when it is first asked.
+            database = connect(Path(name), "mode=ro") if kind == ".db3" else None
+            os.unlink(name)
+            size = self._decompress(path, copy)
+            if database is None:
+                return McapSource(path, os.dup(copy.fileno()))
+            os.pwrite(copy.fileno(), b"\1\1", _SQLITE_VERSIONS_AT)  # there is no write-ahead log beside a copy
+            return SqliteBagSource(path, database, size)
+
+    def _decompress(self, path: Path, copy: IO[bytes]) -> int:
+        try:
+            with open_regular(path) as stream, zstandard.ZstdDecompressor().stream_reader(stream) as reader:
+                while part := reader.read(2**20):
+                    self._left -= copy.write(part)
+                    if self._left < 0:
+                        raise LogError(f"{path} decompresses to far more than a recording does: it is damaged")
+            copy.flush()
+            return copy.tell()
+        except OSError as error:
+            raise LogError(f"cannot decompress {path} to {tempfile.gettempdir()}: {error.strerror}") from None
+        except zstandard.ZstdError as error:
+            raise LogError(f"cannot decompress {path}: {error}") from None

@@ -1,11 +1,14 @@
 """The protocol of a source: messages by topic, attachments, and what is known without reading."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from ..mcap_file.damage import Damage
+
+MAX_CHANNELS = 2**16  # of a recording; robots have hundreds of topics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,3 +76,8 @@ class Source(Protocol):
     def drop_unverified_index(self) -> bool:
         """Read without an index that carries no checksum from now on; False where there was none in use."""
         ...
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """The key that sorts bag_2 before bag_10."""
+    return [(int(t), "") if t.isdecimal() else (-1, t) for t in re.split(r"(\d+)", name) if t]

@@ -1,9 +1,14 @@
-"""ROS 2 bags in SQLite files (`.db3`), the storage of ROS 2 before MCAP."""
+"""ROS 2 bags in SQLite files (`.db3`), the storage of ROS 2 before MCAP.
+
+The reader of `rosbags` is not used: it ignores the journal of a recorder that was interrupted, executes whatever a
+file calls its tables, and sorts all messages.
+"""
 
 import os
 import sqlite3
+import weakref
 from collections.abc import Iterator
-from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -14,49 +19,84 @@ from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.damage import Damage
 from ..mcap_file.records import MAX_RECORD_BYTES
-from .ros_definitions import standard_definition
-from .source import Attachment, Channel, Contents, Message
+from .source import MAX_CHANNELS, Attachment, Channel, Contents, Message
 
 MAGIC = b"SQLite format 3\0"
+_TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
+_JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
+# Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
+_STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
 
 class SqliteBagSource:
     """The messages of one `.db3` file, in the order of recording. Raises LogError where it is not a bag."""
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, database: sqlite3.Connection | None = None, size_bytes: int = 0) -> None:
+        """`database`: of this size and connected to what lies compressed at `path`."""
+        self.path, self.size_bytes = Path(path), size_bytes
+        self._journal = ""  # what is wrong with the file for want of its journal
         try:
-            with open_regular(self.path) as stream:
-                self.size_bytes = os.fstat(stream.fileno()).st_size
-            with closing(self._connect()) as database:
-                self._channels = self._read_channels(database)
+            if database is None:
+                with open_regular(self.path) as stream:
+                    self.size_bytes = os.fstat(stream.fileno()).st_size
+                database = self._connect()
+            self._database = database
+            weakref.finalize(self, database.close)
+            database.execute(
+                "PRAGMA writable_schema = ON"
+            )  # a file shorter than its header says is cut off, no more
+            self._check_tables()
+            self._channels = self._read_channels()
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
         except sqlite3.Error as error:
             raise LogError(f"{self.path} is not a ROS 2 bag, or is damaged: {error}") from None
 
     def _connect(self) -> sqlite3.Connection:
-        """Read only; `immutable` where the folder does not even let SQLite make its lock files.
-
-        With `writable_schema`, SQLite takes a file that is shorter than its header says for what it is: cut off.
-        """
+        """Read only; `immutable` where SQLite may not make its lock files, or would have to complete the file."""
         for option in ("mode=ro", "mode=ro&immutable=1"):
-            database = sqlite3.connect(f"file:{quote(str(self.path.absolute()))}?{option}", uri=True)
+            database = connect(self.path, option)
             try:
                 database.execute("PRAGMA writable_schema = ON")
-                database.execute("SELECT id FROM topics LIMIT 1").fetchall()
+                database.execute("SELECT name FROM sqlite_master LIMIT 1").fetchall()
+                if "immutable" in option and (left := [j for j in _JOURNALS if _has_content(f"{self.path}{j}")]):
+                    self._journal = (
+                        f"{self.path}: its recorder was interrupted, and {self.path.name}{left[0]} beside it holds "
+                        "changes that were not used: open and close the file with `sqlite3` to complete it"
+                    )
                 return database
             except sqlite3.Error as error:
                 database.close()
                 failure = error
         raise failure
 
-    def _read_channels(self, database: sqlite3.Connection) -> dict[int, Channel]:
-        tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    def _check_tables(self) -> None:
+        """Raise sqlite3.Error where a table is a view or anything else that computes what it holds."""
+        marks = ",".join("?" * len(_TABLES))
+        query = f"SELECT name, type, substr(sql, 1, 12) FROM sqlite_master WHERE name IN ({marks})"
+        for name, kind, sql in self._rows(query, _TABLES):
+            computed = kind != "table" or sql != "CREATE TABLE"
+            if computed or any(row[6] > 1 for row in self._rows(f"PRAGMA table_xinfo({name})")):
+                raise sqlite3.DatabaseError(f"{name} is not a plain table")
+
+    def _rows(self, query: str, values: tuple[Any, ...] | list[Any] = ()) -> Iterator[Any]:
+        """The rows of a query. Raises sqlite3.Error, also where it takes more work than the file can need."""
+        left = (_FREE_STEPS + _STEPS_PER_BYTE * self.size_bytes) // _STEP
+
+        def out_of_steps() -> bool:
+            nonlocal left
+            left -= 1
+            return left < 0
+
+        self._database.set_progress_handler(out_of_steps, _STEP)
+        return iter(self._database.execute(query, values))
+
+    def _read_channels(self) -> dict[int, Channel]:
         definitions: dict[str, tuple[str, bytes]] = {}
-        if "message_definitions" in tables:  # since ROS 2 Iron
-            rows = database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        if next(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", _TABLES[2:]), None):
+            rows = self._rows(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
+                f"LIMIT {MAX_CHANNELS}"
             )
             definitions = {
                 kind: (encoding, text.encode())
@@ -64,51 +104,53 @@ class SqliteBagSource:
                 if text and _are_text(encoding, text)
             }
         channels = {}
-        for number, topic, kind, encoding in database.execute(
-            "SELECT id, name, type, serialization_format FROM topics"
-        ):
+        query = f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_CHANNELS}"
+        for number, topic, kind, encoding in self._rows(query):
             if not _are_text(topic, kind, encoding or ""):
                 continue  # SQLite stores what it is given, whatever the type of the column
-            schema_encoding, definition = definitions.get(kind) or ("ros2msg", standard_definition(kind))
+            schema_encoding, definition = definitions.get(kind) or ("ros2msg", _standard_definition(kind))
             channels[number] = Channel(topic, encoding or MessageEncoding.CDR, kind, schema_encoding, definition)
         return channels
 
     def contents(self) -> Contents | None:
         """Counted in the table of messages, whose images need not be read for it; None where that is damaged."""
         counts: dict[int, int] = {}
-        spans = []
+        spans_ns: list[int] = []
+        query = (
+            "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
+            "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"
+        )
         try:
-            with closing(self._connect()) as database:
-                for number, count, first_ns, last_ns in database.execute(
-                    "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
-                    "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"
-                ):
+            for number, count, first_ns, last_ns in self._rows(query):
+                if number in self._channels:
                     counts[number] = count
-                    spans.append((first_ns, last_ns))
+                    spans_ns += (first_ns, last_ns)
         except sqlite3.Error:
             return None
-        contents = Contents([(channel, counts.get(number, 0)) for number, channel in self._channels.items()])
-        if spans:
-            contents.start_ns, contents.end_ns = min(s for s, _ in spans), max(e for _, e in spans)
-        return contents
+        channels: list[tuple[Channel, int | None]] = [
+            (channel, counts.get(number, 0)) for number, channel in self._channels.items()
+        ]
+        return Contents(channels, min(spans_ns, default=0), max(spans_ns, default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all); where the database is damaged, those before the damage."""
+        if self._journal:
+            damage.add(self._journal)
         wanted = [n for n, channel in self._channels.items() if topics is None or channel.topic in topics]
         marks = ",".join("?" * len(wanted))
         data = f"CASE WHEN length(data) <= {MAX_RECORD_BYTES} THEN data END"
-        query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
+        # By row number, which is that of recording: nothing has to be sorted.
+        query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         read = 0
         try:
-            with closing(self._connect()) as database:
-                for number, log_time_ns, content in database.execute(query, wanted):
-                    if not isinstance(log_time_ns, int) or not isinstance(content, bytes):
-                        what = "messages that are not bytes with a time, or over 128 MiB, were skipped"
-                        damage.add(f"{self.path}: {what}")
-                        continue
-                    read += 1
-                    damage.bytes_read += len(content)
-                    yield Message(self._channels[number], log_time_ns, content)
+            for number, log_time_ns, content in self._rows(query, wanted):
+                if not isinstance(log_time_ns, int) or not isinstance(content, bytes):
+                    what = "messages that are not bytes with a time, or over 128 MiB, were skipped"
+                    damage.add(f"{self.path}: {what}")
+                    continue
+                read += 1
+                damage.bytes_read += len(content)
+                yield Message(self._channels[number], log_time_ns, content)
         except sqlite3.Error as error:
             damage.add(f"{self.path}: reading failed after {read} messages: {error}")
         else:
@@ -127,5 +169,30 @@ class SqliteBagSource:
         return False
 
 
+def connect(path: Path, option: str) -> sqlite3.Connection:
+    """A connection to a database, which may be used by any thread."""
+    uri = f"file:{quote(str(path.absolute()))}?{option}"
+    database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * MAX_RECORD_BYTES)  # of a row; images are bounded one by one
+    return database
+
+
+def _has_content(path: str) -> bool:
+    return os.path.isfile(path) and os.path.getsize(path) > 0
+
+
 def _are_text(*values: object) -> bool:
     return all(isinstance(value, str) for value in values)
+
+
+@lru_cache(maxsize=64)
+def _standard_definition(schema_name: str) -> bytes:
+    """ROS 2's own definition of a message type with those of its parts, for bags that carry none; else empty."""
+    from rosbags.typesys import Stores, get_typestore
+
+    # Messages of cameras, poses and transforms are the same in all distributions of ROS 2.
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    if schema_name not in store.fielddefs:
+        return b""
+    text, _ = store.generate_msgdef(schema_name, ros_version=2)
+    return text.encode()

@@ -1,7 +1,8 @@
 """Text files of data sets: tables, stamps in seconds or nanoseconds, with errors that name file and line."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from ..errors import LogError
 from ..inputs import INT64, read_small
 
 _MAX_BYTES = 2**26  # a pose of a million frames is a line of hundred bytes
+_MAX_LINES = 2**20  # nine hours at 30 Hz; each becomes objects of some hundred bytes
+_MAX_LINE = 2**12  # characters: thirteen numbers of KITTI take three hundred
 _NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
 
 
@@ -22,14 +25,18 @@ def read_text(path: Path, what: str) -> str:
         raise LogError(f"{what} {path} is not a text file") from None
 
 
-def read_table(path: Path, what: str) -> list[tuple[int, list[str]]]:
-    """The number of each line and its cells, separated by commas or white space; lines with `#` are left out."""
-    rows = []
-    for number, line in enumerate(read_text(path, what).splitlines(), start=1):
+def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number of each line and its cells, separated by commas or white space; lines with `#` are left out.
+
+    Raises LogError.
+    """
+    for number, line in enumerate(StringIO(read_text(path, what)), start=1):
+        if number > _MAX_LINES or len(line) > _MAX_LINE:
+            many = f"more than {_MAX_LINES} lines" if number > _MAX_LINES else f"a line of {len(line)} characters"
+            raise LogError(f"{what} {path} has {many}: is it another file?")
         if line.strip() and not line.lstrip().startswith("#"):
             cells = line.split(",") if "," in line else line.split()
-            rows.append((number, [cell.strip() for cell in cells]))
-    return rows
+            yield number, [cell.strip() for cell in cells]
 
 
 def stamp_ns(text: str, where: str) -> int:
