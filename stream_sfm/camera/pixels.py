@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
+_BRIGHT_SHARE = 1e-3  # of an image's pixels that may be brighter than white: hot ones, a lamp
 _FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
 _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
@@ -15,8 +16,8 @@ _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 class GreyScaler:
     """Scales 16-bit images to 8 bits by one shift for the whole log, so that brightness does not jump.
 
-    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The
-    shift follows the brightest value seen so far, in either camera.
+    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The shift
+    follows the brightest image seen so far, in either camera, by all but its brightest pixels.
     """
 
     def __init__(self) -> None:
@@ -26,10 +27,11 @@ class GreyScaler:
         """Scale the images (h, w) of the next frame; frames come in order, because the shift is remembered."""
         for image in images:
             if image.dtype == np.uint16:
-                self._bits = max(self._bits, int(image.max(initial=0)).bit_length())
+                while np.count_nonzero(image >> self._bits) > _BRIGHT_SHARE * image.size:
+                    self._bits += 1
         shift = self._bits - 8
         return [
-            (i >> shift).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
+            np.minimum(i >> shift, 255).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
             for i in images
         ]
 

@@ -82,10 +82,9 @@ class _Inspection:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.problems: list[str] = []
-        self.warnings: list[str] = []
         damage = Damage()
         self.survey = survey = survey_log(source, damage)
-        self.notes = damage.notes
+        self.warnings = list(damage.notes)
         self.result: dict[str, Any] = {
             "size_bytes": source.size_bytes,
             **source.description(),
@@ -107,7 +106,6 @@ class _Inspection:
             choice = choose_cameras(self.source, self.survey, left, right)
         except LogError as error:
             self.problems.append(str(error))
-            self.warnings += self.notes
             return
         self.result["pair"] = asdict(choice)
         rig: StereoRig | None = None
@@ -244,7 +242,7 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
     gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > _GAP_PERIODS * period_s]
     return {
         "rate_hz": 1 / period_s if period_s else None,
-        "span_s": (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else None,
+        "span_s": float(periods_s[periods_s > 0].sum()) if stamps_ns else None,
         "median_offset_ms": float(np.median(offsets_ns)) / 1e6 if offsets_ns else None,
         "gap_count": len(gaps),
         "longest_gap_s": float(max(periods_s[gaps])) if gaps else None,

@@ -33,6 +33,7 @@ _MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a cali
 _MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
 _MAX_TEXT = 2**12  # characters of a name: of a coordinate frame, an encoding
 _QUATERNION_NORMS = (0.5, 2.0)  # wider than any rounding; outside it the numbers are not a rotation
+_ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
 _INT64 = 2**63  # stamps are 64-bit nanoseconds everywhere
 _BAD_FIELD = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
 
@@ -77,6 +78,14 @@ class CalibrationMessage:
     K: Array
     R: Array
     P: Array
+
+    def changes(self, other: "CalibrationMessage") -> list[str]:
+        """What is different in another message of the same camera, by the names of the fields."""
+        sizes = (self.width, self.height), (other.width, other.height)
+        fields: list[tuple[str, Any, Any]] = [("the image size", *sizes), ("D", self.D, other.D)]
+        fields += [("K", self.K, other.K), ("R", self.R, other.R), ("P", self.P, other.P)]
+        found = [name for name, a, b in fields if not _same_numbers(a, b)]
+        return found + (["the distortion model"] if self.distortion_model != other.distortion_model else [])
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +201,11 @@ class MessageDecoder:
             return [_pose(m)]
         except _BAD_FIELD as error:
             raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+
+
+def _same_numbers(a: Any, b: Any) -> bool:
+    """Whether two lists of numbers are the same but for rounding."""
+    return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 
 def _protobuf_decoder(channel: Channel) -> Callable[[bytes], Any] | None:

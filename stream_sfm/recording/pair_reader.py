@@ -1,15 +1,15 @@
 """The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
-from ..sources.source import Source
+from ..sources.source import Message, Source
 from .images import check_encoding
-from .messages import ImageMessage, MessageDecoder, UndecodableMessage
+from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts
 
 # Recorders start and stop between two images of a pair: one or two without a partner are normal
@@ -48,12 +48,12 @@ class ReadStats:
     unpaired_left: int = 0
     unpaired_right: int = 0
     unpaired_within: int = 0  # of both sides, between two pairs
-    dropped_backwards: int = 0  # stamp not after the one before it on the same side
+    dropped_backwards: int = 0  # whose stamps repeat, go backwards, or are far from those around them
     undecodable: int = 0  # messages, or pairs of which one image is damaged or of another size
     largest_offset_ns: int = 0  # between the stamps of a pair
     bytes_read: int = 0
     bytes_total: int = 0
-    complete: bool = True  # false: something of the file could not be read
+    complete: bool = True  # false: something of the file was not read
     warnings: list[str] = field(default_factory=list)
 
 
@@ -61,20 +61,25 @@ class PairReader:
     """Reads pairs from two topics of a source; each reading starts anew and renews `stats`.
 
     Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
+    `calibrations`: messages of the cameras. A reading ends where others of the same topics differ from them.
     """
 
-    def __init__(self, source: Source, left_topic: str, right_topic: str) -> None:
+    def __init__(
+        self, source: Source, left_topic: str, right_topic: str, calibrations: Sequence[CalibrationMessage] = ()
+    ) -> None:
         self.source = source
         self.left_topic, self.right_topic = left_topic, right_topic
+        self._calibrations = {message.topic: message for message in calibrations}
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """Yield all pairs in ascending order of stamps, not decoded; the bytes are those of the log.
+        """Yield all pairs, not decoded; the bytes are those of the log.
 
-        A log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError
-        where the images are of a kind that is not supported, or where nothing could be paired.
+        Their stamps ascend; only where the clock of both cameras was set back they begin again at an earlier one. A
+        log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError where the
+        images are of a kind that is not supported, or where nothing could be paired.
         """
-        reading = _Reading(self.source, self.left_topic, self.right_topic)
+        reading = _Reading(self.source, (self.left_topic, self.right_topic), self._calibrations)
         self.stats = reading.stats
         try:
             yield from reading.pairs()
@@ -102,31 +107,43 @@ class PairReader:
 class _Reading:
     """One pass over the two topics."""
 
-    def __init__(self, source: Source, left_topic: str, right_topic: str) -> None:
-        self._source = source
-        self._topics = (left_topic, right_topic)
+    def __init__(
+        self, source: Source, topics: tuple[str, str], calibrations: Mapping[str, CalibrationMessage]
+    ) -> None:
+        self._source, self._topics, self._calibrations = source, topics, calibrations
+        self._decoder = MessageDecoder(source.path)
         self._damage = Damage()
         self._pairer: Pairer[ImageMessage] = Pairer()
+        self._began_ns: int | None = None  # the time at which the first left image was recorded
         self.stats = ReadStats(bytes_total=source.size_bytes)
         self.problem = ""  # of the first message that could not be decoded
 
     def pairs(self) -> Generator[StereoPair, None, None]:
+        last_ns: int | None = None
+        for left, right in self._paired():
+            self._count(self._pairer.counts)
+            if last_ns is not None and left.stamp_ns <= last_ns:
+                back_s = (last_ns - left.stamp_ns) / 1e9
+                self._damage.note(f"{self._source.path}: the clock of both cameras was set back by {back_s:.3f} s")
+            last_ns = left.stamp_ns
+            yield StereoPair(left, right)
+
+    def _paired(self) -> Iterator[tuple[ImageMessage, ImageMessage]]:
         for image in self._stamped(self._images()):
             for side in (side for side in (0, 1) if self._topics[side] == image.topic):
-                for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
-                    self._count(self._pairer.counts)
-                    yield StereoPair(left, right)
-        for left, right in self._pairer.finish():
-            self._count(self._pairer.counts)
-            yield StereoPair(left, right)
+                yield from self._pairer.push(side, image.stamp_ns, image, len(image.data))
+        yield from self._pairer.finish()
 
     def _images(self) -> Iterator[tuple[ImageMessage, int]]:
         """The images of both topics, each with the time at which it was recorded."""
-        decoder = MessageDecoder(self._source.path)
         unchecked = set(self._topics)
-        for message in self._source.messages(self._damage, frozenset(self._topics)):
+        for message in self._source.messages(self._damage, frozenset((*self._topics, *self._calibrations))):
+            if (known := self._calibrations.get(message.channel.topic)) is not None:
+                if self._began_ns is not None and self._is_changed(known, message):
+                    return
+                continue
             try:
-                image = decoder.image(message)
+                image = self._decoder.image(message)
             except UndecodableMessage as error:
                 self.stats.undecodable += 1
                 self.problem = self.problem or str(error)
@@ -134,7 +151,25 @@ class _Reading:
             if image.topic in unchecked:
                 check_encoding(image, self._source.path)
                 unchecked.remove(image.topic)
+            if self._began_ns is None and image.topic == self._topics[0]:
+                self._began_ns = message.log_time_ns
             yield image, message.log_time_ns
+
+    def _is_changed(self, known: CalibrationMessage, message: Message) -> bool:
+        """Whether a camera has another calibration from here on; that is added to the damage."""
+        try:
+            sent = self._decoder.calibration(message)
+        except UndecodableMessage:
+            return False
+        changes = known.changes(sent) if sent.frame_id == known.frame_id else []
+        if changes:
+            after_s = (message.log_time_ns - (self._began_ns or 0)) / 1e9
+            self._damage.add(
+                f"{self._source.path}: {after_s:.2f} s after the first image the calibration on topic {known.topic} "
+                f"changes ({', '.join(changes)}): what follows was not read; to read it, give its calibration and "
+                "start behind the change"
+            )
+        return bool(changes)
 
     def _stamped(self, images: Iterator[tuple[ImageMessage, int]]) -> Iterator[ImageMessage]:
         """The images with their own stamps, or with their log times where a driver leaves all stamps at zero.
@@ -159,7 +194,8 @@ class _Reading:
     def finish(self) -> None:
         """Bring `stats` up to date, wherever the reading ended."""
         self._count(self._pairer.counts)
-        self.stats.complete = self._damage.complete
+        stats = self.stats
+        stats.complete = self._damage.complete and not stats.dropped_backwards and not stats.undecodable
         self.stats.warnings += _warnings(self.stats, self._damage, self.problem, self._source.path)
 
     def _count(self, counts: PairingCounts) -> None:
@@ -168,7 +204,7 @@ class _Reading:
         stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
         stats.unpaired_left, stats.unpaired_right = counts.unpaired
         stats.unpaired_within = counts.unpaired_within
-        stats.dropped_backwards = sum(counts.backwards)
+        stats.dropped_backwards = sum(counts.disordered)
         stats.largest_offset_ns = counts.largest_offset_ns
         stats.bytes_read = self._damage.bytes_read
 
@@ -181,7 +217,10 @@ def _warnings(stats: ReadStats, damage: Damage, problem: str, path: Path) -> lis
             f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
         )
     if stats.dropped_backwards:
-        notes.append(f"{stats.dropped_backwards} images were dropped: their stamps repeat or go backwards")
+        notes.append(
+            f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from those "
+            "of the images around them"
+        )
     if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > _USUAL_UNPAIRED:
         notes.append(
             f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "

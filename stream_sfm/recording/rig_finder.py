@@ -6,7 +6,7 @@ that were never calibrated. Where P gives no baseline, the transform between the
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from ..camera.calibration.read import Where, named
 from ..camera.rig import MonoRig, StereoRig
@@ -14,7 +14,7 @@ from ..errors import ConfigError
 from ..mcap_file.damage import Damage
 from ..sources.source import Source
 from .images import image_size
-from .messages import MessageDecoder, UndecodableMessage
+from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
 from .rig import calibration_error, camera_from_message, gives_baseline, rig_from_messages
 from .survey import Survey, read_calibration_messages
 from .topics import PairChoice, choose_calibration, is_rectified
@@ -25,16 +25,17 @@ Rig = TypeVar("Rig", StereoRig, MonoRig)
 
 
 @dataclass(frozen=True, slots=True)
-class FoundRig:
-    """A rig and, for people, where it comes from (`origin`)."""
+class FoundRig(Generic[Rig]):
+    """A rig and, for people, where it comes from (`origin`); `sent`: the messages that it was made of, if it was."""
 
-    rig: StereoRig
+    rig: Rig
     origin: str
+    sent: tuple[CalibrationMessage, ...] = ()
 
 
 def find_rig(
     source: Source, survey: Survey, choice: PairChoice, calibration: Where | StereoRig | None = None
-) -> FoundRig:
+) -> FoundRig[StereoRig]:
     """The rig of the two cameras; `calibration` as in `open_log`. Raises LogError; ConfigError for `calibration`."""
     if isinstance(calibration, StereoRig):
         return FoundRig(calibration, "given by the caller")
@@ -47,17 +48,18 @@ def find_rig(
 
 def find_camera(
     source: Source, survey: Survey, topic: str, calibration: Where | StereoRig | MonoRig | None = None
-) -> MonoRig:
+) -> FoundRig[MonoRig]:
     """The rig of one image topic, from the same places and with the same errors as `find_rig`."""
     if isinstance(calibration, StereoRig | MonoRig):
-        return MonoRig(calibration.left)
+        return FoundRig(MonoRig(calibration.left), "given by the caller")
     if calibration is not None:
-        return MonoRig.from_calibration(calibration, _image_size(source, topic))
+        return FoundRig(MonoRig.from_calibration(calibration, _image_size(source, topic)), named(calibration))
     if rig := _attached(source, MonoRig.parse_calibration):
-        return rig
+        return FoundRig(rig, f"attachment {ATTACHMENT}")
     sent_on = _calibration_topic(source, survey, topic, 0)
-    message, _ = read_calibration_messages(source, survey, (sent_on, sent_on), MessageDecoder(source.path))
-    return camera_from_message(source.path, message, is_rectified(topic))
+    message, _ = read_calibration_messages(source, (sent_on, sent_on), topic, MessageDecoder(source.path))
+    rig = camera_from_message(source.path, message, is_rectified(topic))
+    return FoundRig(rig, message.topic, (message,))
 
 
 def _image_size(source: Source, topic: str) -> tuple[int, int] | None:
@@ -91,16 +93,17 @@ def _calibration_topic(source: Source, survey: Survey, image_topic: str, side: i
     return topic
 
 
-def _sent(source: Source, survey: Survey, choice: PairChoice) -> FoundRig:
+def _sent(source: Source, survey: Survey, choice: PairChoice) -> FoundRig[StereoRig]:
     topics = [
         _calibration_topic(source, survey, topic, side) for side, topic in enumerate((choice.left, choice.right))
     ]
     decoder = MessageDecoder(source.path)
-    left, right = read_calibration_messages(source, survey, (topics[0], topics[1]), decoder)
+    left, right = read_calibration_messages(source, (topics[0], topics[1]), choice.left, decoder)
     rectified = is_rectified(choice.left)
     sent = f"{left.topic} and {right.topic}"
     if gives_baseline(left, right):
-        return FoundRig(rig_from_messages(source.path, left, right, rectified), f"{sent}, baseline from P")
+        rig = rig_from_messages(source.path, left, right, rectified)
+        return FoundRig(rig, f"{sent}, baseline from P", (left, right))
     frames = (left.frame_id, right.frame_id)
     right_from_left = fixed_transform(source, survey, frames[1], frames[0]) if len(set(frames)) == 2 else None
     if right_from_left is None:
@@ -109,4 +112,5 @@ def _sent(source: Source, survey: Survey, choice: PairChoice) -> FoundRig:
             f"no fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}"
         )
     rig = rig_from_messages(source.path, left, right, rectified, right_from_left)
-    return FoundRig(rig, f"{sent}, baseline from the transform between {frames[0]} and {frames[1]}")
+    origin = f"{sent}, baseline from the transform between {frames[0]} and {frames[1]}"
+    return FoundRig(rig, origin, (left, right))

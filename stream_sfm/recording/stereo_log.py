@@ -17,7 +17,7 @@ from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_tru
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import baseline_warnings, check_rig
-from .rig_finder import find_camera, find_rig
+from .rig_finder import FoundRig, find_camera, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
 from .truth_file import GroundTruthFile, load_truth, time_warning
@@ -59,17 +59,17 @@ def _open(
 ) -> "StereoLog":
     damage = Damage()
     survey = survey_log(source, damage)
-    rig: StereoRig | MonoRig
+    found: FoundRig[StereoRig] | FoundRig[MonoRig]
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
-        rig = find_camera(source, survey, choice.left, calibration)
+        found = find_camera(source, survey, choice.left, calibration)
     elif isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera: a pair is needed, or mono")
     else:
         choice = choose_cameras(source, survey, left, right, damage.notes)
-        rig = find_rig(source, survey, choice, calibration).rig
-    check_rig(source.path, rig)
-    return StereoLog(source, survey, choice, rig)
+        found = find_rig(source, survey, choice, calibration)
+    check_rig(source.path, found.rig)
+    return StereoLog(source, survey, choice, found)
 
 
 def choose_cameras(
@@ -105,13 +105,15 @@ class StereoLog:
     recorder's clock, None where it is not known.
     """
 
-    def __init__(self, source: Source, survey: Survey, choice: PairChoice, rig: StereoRig | MonoRig) -> None:
+    def __init__(
+        self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig[StereoRig] | FoundRig[MonoRig]
+    ) -> None:
         self._source = source
         self.survey = survey
         self.path = source.path
-        self.rig = rig
+        self.rig: StereoRig | MonoRig = found.rig
         self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
-        self._reader = PairReader(source, choice.left, choice.right)
+        self._reader = PairReader(source, choice.left, choice.right, found.sent)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
         self._camera_frame = ""
@@ -132,11 +134,14 @@ class StereoLog:
         return self._reader.stats
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """Yield all pairs in ascending order of stamps, not decoded; see `PairReader.pairs`."""
+        """Yield all pairs, not decoded; see `PairReader.pairs`."""
         return self._reader.pairs()
 
     def frames(self, selection: Selection | None = None) -> Generator[RecordedFrame, None, None]:
-        """Yield the selected frames. Raises as `pairs`, and LogError where no frame can be delivered."""
+        """Yield the selected frames, in ascending order of stamps. Raises as `pairs`, and LogError where there is none.
+
+        They end where the clock was set back: the rest is another recording, which a later start selects.
+        """
         selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
         delivered = 0
@@ -153,6 +158,7 @@ class StereoLog:
                 self.stats.warnings += baseline_warnings(self.rig)
                 self.stats.undecodable += decoder.skipped
                 if decoder.skipped:
+                    self.stats.complete = False
                     self.stats.warnings.append(
                         f"{self.stats.undecodable} frames could not be decoded and were skipped, the first: "
                         f"{decoder.problem}"
@@ -164,20 +170,33 @@ class StereoLog:
         start_s, end_s = selection.start_s, selection.end_s
         start_ns = 0 if start_s is None else round(start_s * 1e9)
         end_ns = None if end_s is None else round(end_s * 1e9)
-        first_ns: int | None = None
-        since_ns = 0  # the first pair
+        zero_ns = last_ns = None  # the stamp of which 0 s have passed, and that of the last pair
+        since_ns = 0
         count = 0
+        set_back = False
         with closing(self.pairs()) as pairs:
             for pair in pairs:
-                first_ns = pair.stamp_ns if first_ns is None else first_ns
-                self._read_span_ns = first_ns, pair.stamp_ns
-                since_ns = pair.stamp_ns - first_ns
+                if zero_ns is None or last_ns is None:
+                    zero_ns = pair.stamp_ns
+                elif pair.stamp_ns <= last_ns:
+                    if set_back := count > 0:
+                        break
+                    zero_ns = pair.stamp_ns - since_ns
+                last_ns = pair.stamp_ns
+                self._read_span_ns = zero_ns, last_ns
+                since_ns = last_ns - zero_ns
                 if end_ns is not None and since_ns > end_ns:
                     break
                 if since_ns >= start_ns:
                     if count % selection.stride == 0:
                         yield pair
                     count += 1
+        if set_back:
+            self.stats.complete = False
+            self.stats.warnings.append(
+                f"{self.path}: the frames behind {since_ns / 1e9:.2f} s were not read, because their clock was set "
+                "back: start there to read them"
+            )
         if not count:
             until = "" if end_s is None else f" and before {end_s:g} s"
             raise LogError(
