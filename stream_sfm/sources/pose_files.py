@@ -96,11 +96,13 @@ def _with_quaternions(path: Path, columns: tuple[int, int, int, int], form: str)
 
 
 def _matrices(path: Path, rows: Iterable[_Line]) -> Array:
+    lines: list[int] = []
     found: list[Array] = []
     for number, cells in rows:
         values = _numbers(cells)
         if len(values) != 12:
             raise LogError(f"{path}, line {number} does not have 12 numbers: {' '.join(cells)[:60]!r}")
+        lines.append(number)
         found.append(values.reshape(3, 4))
     if not found:
         raise LogError(f"{path} holds no pose")
@@ -110,9 +112,7 @@ def _matrices(path: Path, rows: Iterable[_Line]) -> Array:
     if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
     if (mirrored := np.flatnonzero(np.linalg.det(rotations) < 0)).size:
-        raise LogError(
-            f"{path}, line {rows[mirrored[0]][0]}: the pose is mirrored: give poses in right-handed axes"
-        )
+        raise LogError(f"{path}, line {lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes")
     return se3.orthonormalise(poses)
 
 

@@ -82,7 +82,7 @@ def test_standard_input_is_not_a_file(capsys: pytest.CaptureFixture[str], tmp_pa
 def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path: Path) -> None:
     write_log(tmp_path / "walk_0.mcap")
     (tmp_path / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information:\n  relative_file_paths: [walk_0.mcap, walk_1.mcap]\n"
+        "rosbag2_bagfile_information:\n  relative_file_paths:\n  - walk_0.mcap\n  - walk_1.mcap\n"
     )
     os.mkfifo(tmp_path / "walk_1.mcap")
     log = sfm.open_log(tmp_path)

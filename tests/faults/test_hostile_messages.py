@@ -102,10 +102,7 @@ def test_a_hostile_image_costs_its_frame(name: str, both_sides: bool, tmp_path: 
     result = replay(log, tmp_path / "out", FAST)
     good = [START_NS + n * PERIOD_NS for n in range(FRAMES) if n != BAD]
     stamps = result.trajectory.stamps_ns.tolist()
-    # a stamp alone makes no frame unusable if both cameras agree on it
-    agreed = {"stamp of another age": [9 * 10**18], "stamp before the epoch": [-5 * 10**9]}.get(name, [])
-    assert stamps == sorted(good + agreed * both_sides)
-    assert result.summary["warnings"] or agreed
+    assert stamps == good and result.summary["warnings"] and not result.summary["complete"]
 
 
 def definition(fields: str, parts: str = "") -> str:
