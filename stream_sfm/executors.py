@@ -12,7 +12,7 @@ from .errors import ConfigError
 ONE_THREAD = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
 )
-_ANSWER_S = 10  # a scheduler that is there answers in milliseconds
+_ANSWER_S = 10  # a running scheduler answers in milliseconds
 _WORKER_S = 30  # workers that have just been started need some seconds
 
 
@@ -20,7 +20,7 @@ _WORKER_S = 30  # workers that have just been started need some seconds
 def processes(workers: int) -> Iterator[Executor]:
     """Start new processes on this machine; what is submitted must be picklable.
 
-    Where an exception ends the context, as Ctrl-C does, the processes are ended in the middle of their work.
+    If an exception such as Ctrl-C ends the context, the processes are killed at once.
     """
     others = set(active_children())
     before = {name: os.environ.get(name) for name in ONE_THREAD}
@@ -32,7 +32,7 @@ def processes(workers: int) -> Iterator[Executor]:
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 for worker in set(active_children()) - others:
-                    worker.kill()  # a run defers SIGTERM, and a worker has one more piece of work in hand
+                    worker.kill()  # a run defers SIGTERM, and each worker has one more task queued
                 raise
     finally:
         for name, value in before.items():

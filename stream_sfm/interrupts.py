@@ -1,8 +1,7 @@
 """Ctrl-C, SIGTERM and SIGHUP as data: a run checks between two frames whether to end, and then ends in order.
 
-A signal that the process was started to ignore, as by nohup or in the background of a script, is left alone.
-
-A frame that does not come would hold up that check, so the wait for one is bounded too.
+A signal that is ignored when the process starts, as under nohup or in the background of a script, stays ignored. The
+wait for a frame that does not come is bounded too, because it would delay that check.
 """
 
 import signal
@@ -15,7 +14,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-GRACE_S = 1.0  # for the frame in hand; most take a tenth
+GRACE_S = 1.0  # for the current frame; most take a tenth
 # The terminal is closed or the connection lost with the last one, which not every system has.
 _TERMINATION = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 ENDING = (signal.SIGINT, *_TERMINATION)
@@ -29,9 +28,9 @@ class Interruption:
     _waiting: bool = False
 
     def until_requested(self, items: Iterable[T]) -> Iterator[T]:
-        """Yield the items until the run is asked to end; one that is waited for then has `GRACE_S` to come.
+        """Yield the items until the run is asked to end; an item that is being waited for then has `GRACE_S` to arrive.
 
-        Raises KeyboardInterrupt where not even the first one came. The alarm of the process is used for it.
+        Raises KeyboardInterrupt if not even the first one arrived. Uses the alarm of the process.
         """
         iterator, count = iter(items), 0
         while not self.requested:
@@ -69,7 +68,7 @@ def _interrupt(*_: Any) -> None:
 
 @contextmanager
 def termination_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt while the context lasts, as Ctrl-C does, so that a run cleans up.
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt within the context, as Ctrl-C does, so that a run cleans up.
 
     Where a signal has a handler already, and in other threads than the main one, nothing changes.
     """
@@ -86,9 +85,9 @@ def termination_as_interrupt() -> Iterator[None]:
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Interruption]:
-    """Let the first signal that ends a run only set `requested` while the context lasts; a second one acts as usual.
+    """Make the first ending signal within the context only set `requested`; a second one acts as usual.
 
-    Signals can be handled in the main thread only; in another thread nothing changes. Ignored ones stay so.
+    Signals can be handled in the main thread only; in another thread nothing changes. Ignored ones stay ignored.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

@@ -67,7 +67,7 @@ class DenseStereo:
         return found
 
     def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
-        """The smallest and the largest disparity, in pixels of the images, found on a small copy of them."""
+        """Return the smallest and the largest disparity, in pixels of the images, found on a small copy of them."""
         first = self._infinity_px - 1
         last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
         scale = 1
@@ -82,7 +82,7 @@ class DenseStereo:
         return int(np.floor(first)), int(np.ceil(last))
 
     def _matched(self, left: Grey, right: Grey, first: int, last: int) -> Image:
-        """Disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
+        """Return disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
         block = self.config.block_px
         smooth, jump = (factor * block * block for factor in _SMOOTHNESS)
         count = 16 * -(-(last - first + 1) // 16)  # OpenCV wants a multiple of 16
@@ -110,7 +110,7 @@ class DenseStereo:
 
 
 def rays(projection: StereoProjection) -> Array:
-    """Rays (h, w, 3) with Z = 1 through the pixels of the rectified left image."""
+    """Return rays (h, w, 3) with Z = 1 through the pixels of the rectified left image."""
     v, u = np.mgrid[: projection.height, : projection.width]
     x, y = (u - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px
     return np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -119,7 +119,7 @@ def rays(projection: StereoProjection) -> Array:
 def std_along_ray(
     projection: StereoProjection, ray: Array, disparity_px: NDArray[np.floating], std_px: NDArray[np.floating]
 ) -> Array:
-    """σ (…) in metres, along rays (…, 3) with Z = 1, of points with given disparities (…) and their σ (…).
+    """Return σ (…) in metres, along rays (…, 3) with Z = 1, of points with given disparities (…) and their σ (…).
 
     The point is X = ray · f B / d; hence |∂X/∂d| = |ray| f B / d² = |ray| Z² / (f B).
     """
@@ -128,7 +128,7 @@ def std_along_ray(
 
 
 def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:
-    """Cosine (h, w) of the angle between viewing ray and surface normal; a frontal plane is assumed at edges.
+    """Return the cosine (h, w) of the angle between viewing ray and surface normal; at edges, of a frontal plane.
 
     Where the disparity is d = a u + b v + …, the surface is a plane with n ∝ (f a, f b, d − a (u − cx) − b (v − cy))
     and n · ray ∝ d in the same unit.

@@ -81,11 +81,11 @@ class Fusion:
         self._accumulate(keys, sums)
 
     def __len__(self) -> int:
-        """The number of voxels."""
+        """Return the number of voxels."""
         return len(self._keys)
 
     def mesh(self) -> Mesh:
-        """The surface in the world frame, where at least `min_frames` frames (or all, if fewer) have seen it."""
+        """Return the surface in the world frame, where at least `min_frames` frames (or all, if fewer) have seen it."""
         sums = self._sums[self._slots]
         seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
         keys, sums = self._keys[seen], sums[seen]
@@ -102,7 +102,7 @@ class Fusion:
         )
 
     def _fitting_voxel(self, depth: Array, std_noise: Array) -> float:
-        """The edge of a voxel that fits the pixels and the σ at a frame's median depth; 0 where nothing is seen."""
+        """Return the edge of a voxel that fits the pixels and the σ at the median depth; 0 where nothing is seen."""
         if not np.isfinite(depth).any():
             return 0.0
         footprint = _VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px
@@ -111,7 +111,7 @@ class Fusion:
     def _voxels_in_view(
         self, surface: Array, world_from_rect: Array
     ) -> tuple[voxels.Keys, Array, NDArray[np.int64]]:
-        """Voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
+        """Return voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
         p = self.projection
         seen = voxels.keys_of(se3.transform(world_from_rect, surface), self.voxel_m)
         keys = voxels.grown(voxels.distinct(seen), _REACH)
@@ -148,14 +148,14 @@ class Fusion:
 
 
 def _averaged(keys: voxels.Keys, sums: NDArray[np.float32]) -> tuple[voxels.Keys, NDArray[np.float32]]:
-    """The distinct keys, ascending, and the mean row of each."""
+    """Return the distinct keys, ascending, and the mean row of each."""
     unique, row, count = np.unique(keys, return_inverse=True, return_counts=True)
     columns = [np.bincount(row, sums[:, i]) / count for i in range(sums.shape[1])]
     return unique, np.stack(columns, axis=1).astype(np.float32)
 
 
 def _variance_along(points: Array, cov_position: Array) -> Array:
-    """Variance (n,), m², along the viewing rays of points (n, 3) in the camera, due to the error of its pose.
+    """Return the variance (n,), m², along the viewing rays of points (n, 3) in the camera due to the error of its pose.
 
     A right perturbation (ρ, ω) moves a point X by ρ + ω × X in the axes of the camera; along X only ρ has an effect.
     """

@@ -57,7 +57,7 @@ def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[
 
 
 def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
-    """Rows (n, 8) of the corners of the cells whose corners all exist, and the keys (n,) of these cells."""
+    """Return rows (n, 8) of the corners of the cells whose corners all exist, and the keys (n,) of these cells."""
     cells = keys
     rows: list[NDArray[np.int32]] = []
     for corner in _CORNERS:
@@ -68,7 +68,7 @@ def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
 
 
 def _faces(keys: Keys, distances: NDArray[np.floating], cells: Keys) -> NDArray[np.int32]:
-    """Triangles (m, 3): two for each edge between voxels that is crossed and has four cells around it."""
+    """Return triangles (m, 3): two for each edge between voxels that is crossed and has four cells around it."""
     found: list[NDArray[np.int64]] = []
     for axis in range(3):
         along, b, c = AXES[axis], AXES[(axis + 1) % 3], AXES[(axis + 2) % 3]

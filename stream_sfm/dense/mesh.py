@@ -29,7 +29,7 @@ class Mesh:
     std_m: NDArray[np.float32]
 
     def moved(self, target_from_source: Array) -> "Mesh":
-        """The same surface in the target's axes."""
+        """Return the same surface in the target's axes."""
         vertices = se3.transform(target_from_source, self.vertices).astype(np.float32)
         normals = (self.normals @ target_from_source[:3, :3].T).astype(np.float32)
         return Mesh(vertices, self.faces, normals, self.colours, self.std_m)
@@ -74,7 +74,7 @@ def mesh_of_frame(
 
 
 def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Unit normals (n, 3) of vertices (n, 3): the mean normals of their triangles, weighted by area."""
+    """Return unit normals (n, 3) of vertices (n, 3): the mean normals of their triangles, weighted by area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     across = np.cross(b - a, c - a)
     normals = np.stack(

@@ -79,5 +79,5 @@ def _smoothed(image: NDArray[np.uint8], sigma_px: float) -> Image:
 
 
 def _slope(image: Image) -> Image:
-    """Gradient along the row, grey levels per pixel."""
+    """Return the gradient along the row, grey levels per pixel."""
     return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), np.float32)

@@ -1,4 +1,4 @@
-"""The surface that a log shows: dense stereo of one frame, or of all frames fused by the estimated poses."""
+"""The surface in a log: dense stereo of one frame, or of all frames, fused by the estimated poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
 
-# Memory, measured: of a run beside what it always takes, and of tracking and dense stereo per pixel of their images.
+# Measured memory: what a run may take for its images; tracking and dense stereo, bytes per pixel of their images.
 _MEMORY_BYTES, _TRACKING_BYTES, _DENSE_BYTES = 800e6, 48, 320
 _NOTHING_SEEN = (
     "no surface was found: the images may be black, blurred or without texture, or the calibration may be that of "
@@ -37,7 +37,7 @@ _NOTHING_SEEN = (
 
 @dataclass(slots=True, eq=False, repr=False)
 class Surface:
-    """A surface, and how it came about.
+    """A surface, and what it was made of.
 
     `mesh`: in the axes of the physical left camera, of the first frame where many were fused. `read`: number of frames
     read; `used`: number of frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3):
@@ -73,7 +73,7 @@ class DenseView:
         self._stereo = DenseStereo(self.projection, config.dense, valid)
 
     def see(self, frame: RecordedFrame, rectified: Sequence[Image]) -> tuple[DisparityMap, Image]:
-        """Disparities of a frame, given its rectified images; and its rectified left image in colour (h, w, 3)."""
+        """Return the disparities of a frame, from its rectified images, and its rectified left image (h, w, 3)."""
         left, right = (self._reduced(image) for image in rectified)
         rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
@@ -83,7 +83,7 @@ class DenseView:
         return self._stereo.match(left, right), picture
 
     def _reduced(self, image: Image) -> Image:
-        """The mean of each block of pixels; what is left over at the right and at the bottom is cut off."""
+        """Return the mean of each block of pixels; what is left over at the right and at the bottom is cut off."""
         if self._factor == 1:
             return image
         width, height = self.projection.width, self.projection.height
@@ -92,13 +92,13 @@ class DenseView:
 
 
 def _reduction(pixels: int) -> int:
-    """By how much images of so many pixels are reduced: the memory is shared by tracking and dense stereo."""
+    """Return the factor by which images of so many pixels are reduced: tracking and dense stereo share the memory."""
     granted = (_MEMORY_BYTES - pixels * _TRACKING_BYTES) / _DENSE_BYTES
     return max(1, int(np.ceil(np.sqrt(pixels / granted))))
 
 
 def _reduced_projection(projection: StereoProjection, factor: int) -> StereoProjection:
-    """The projection of images whose pixels are `factor` times as wide; pixel 0 is centred on the first of them."""
+    """Return the projection of images whose pixels are `factor` times as wide, with pixel 0 centred on the first."""
     cx_left, cx_right, cy = (
         (centre + 0.5) / factor - 0.5
         for centre in (projection.cx_left_px, projection.cx_right_px, projection.cy_px)
@@ -155,19 +155,19 @@ def surface_of_frame(
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
-    warnings = [*log.stats.warnings, *_doubts(log, frame)]
+    warnings = [*log.stats.warnings, *_problems(log, frame)]
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), warnings)
 
 
-def _doubts(log: StereoLog, frame: RecordedFrame) -> list[str]:
-    """Why a surface of these images cannot be right, such as exchanged cameras."""
+def _problems(log: StereoLog, frame: RecordedFrame) -> list[str]:
+    """Return why a surface of these images cannot be right, such as exchanged cameras."""
     choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
     left, right = (np.asarray(image, np.uint8) for image in frame.images)
     return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, [(left, right)])]
 
 
 def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
-    """Frame `number` of the selected ones, and the number of frames read."""
+    """Return frame `number` of the selected ones, and the number of frames read."""
     read = 0
     for frame in log.frames(selection):
         read += 1
@@ -217,13 +217,13 @@ class _FusedFrames:
         self._view = DenseView(rectifier, config)
         self._fusion = Fusion(self._view.projection, config.dense)
         self.path: list[Array] = []
-        self._doubts: list[str] = []
+        self._problems: list[str] = []
         self._lost = 0
 
     def take(self, frame: RecordedFrame) -> None:
         """Estimate the pose of a frame and fuse what it shows, unless the pose is lost."""
         if not self.path:
-            self._doubts = _doubts(self._log, frame)
+            self._problems = _problems(self._log, frame)
         observer = self._engine.observer
         rectified = observer.rectify(frame)
         estimate = self._engine.step(frame, observer.prepare(frame, len(self.path), rectified))
@@ -238,7 +238,7 @@ class _FusedFrames:
             sink.write(estimate, frame)
 
     def surface(self, problems: list[str], interrupted: bool) -> Surface:
-        """The surface so far. Raises LogError where there is none."""
+        """Return the surface so far. Raises LogError where there is none."""
         log, frames = self._log, len(self.path)
         complete = log.stats.complete and not problems
         mesh = self._fusion.mesh()
@@ -249,6 +249,6 @@ class _FusedFrames:
             )
         if not len(mesh.faces):
             raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
-        warnings = list(dict.fromkeys([*log.stats.warnings, *self._doubts, *problems]))
+        warnings = list(dict.fromkeys([*log.stats.warnings, *self._problems, *problems]))
         path, used = np.array(self.path), self._fusion.frames
         return Surface(mesh, frames, used, self._fusion.voxel_m, path, warnings, complete, interrupted)

@@ -64,7 +64,7 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
 
 
 def truth_of_frames(stamps_ns: NDArray[np.int64], truth: Trajectory) -> Array:
-    """The truth (n, 4, 4) of each frame, NaN where there is none."""
+    """Return the truth (n, 4, 4) of each frame, NaN where there is none."""
     rows, true = matched(Trajectory(stamps_ns, np.empty((len(stamps_ns), 4, 4))), truth)
     poses = np.full((len(stamps_ns), 4, 4), np.nan)
     poses[rows] = true.world_from_cam
@@ -72,7 +72,7 @@ def truth_of_frames(stamps_ns: NDArray[np.int64], truth: Trajectory) -> Array:
 
 
 def checked_ranges(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The ranges [first, end) of frames. Raises ConfigError where one of them is none."""
+    """Return the ranges [first, end) of frames. Raises ConfigError where one of them is not a range."""
     for given in ranges:
         if len(given) != 2 or not all(isinstance(n, int) for n in given) or not 0 <= given[0] < given[1]:
             raise ConfigError(f"{given!r} is not a range of frames: give (first, end) with 0 <= first < end")
@@ -82,7 +82,7 @@ def checked_ranges(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 def without_frames(
     truth: Trajectory, stamps_ns: NDArray[np.int64], ranges: Sequence[tuple[int, int]]
 ) -> Trajectory:
-    """The truth with NaN in the frames of `ranges` [first, end), which count in `stamps_ns` from 0."""
+    """Return the truth with NaN in the frames of `ranges` [first, end), which count in `stamps_ns` from 0."""
     ignored = np.zeros(len(stamps_ns), bool)
     for first, end in ranges:
         ignored[first:end] = True

@@ -11,19 +11,19 @@ from .alignment import from_first_camera, umeyama
 
 
 def ate_rmse_m(estimate: Array, truth: Array) -> float:
-    """RMS position error with only the first poses aligned."""
+    """Return the RMS position error with only the first poses aligned."""
     e, t = from_first_camera(estimate), from_first_camera(truth)
     return _rms(e[:, :3, 3] - t[:, :3, 3])
 
 
 def ate_rmse_aligned_m(estimate: Array, truth: Array) -> float:
-    """RMS position error after the best rigid alignment: SE(3), without scale (Umeyama 1991)."""
+    """Return the RMS position error after the best rigid alignment: SE(3), without scale (Umeyama 1991)."""
     _, truth_from_estimate = umeyama(truth[:, :3, 3], estimate[:, :3, 3])
     return _rms(se3.transform(truth_from_estimate, estimate[:, :3, 3]) - truth[:, :3, 3])
 
 
 def ate_rmse_sim3_m(estimate: Array, truth: Array) -> tuple[float, float]:
-    """RMS position error after the best similarity, eq. (67), and the length of one unit of the estimate in metres.
+    """Return the RMS position error after the best similarity, eq. (67), and metres per unit of the estimate.
 
     Only for one camera, which does not determine its scale.
     """

@@ -9,7 +9,7 @@ from .alignment import from_first_camera
 
 
 def nees_pose(estimate: Array, cov_pose: Array, truth: Array) -> Array:
-    """NEES (n,) of poses (n, 4, 4): ξᵀ Σ⁻¹ ξ with truth = estimate·Exp(ξ), eq. (59); 6 is expected.
+    """Return the NEES (n,) of poses (n, 4, 4): ξᵀ Σ⁻¹ ξ with truth = estimate·Exp(ξ), eq. (59); 6 is expected.
 
     Both trajectories are expressed in the axes of their first camera. `cov_pose` (n, 6, 6) belongs to the right
     perturbation relative to the first camera, translation first. NaN where the covariance is zero (the first frame,
@@ -23,14 +23,14 @@ def nees_pose(estimate: Array, cov_pose: Array, truth: Array) -> Array:
 
 
 def nees_pose_mean(estimate: Array, cov_pose: Array, truth: Array) -> float:
-    """Mean of `nees_pose` over the frames where it is defined; NaN if there are none."""
+    """Return the mean of `nees_pose` over the frames where it is defined; NaN if there are none."""
     values = nees_pose(estimate, cov_pose, truth)
     values = values[~np.isnan(values)]
     return float(values.mean()) if len(values) else float("nan")
 
 
 def _mahalanobis2(x: Array, cov: Array) -> float:
-    """xᵀ Σ⁻¹ x; infinite where Σ is not positive definite."""
+    """Return xᵀ Σ⁻¹ x; infinite where Σ is not positive definite."""
     if (np.diag(cov) <= 0).any():
         return float("inf")
     try:

@@ -9,18 +9,18 @@ _STANDING_M = 1e-3  # a shorter path or extent counts as standing still: a perce
 
 
 def distances_m(world_from_cam: Array) -> Array:
-    """Distance travelled (n,) up to each pose, in metres."""
+    """Return the distance travelled (n,) up to each pose, in metres."""
     steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
     return np.concatenate([np.zeros(min(1, len(world_from_cam))), np.cumsum(steps)])
 
 
 def path_length_m(world_from_cam: Array) -> float:
-    """Length of the path through all positions, in metres; shaking and noise add to it."""
+    """Return the length of the path through all positions, in metres; shaking and noise add to it."""
     return float(distances_m(world_from_cam)[-1]) if len(world_from_cam) else 0.0
 
 
 def final_drift_percent(estimate: Array, truth: Array) -> float:
-    """End-point error in per cent of the true path length, first poses aligned, eq. (54); NaN when standing still."""
+    """Return the end-point error in per cent of the true path, first poses aligned, eq. (54); NaN without motion."""
     length = path_length_m(truth)
     if length < _STANDING_M:
         return float("nan")
@@ -29,7 +29,7 @@ def final_drift_percent(estimate: Array, truth: Array) -> float:
 
 
 def scale_error_percent(estimate: Array, truth: Array) -> float:
-    """How much too large the estimate is, in per cent (negative: too small), eq. (58); NaN when standing still.
+    """Return by how many per cent the estimate is too large, eq. (58), negative: too small; NaN when standing still.
 
     1/s − 1 for the similarity scale s that aligns the estimated positions with the true ones (Umeyama 1991, eq. 42).
     The ratio of path lengths would be biased by the noise of each pose.

@@ -9,7 +9,7 @@ from .drift import path_length_m
 
 
 def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
-    """The last position and heading with their σ; None where there is no frame.
+    """Return the last position and heading with their σ; None where there is no frame.
 
     The heading is the direction of the optical axis in the plane of the first camera's x and z, from z towards x.
     """

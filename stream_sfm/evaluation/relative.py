@@ -20,12 +20,12 @@ _BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stab
 _SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
 _SPANS = 12  # at most, evenly spaced in the logarithm
 _MIN_FRAMES = 24  # with fewer, the charts have less than five spans
-_MIN_SPANS_OF_GROWTH = 3  # a slope from two points has no say in whether they are on a line
+_MIN_SPANS_OF_GROWTH = 3  # two points are always on a line
 MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one frame is mostly noise of the truth
 MIN_FRAMES_GROWTH = _MIN_SPANS_OF_GROWTH * _SPANS_PER_BLOCK * _BLOCKS
-_LEAST_KNOWN = 0.8  # of the frames: of a span up to a quarter of them, a third of the starts is left at least
+_LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
 _CONFIDENCE = 0.95
-_OF_BOTH = 1 - (1 - _CONFIDENCE) / 2  # of each interval, where position and rotation are looked at together
+_OF_BOTH = 1 - (1 - _CONFIDENCE) / 2  # of each interval, so that position and rotation hold together
 # Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio counts.
 _EXCHANGES = (np.arange(2 ** (_BLOCKS - 1)) >> np.arange(_BLOCKS)[:, None] & 1).astype(float)
 _SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
@@ -55,7 +55,7 @@ class Ratio:
 
 
 def enough_known(truth: Array) -> bool:
-    """Whether so few frames (n, 4, 4) have no truth that spans of every length are left."""
+    """Whether enough frames (n, 4, 4) have a truth for spans of every length."""
     return len(truth) > 1 and bool(known_frames(truth).mean() >= _LEAST_KNOWN)
 
 
@@ -65,7 +65,7 @@ def known_frames(truth: Array) -> NDArray[np.bool_]:
 
 
 def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Array]:
-    """Position (m) and rotation (rad) errors (n − span,) of the motion from frame i to i + span; poses (n, 4, 4)."""
+    """Return position (m) and rotation (rad) errors (n − span,) of the motion from frame i to i + span."""
     position, rotation = np.full((2, len(truth) - span), np.nan)
     known = known_frames(truth)
     i = np.flatnonzero(known[:-span] & known[span:])
@@ -78,12 +78,12 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
 
 
 def spans_for(frames: int) -> list[int]:
-    """Spans for charts, from 1 to a quarter of the frames; none below 24 frames."""
+    """Return the spans for charts, from 1 to a quarter of the frames; none below 24 frames."""
     return _spans(frames // 4) if frames >= _MIN_FRAMES else []
 
 
 def tested_spans(frames: int) -> list[int]:
-    """Spans for figures with intervals, from 1 to a twentieth of the frames: each log has them many times."""
+    """Return the spans for figures with intervals, from 1 to a twentieth of the frames, so that there are many."""
     return _spans(frames // (_SPANS_PER_BLOCK * _BLOCKS))
 
 
@@ -92,13 +92,13 @@ def _spans(longest: int) -> list[int]:
 
 
 def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
-    """Mean squared position (m²) and rotation (rad²) errors for each span."""
+    """Return the mean squared position (m²) and rotation (rad²) errors for each span."""
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     return np.array([np.nanmean(p**2) for p, _ in pairs]), np.array([np.nanmean(r**2) for _, r in pairs])
 
 
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent] | None:
-    """Growth of the position and of the rotation error with the span; None below 60 frames or without any error."""
+    """Return the growth of position and rotation error with the span; None below 60 frames or without any error."""
     spans = tested_spans(int(known_frames(truth).sum()))
     if len(spans) < _MIN_SPANS_OF_GROWTH:
         return None
@@ -118,10 +118,9 @@ def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
-    """Ratios of the RMS relative errors of `method` and `reference`, position and rotation; None below 40 frames.
+    """Return the ratios of the RMS relative errors of two methods, position and rotation; None below 40 frames.
 
-    Each is the geometric mean over the spans, of those that lie within one of the blocks: so that no two blocks share
-    the motion between any two frames.
+    Each is a geometric mean over spans that lie within a block, so that blocks share no motion.
     """
     known = np.flatnonzero(known_frames(truth))
     spans = [s for s in tested_spans(len(known)) if s > 1]
@@ -142,16 +141,16 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, 
 
 
 def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
-    """The sum of squared errors by their starts, of the spans in each block (blocks,); NaN count nothing."""
+    """Return the sum of squared errors of the spans within each block (blocks,); NaN count nothing."""
     return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
 
 
 def _exchange_ratio(mine: Array, theirs: Array) -> Ratio:
-    """The ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
+    """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
-    If the methods were equal but for a factor, any block of the one could be exchanged with that of the other, whatever
-    the size of the errors there. The interval has the factors with which the observed ratio is not among the extreme
-    ones of all exchanges.
+    If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
+    large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
+    of all exchanges.
     """
     kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - _EXCHANGES, _EXCHANGES))
     value = 0.5 * float(np.mean(np.log(kept[0, :, 0] / kept[1, :, 0])))
@@ -167,7 +166,7 @@ def _exchange_ratio(mine: Array, theirs: Array) -> Ratio:
 
 
 def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
-    """The first number from `value` on, towards `sign`, that is not plausible; to a thousandth of the way."""
+    """Return the first number from `value` on, towards `sign`, that is not plausible; to a thousandth of the way."""
     inside, outside = 0.0, _SHORTEST
     while plausible(value + sign * outside) and outside < _LONGEST:
         inside, outside = outside, 2 * outside
@@ -186,7 +185,7 @@ class _Blocks:
 
     @classmethod
     def of(cls, squares: Array) -> "_Blocks":
-        """NaN are left out."""
+        """Divide squared errors into blocks; NaN are left out."""
         blocks = np.array_split(squares[np.isfinite(squares)], _BLOCKS)
         sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
         rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
@@ -194,11 +193,11 @@ class _Blocks:
 
 
 def _interval(estimates: Array, shares: Array) -> tuple[float, float, float]:
-    """The value and the ends of its interval, from the estimate of all blocks and those without one block each.
+    """Return the value and the ends of its interval, from the estimate of all blocks and those without one block each.
 
-    Neighbouring blocks share the spans that reach from one into the next: where they err alike, that is counted. Few
-    blocks know the spread of their estimate only roughly, hence Student's t; and they are as many as their `shares`
-    of the error say, since a block with most of it decides alone.
+    Neighbouring blocks share the spans that reach from one into the next, so their covariance is counted where it is
+    positive. The interval is that of Student's t: blocks are few, and the fewer, the more of the error (`shares`) is
+    in some of them.
     """
     from scipy.special import stdtrit  # here, as a replay needs no SciPy, which takes a while to import
 

@@ -1,8 +1,8 @@
-"""Is σ of relative motion right, and over how many frames? By which factor it would have to change, eq. (75).
+"""Consistency of relative motions: by which factor their σ would have to change, over which spans, eq. (75).
 
-A pose in the world answers for all drift since the start, and one wrong start spoils its NEES from then on. A relative
-motion answers for its own frames. Its error is judged in units of its covariance: against ground truth with its own σ;
-or, without any truth, estimates from disjoint parts of the observations against each other (`run/self_test.py`).
+The error of a pose in the world contains all drift since the start; that of a relative motion depends on its own frames
+only. It is compared with its covariance: against ground truth, which has its own σ, or without any truth between
+estimates from disjoint parts of the observations (`run/self_test.py`).
 """
 
 from array import array
@@ -54,7 +54,7 @@ class RelativeRecord:
             motions.frombytes(numbers.tobytes())
 
     def motions(self, span: int, frames: int | None = None) -> Motions:
-        """The motions over a span among the first `frames` frames (None: all).
+        """Return the motions over a span among the first `frames` frames (None: all).
 
         Where the span is longer than the window, they are composed of the window's as if these were independent.
         """
@@ -86,7 +86,7 @@ class RelativeRecord:
 def against_truth(
     record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float], frames: int | None = None
 ) -> list[dict[str, Any]]:
-    """Factors over all spans that have motions with a truth at both ends; `std_truth`: its own σ in m and rad."""
+    """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
     stamps_ns = record.stamps_ns[:frames]
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
     at = np.full(len(stamps_ns), -1)
@@ -106,7 +106,7 @@ def against_truth(
 
 
 def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
-    """By which factor σ would have to change: altogether, of the length, and per axis (translation, then rotation).
+    """Return by which factor σ would have to change: altogether, of the length, and per axis (translation first).
 
     `error` (n, 6) and `cov` (n, 6, 6) are of the perturbation on the right of `poses` (n, 4, 4).
     """
@@ -126,7 +126,7 @@ def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
 
 
 def _pieces(span: int) -> list[int]:
-    """A span as a sum of spans that the window has, the longest first."""
+    """Return a span as a sum of spans that the window has, the longest first."""
     pieces = []
     for size in reversed(_OF_WINDOW):
         while span >= size:

@@ -33,7 +33,7 @@ class SegmentErrors:
 
 
 def lengths_for_path(path_m: float) -> tuple[tuple[float, ...], int]:
-    """Segment lengths in metres, and the number of frames between starts, for a path of `path_m` metres."""
+    """Return segment lengths in metres, and the number of frames between starts, for a path of `path_m` metres."""
     if path_m >= 200:
         return tuple(100.0 * k for k in range(1, 9)), _DEVKIT_STEP
     if path_m >= 20:
@@ -44,7 +44,7 @@ def lengths_for_path(path_m: float) -> tuple[tuple[float, ...], int]:
 def segment_errors(
     estimate: Array, truth: Array, lengths_m: tuple[float, ...] | None = None, step: int | None = None
 ) -> SegmentErrors:
-    """Segment errors of poses world_from_cam (n, 4, 4), row by row; lengths and step follow from the path."""
+    """Compute the segment errors of poses world_from_cam (n, 4, 4); lengths and step follow from the path."""
     along = distances_m(truth)
     path_m = float(along[-1]) if len(along) else 0.0
     default_lengths, default_step = lengths_for_path(path_m)

@@ -1,8 +1,8 @@
-"""The errors of the local structure (CC) against measured or rendered depth images.
+"""Errors of the local structure (CC) against measured or rendered depth images.
 
 Each estimated point is projected into the physical left image. Around that pixel a plane is fitted to the true
-inverse depth over 5×5 pixels (the image of a planar patch has exactly affine inverse depth); where the fit is off by
-more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth minus the
+inverse depth over 5×5 pixels (the inverse depth of a planar patch is exactly affine in the image); where the fit is off
+by more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth minus the
 true depth along the same viewing ray, in metres. A depth image reveals errors along the viewing ray in full, but
 hardly any sideways error on a surface that faces the camera.
 """
@@ -78,74 +78,71 @@ def structure_errors(
 
 
 class StructureComparison:
-    """Sums the depth errors of a run, frame by frame; neither depth images nor errors are kept."""
+    """Summarises the depth errors of a run, frame by frame; neither depth images nor errors are kept."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self.frames = 0
-        self.points = 0
-        self._squares = 0.0
-        self._normalised = 0.0
-        self._with_sigma = 0
-        self._beyond = 0
-        self._histogram_m = np.zeros(len(_BINS) + 1, dtype=np.int64)
-        self._histogram_sigmas = np.zeros(len(_BINS) + 1, dtype=np.int64)
+        self._in_metres, self._in_sigmas = _Distribution(), _Distribution()
 
     def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
-        """Compare one frame with its depth image (h, w); None, and nothing is added, where they cannot be compared.
+        """Compare one frame with its depth image (h, w); None, and nothing is added, if they cannot be compared.
 
-        That is where there is no depth image, where it has another size than the camera's, or without any point.
+        That is the case without a depth image, with one of another size than the camera's, or without any point.
         """
-        depth = true_depth_m
         size = (self._camera.height, self._camera.width)
-        if depth is None or depth.shape != size or len(estimate.points_in_cam) == 0:
+        if true_depth_m is None or true_depth_m.shape != size or len(estimate.points_in_cam) == 0:
             return None
-        found = structure_errors(self._camera, estimate.points_in_cam, estimate.cov_points, depth)
+        found = structure_errors(self._camera, estimate.points_in_cam, estimate.cov_points, true_depth_m)
         known = found.sigmas_m > 0
         self.frames += 1
-        self.points += len(found.errors_m)
-        self._squares += float((found.errors_m**2).sum())
-        in_sigmas = abs(found.errors_m[known] / found.sigmas_m[known])
-        self._normalised += float((in_sigmas**2).sum())
-        self._with_sigma += int(known.sum())
-        self._beyond += int((in_sigmas > _MANY_SIGMAS).sum())
-        np.add.at(self._histogram_m, np.searchsorted(_BINS, abs(found.errors_m)), 1)
-        np.add.at(self._histogram_sigmas, np.searchsorted(_BINS, in_sigmas), 1)
+        self._in_metres.add(found.errors_m)
+        self._in_sigmas.add(found.errors_m[known] / found.sigmas_m[known])
         return found
 
-    @property
-    def rms_m(self) -> float:
-        """RMS depth error of all points away from depth edges, in metres; NaN where nothing was compared."""
-        return float(np.sqrt(self._squares / self.points)) if self.points else float("nan")
+    def figures(self) -> dict[str, float]:
+        """Return the figures of all points away from depth edges, NaN where nothing was compared.
 
-    @property
-    def median_m(self) -> float:
-        """Median absolute depth error in metres, rounded to 1 %; NaN where nothing was compared."""
-        return _median(self._histogram_m)
-
-    @property
-    def rms_over_sigma(self) -> float:
-        """RMS of error over estimated σ: 1 is consistent, more is overconfident; NaN where nothing was compared.
-
-        One wrong point among thousands can decide it; `median_over_sigma` and `beyond_3_sigma_percent` say whether.
+        RMS and median depth errors in metres; RMS and median of error over estimated σ (consistent: 1 and 0.67); and
+        the percentage of points that are off by more than 3 σ (consistent: 0.27). One wrong point among thousands can
+        dominate an RMS; the median and the percentage show whether it does. Medians are rounded to 1 %.
         """
-        return float(np.sqrt(self._normalised / self._with_sigma)) if self._with_sigma else float("nan")
+        return {
+            "local_structure_rms_m": self._in_metres.rms,
+            "local_structure_median_m": self._in_metres.median,
+            "local_structure_error_over_sigma": self._in_sigmas.rms,
+            "local_structure_error_over_sigma_median": self._in_sigmas.median,
+            "local_structure_beyond_3_sigma_percent": 100 * self._in_sigmas.share_beyond,
+        }
+
+
+class _Distribution:
+    """Root mean square, median and tail of the sizes of numbers that are not kept; NaN without any."""
+
+    def __init__(self) -> None:
+        self._count = self._beyond = 0
+        self._squares = 0.0
+        self._histogram = np.zeros(len(_BINS) + 1, dtype=np.int64)
+
+    def add(self, values: Array) -> None:
+        """Add numbers (n,) of any sign."""
+        self._count += len(values)
+        self._beyond += int((abs(values) > _MANY_SIGMAS).sum())
+        self._squares += float((values**2).sum())
+        np.add.at(self._histogram, np.searchsorted(_BINS, abs(values)), 1)
 
     @property
-    def median_over_sigma(self) -> float:
-        """Median of |error| over estimated σ, rounded to 1 %: 0.67 is consistent; NaN where nothing was compared."""
-        return _median(self._histogram_sigmas)
+    def rms(self) -> float:
+        """The root mean square."""
+        return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
 
     @property
-    def beyond_3_sigma_percent(self) -> float:
-        """Points whose error is more than 3 estimated σ: 0.27 % is consistent; NaN where nothing was compared."""
-        return 100 * self._beyond / self._with_sigma if self._with_sigma else float("nan")
+    def median(self) -> float:
+        """The median of the sizes, rounded to the bins."""
+        half = int(np.searchsorted(np.cumsum(self._histogram), self._count / 2))
+        return float(_BINS[min(half, len(_BINS) - 1)]) if self._count else float("nan")
 
-
-def _median(histogram: NDArray[np.int64]) -> float:
-    """Median of values counted in `_BINS`, NaN where there are none."""
-    count = int(histogram.sum())
-    if not count:
-        return float("nan")
-    half = int(np.searchsorted(np.cumsum(histogram), count / 2))
-    return float(_BINS[min(half, len(_BINS) - 1)])
+    @property
+    def share_beyond(self) -> float:
+        """The share of the numbers beyond 3."""
+        return self._beyond / self._count if self._count else float("nan")

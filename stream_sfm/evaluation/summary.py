@@ -12,34 +12,39 @@ from .drift import final_drift_percent, path_length_m, scale_error_percent
 from .segments import segment_errors
 from .structure import StructureComparison
 
+_KEYS = (
+    "ate_rmse_m",
+    "ate_rmse_aligned_m",
+    "final_drift_percent",
+    "t_rel_percent",
+    "r_rel_deg_per_100m",
+    "segment_lengths_m",
+    "scale_error_percent",
+    "nees_pose_mean",
+    "local_structure_rms_m",
+    "local_structure_median_m",
+    "local_structure_error_over_sigma",
+    "local_structure_error_over_sigma_median",
+    "local_structure_beyond_3_sigma_percent",
+    "frames_compared",
+)
+
 
 def evaluate(
     estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
 ) -> dict[str, Any]:
     """Compute all figures against ground truth; a figure is None where it is not defined.
 
-    That is so for a path too short, a camera that stands still, a log without depth images. `frames_compared` is the
-    number of estimates that have a truth. The NEES needs covariances relative to the first frame compared, so it is
-    given only where that is the first frame of the estimate. Where the covariances of the structure are consistent,
+    That is the case for a short path, a camera that stands still, or a log without depth images. `frames_compared` is
+    the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a truth,
+    because covariances are relative to it. Where the covariances of the structure are consistent,
     `local_structure_error_over_sigma` (an RMS) is 1, its `_median` 0.67, and 0.27 % are beyond 3 σ. Raises LogError
     for a truth that is not made of rigid motions.
     """
     check_rigid(truth)
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
-    figures: dict[str, Any] = dict.fromkeys(
-        (
-            "ate_rmse_m",
-            "ate_rmse_aligned_m",
-            "final_drift_percent",
-            "t_rel_percent",
-            "r_rel_deg_per_100m",
-            "segment_lengths_m",
-            "scale_error_percent",
-            "nees_pose_mean",
-        )
-    )
-    figures["segment_lengths_m"] = []
+    figures: dict[str, Any] = dict.fromkeys(_KEYS) | {"segment_lengths_m": [], "frames_compared": len(rows)}
     if len(rows) >= 2:
         segments = segment_errors(e, t)
         figures |= {
@@ -53,12 +58,8 @@ def evaluate(
         }
         if estimate.cov_pose is not None and rows[0] == 0:
             figures["nees_pose_mean"] = nees_pose_mean(e, estimate.cov_pose[rows], t)
-    figures["local_structure_rms_m"] = structure.rms_m if structure else None
-    figures["local_structure_median_m"] = structure.median_m if structure else None
-    figures["local_structure_error_over_sigma"] = structure.rms_over_sigma if structure else None
-    figures["local_structure_error_over_sigma_median"] = structure.median_over_sigma if structure else None
-    figures["local_structure_beyond_3_sigma_percent"] = structure.beyond_3_sigma_percent if structure else None
-    figures["frames_compared"] = len(rows)
+    if structure is not None:
+        figures |= structure.figures()
     return {key: _or_none(value) for key, value in figures.items()}
 
 

@@ -9,7 +9,7 @@ _VERSION = 5  # of ROS 2 Humble; later ones read it
 
 
 def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns: int, last_ns: int) -> bytes:
-    """The content for one MCAP file; `topics`: type, quality of service and number of messages of each.
+    """Return the content for one MCAP file; `topics`: type, quality of service and number of messages of each.
 
     It is written as JSON, which is YAML as well.
     """
@@ -42,7 +42,7 @@ def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns
 
 
 def may_be_written(path: Path, file: str) -> bool:
-    """Whether there is none at `path` yet, or one of an earlier run: that of another bag is left as it is."""
+    """Whether `path` does not exist or is of an earlier run; the metadata of another bag must not be replaced."""
     try:
         content = json.loads(path.read_bytes())
         return bool(content["rosbag2_bagfile_information"]["relative_file_paths"] == [file])

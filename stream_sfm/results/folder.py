@@ -1,4 +1,4 @@
-"""The folder that a replay writes its results to, and a comparison those of each method."""
+"""The folder of the results of a run, or of one method of a comparison."""
 
 import os
 import time
@@ -24,9 +24,9 @@ _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits t
 class ResultFolder:
     """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and at last summary.json.
 
-    The folder and its files are made with the first estimate, so that a log that cannot be used leaves no folder
-    behind. Only one run may write to a folder at a time. Raises OutputError naming the file or the folder. In a `with`
-    statement the files are finished however it ends, so that nothing is lost.
+    The folder and its files are created with the first estimate, so that an unusable log leaves no folder behind. Only
+    one run may write to a folder at a time. A `with` statement finishes the files however it ends. Raises OutputError
+    naming the file or the folder.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -100,7 +100,7 @@ class ResultFolder:
 
 
 def changed_results(folder: Path, config: Config) -> list[Path]:
-    """The files that a run writes to a folder: all but a config.toml that already holds just this configuration.
+    """Return the files that a run changes: all but a config.toml that already holds just this configuration.
 
     It may be the file that the run was configured with, as where a run is repeated.
     """

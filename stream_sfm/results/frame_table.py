@@ -40,7 +40,7 @@ def frame_table(frames: Sequence[FrameEstimate] | Sequence[EstimateRecord]) -> T
 
 
 def _std_in_world(world_from_cam: Array, cov: Array) -> Array:
-    """σ (n, 3) along the world's axes of covariances (n, 3, 3) in axes of the cameras (n, 4, 4)."""
+    """Return σ (n, 3) along the world's axes of covariances (n, 3, 3) in axes of the cameras (n, 4, 4)."""
     known = np.isfinite(cov).all(axis=(1, 2))
     turned = world_from_cam[known, :3, :3]
     variances = np.full((len(cov), 3), np.nan)

@@ -1,4 +1,4 @@
-"""The path so far, in bounded memory and with bounded writing: thinned where it is long, repeated ever more rarely."""
+"""The path so far, in bounded memory and with bounded writing: a long one is thinned, and repeated less often."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ class PathSoFar:
         self._due_at = 1.0
 
     def add(self, pose: Any) -> bool:
-        """Add the next pose; whether a path is due."""
+        """Add the next pose, and return whether a path is due."""
         if self._frames % self._stride == 0:
             if len(self._kept) == _MAX_POSES:  # an even number: this frame belongs to the thinned ones, too
                 del self._kept[1::2]
@@ -31,7 +31,7 @@ class PathSoFar:
         return True
 
     def poses(self) -> list[Any]:
-        """The path, from the first pose to the latest."""
+        """Return the path, from the first pose to the latest."""
         if not self._kept or self._kept[-1] is self._latest:
             return list(self._kept)
         return [*self._kept, self._latest]

@@ -41,13 +41,13 @@ class _Field:
         return f"{scalar}[]"
 
     def to_message(self, value: Any) -> dict[str, Any]:
-        """The message's fields that hold this value."""
+        """Return the message's fields that hold this value."""
         if self.container is dict:
             return {f"{self.name}_names": list(value), self.name: self._numbers(list(value.values()))}
         return {self.name: self._numbers(value) if self.container is list or self.shape else value}
 
     def from_message(self, message: Any) -> Any:
-        """The value that a message holds."""
+        """Return the value that a message holds."""
         value = getattr(message, self.name)
         if self.container is dict:
             return dict(zip(getattr(message, f"{self.name}_names"), value.tolist(), strict=True))
@@ -60,7 +60,7 @@ class _Field:
 
 
 def definition(kind: type[msgspec.Struct]) -> str:
-    """The text of the message of a record; each field is explained. The header gives the stamp and the frame."""
+    """Return the text of the message of a record; each field is explained. The header gives the stamp and the frame."""
     lines = [f"# {first_line(kind)}", "std_msgs/Header header"]
     for field in _fields(kind):
         lines.append(f"# {field.description}")
@@ -71,7 +71,7 @@ def definition(kind: type[msgspec.Struct]) -> str:
 
 
 def to_fields(record: msgspec.Struct) -> dict[str, Any]:
-    """The values of a message's fields, without the header."""
+    """Return the values of a message's fields, without the header."""
     values: dict[str, Any] = {}
     for field in _fields(type(record)):
         values |= field.to_message(getattr(record, field.name))
@@ -79,7 +79,7 @@ def to_fields(record: msgspec.Struct) -> dict[str, Any]:
 
 
 def from_message(message: Any, kind: type[Record]) -> Record:
-    """The record that a decoded message holds; fields that it lacks have their defaults.
+    """Return the record that a decoded message holds; fields that it lacks have their defaults.
 
     Raises TypeError where one without a default is missing, ValueError or AttributeError where one has another type.
     """
@@ -107,7 +107,7 @@ def _field(name: str, hint: Any) -> _Field:
 
 
 def _unwrapped(hint: Any) -> tuple[Any, str, tuple[int, ...]]:
-    """A type without its annotations, what they say of its meaning, and the shape of the matrix that it is."""
+    """Return a type without its annotations, its description in them, and the shape of its matrices."""
     description, shape = "", ()
     while get_origin(hint) is Annotated:
         hint, *metas = get_args(hint)

@@ -94,7 +94,7 @@ class RunResults:
         )
 
     def to_pandas(self) -> Any:
-        """The table as a pandas DataFrame, its index the time of the frames. Raises ConfigError without pandas."""
+        """Return the table as a pandas DataFrame, indexed by time. Raises ConfigError without pandas."""
         try:
             import pandas as pd
         except ImportError:

@@ -49,7 +49,7 @@ class Scalars:
         )
 
     def _speeds(self, stamp_ns: int, pose: Array) -> tuple[float, float]:
-        """Speed and angular speed since the previous frame, NaN in the first."""
+        """Return the speed and angular speed since the previous frame, NaN in the first."""
         previous, self._previous = self._previous, (stamp_ns, pose)
         if previous is None:
             return _NAN, _NAN

@@ -51,7 +51,7 @@ def csv_writer(path: str | Path) -> LineWriter:
 
 
 def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
-    """The line of a pose (4, 4); seconds have nine decimals, taken from the integer stamp without a float between."""
+    """Return the line of a pose (4, 4); its seconds have nine decimals and are exact."""
     numbers = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])]
     sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{ns // 10**9}.{ns % 10**9:09d} " + " ".join(f"{x:.12g}" for x in numbers)

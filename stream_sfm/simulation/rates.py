@@ -128,7 +128,7 @@ def _row(name: str, quantity: str, data: Measured) -> Report:
 
 
 def _estimators_over_span(by_length: list[Measured]) -> Report:
-    """Variances of the estimators at the end of 31 frames by track length, over those at L = 2."""
+    """Report variances at the end of 31 frames by track length, over those at L = 2."""
     base = by_length[0]
     found = {
         m.label: {q: [ratio(data[m.label][q], base[m.label][q]) for data in by_length] for q in QUANTITIES}
@@ -138,7 +138,7 @@ def _estimators_over_span(by_length: list[Measured]) -> Report:
 
 
 def _estimators_over_window(data: Measured) -> Report:
-    """Variances of the estimators over the bound by the frames b in the window, at L = 8 and 200 mm per frame."""
+    """Report variances over the bound by the frames b in the window, at L = 8 and 200 mm per frame."""
     found = {
         m.label: {
             q: [ratio(data[f"{m.name} b={b}"][q], data[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]

@@ -45,24 +45,18 @@ def test_a_perfect_trajectory_has_no_error_in_any_world():
         "scale_error_percent",
         "nees_pose_mean",
     ):
-        assert abs(figures[key]) < 1e-9, key
+        assert abs(figures[key]) < 1e-9, key  # rounding
     assert figures["frames_compared"] == len(truth)
     assert figures["local_structure_rms_m"] is None
 
 
-def test_a_rigid_offset_vanishes_by_alignment():
+def test_a_rigid_offset_vanishes_by_alignment_and_an_error_of_the_first_pose_does_not():
     truth = winding_path()
     moved = se3.exp([1.0, -2.0, 3.0, 0.4, 0.5, -0.6]) @ truth
-    assert ev.ate_rmse_aligned_m(moved, truth) < 1e-12
-    assert ev.ate_rmse_m(moved, truth) < 1e-12
-
-
-def test_an_error_of_the_first_pose_counts_only_unaligned():
-    truth = winding_path()
+    assert max(ev.ate_rmse_aligned_m(moved, truth), ev.ate_rmse_m(moved, truth)) < 1e-12
     estimate = truth.copy()
     estimate[0] = estimate[0] @ se3.exp([0, 0, 0, 0.05, 0, 0])
-    assert ev.ate_rmse_aligned_m(estimate, truth) < 1e-9
-    assert ev.ate_rmse_m(estimate, truth) > 0.1
+    assert ev.ate_rmse_aligned_m(estimate, truth) < 1e-9 < 0.1 < ev.ate_rmse_m(estimate, truth)  # 0.05 rad at 60 m
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.04])
@@ -71,7 +65,7 @@ def test_a_known_scale_is_found_and_never_aligned_away(scale: float):
     estimate = truth.copy()
     estimate[:, :3, 3] *= scale
     assert ev.scale_error_percent(estimate, truth) == pytest.approx(100 * (scale - 1), abs=1e-9)
-    assert ev.ate_rmse_aligned_m(estimate, truth) > 0.1
+    assert ev.ate_rmse_aligned_m(estimate, truth) > 0.1  # a few per cent of a path of 60 m
     chord = np.linalg.norm(truth[-1, :3, 3] - truth[0, :3, 3]) / ev.path_length_m(truth)
     assert ev.final_drift_percent(estimate, truth) == pytest.approx(100 * abs(scale - 1) * chord)
 
@@ -88,7 +82,7 @@ def test_segments_of_a_scaled_straight_line_are_off_by_the_scale():
     expected = sum(2.0 * (length + 1) / length * n for length, n in starts.items()) / sum(starts.values())
     assert found.count == sum(starts.values())
     assert found.t_rel_percent == pytest.approx(expected)
-    assert found.r_rel_deg_per_100m == pytest.approx(0, abs=1e-9)
+    assert found.r_rel_deg_per_100m == pytest.approx(0, abs=1e-9)  # rounding
 
 
 def test_a_constant_turning_error_is_measured_in_degrees_per_100_m():
@@ -150,7 +144,8 @@ def test_nees_of_errors_drawn_from_the_covariance_is_six():
     noise = rng.normal(size=(len(truth), 6)) @ half.T
     noise[0] = 0
     estimate = truth @ se3.exp(-noise)  # truth = estimate·Exp(noise)
-    assert ev.nees_pose_mean(estimate, cov, truth) == pytest.approx(6, abs=6 * 0.58 / np.sqrt(2000) * 4)
+    standard_error = np.sqrt(2 * 6 / 2000)
+    assert ev.nees_pose_mean(estimate, cov, truth) == pytest.approx(6, abs=4 * standard_error)
     assert np.isnan(ev.nees_pose(estimate, cov, truth)[0])
 
 
@@ -188,23 +183,17 @@ class TestAgainstEvo:
         metric.process_data((self.path(self.truth), estimate))
         return metric.get_statistic(self.metrics.StatisticsType.rmse)
 
-    def test_ate_aligned(self):
+    def test_ate_and_scale(self):
+        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
         estimate = self.path(self.estimate)
         estimate.align(self.path(self.truth))
-        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
         assert ev.ate_rmse_aligned_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
-
-    def test_ate_with_first_poses_aligned(self):
         estimate = self.path(self.estimate)
         estimate.align_origin(self.path(self.truth))
-        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
         assert ev.ate_rmse_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
-
-    def test_scale(self):
-        estimate = self.path(self.estimate)
-        _, _, scale = estimate.align(self.path(self.truth), correct_scale=True)
-        expected = 100 * (1 / scale - 1)
-        assert ev.scale_error_percent(self.estimate, self.truth) == pytest.approx(expected, rel=1e-9)
+        _, _, scale = self.path(self.estimate).align(self.path(self.truth), correct_scale=True)
+        found = ev.scale_error_percent(self.estimate, self.truth)
+        assert found == pytest.approx(100 * (1 / scale - 1), rel=1e-9)
 
     def test_relative_errors_over_one_length(self):
         found = ev.segment_errors(self.estimate, self.truth, lengths_m=(10.0,), step=1)
