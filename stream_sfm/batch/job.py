@@ -36,9 +36,8 @@ SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and i
 class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
-    `options` are further arguments of `replay`; `calibration` is a file, two files, or a folder; `truth` is the file
-    of the ground truth. The replay is ended when no frame
-    has been written for `timeout_s`, or when the file `stop` appears.
+    `options` are further arguments of `replay`; `inputs` the files and folders that they name. The replay is ended when
+    no frame has been written for `timeout_s`, or when the file `stop` appears.
     """
 
     name: str
@@ -46,8 +45,7 @@ class Job:
     folder: Path
     config_toml: str
     options: tuple[str, ...]
-    calibration: tuple[Path, ...]
-    truth: Path | None
+    inputs: tuple[Path, ...]
     timeout_s: float
     stop: Path
 
@@ -78,8 +76,7 @@ def run_job(job: Job) -> JobResult:
         return _result(job, "interrupted", "not started")
     try:
         log_sha256, key = _fingerprint(job)
-        previous = _previous(job.folder)
-        if previous is not None and previous.status in ("done", "incomplete"):
+        if (previous := _previous(job.folder)) is not None and previous.status in ("done", "incomplete"):
             if previous.key == key and all((job.folder / name).exists() for name in RESULTS):
                 return msgspec.structs.replace(previous, name=job.name, log=str(job.log), reused=True)
             if previous.log_sha256 != log_sha256 and previous.log != str(job.log):
@@ -118,9 +115,7 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 def _fingerprint(job: Job) -> tuple[str, str]:
     """SHA-256 of the log, and of everything that its results depend on."""
     log_sha256 = _sha256(job.log)
-    calibration = [_sha256(path) for path in job.calibration]
-    truth = _sha256(job.truth) if job.truth else None
-    parts = [log_sha256, job.config_toml, job.options, calibration, truth, __version__]
+    parts = [log_sha256, job.config_toml, job.options, [_sha256(path) for path in job.inputs], __version__]
     return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 
 
@@ -155,9 +150,7 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
     """Status and reason of a replay in its own process."""
     config = job.folder / "config.toml"
     config.write_text(job.config_toml, encoding="utf-8")
-    options = [*job.options, *(f"--calibration={path}" for path in job.calibration)]
-    options += [f"--ground-truth={job.truth}"] if job.truth else []
-    command = [sys.executable, "-m", "stream_sfm.cli.supervised", "replay", f"--config={config}", *options]
+    command = [sys.executable, "-m", "stream_sfm.cli.supervised", "replay", f"--config={config}", *job.options]
     command += [f"--out={job.folder}", "--quiet", "--debug", str(job.log)]
     errors = job.folder / _STDERR
     with (

@@ -1,4 +1,4 @@
-"""Find the logs that files, folders and patterns stand for, and give each a name."""
+"""Find the logs that files, folders and patterns stand for, and give each a name and its ground truth."""
 
 import glob
 import os
@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ..errors import LogError
+from ..errors import ConfigError, LogError
 from ..sources.recognise import SUPPORTED, is_recording
 
+_TRUTHS = (".txt", ".tum", ".csv")
 _RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log
 
 
@@ -83,3 +84,23 @@ def _unused(name: str, taken: set[str]) -> str:
         candidate = f"{name}-{number}"
     taken.add(candidate.casefold())
     return candidate
+
+
+def truth_files(given: Path, names: Mapping[Path, str]) -> dict[Path, Path]:
+    """The file for each log; `names`: of the logs, as in the batch. Logs without one keep their own ground truth.
+
+    Raises ConfigError where it does not exist, or where a folder has a file for none of the logs.
+    """
+    if not given.is_dir():
+        if not given.is_file():
+            raise ConfigError(f"ground truth {given}: the file or folder does not exist")
+        return dict.fromkeys(names, given)
+    files = {path.stem: path for path in sorted(given.iterdir()) if path.suffix.lower() in _TRUTHS}
+    found = {log: files[key] for log, name in names.items() for key in (log.stem, name) if key in files}
+    if not found:
+        listed = ", ".join(path.name for path in files.values()) or "no .txt, .tum or .csv"
+        wanted = next((f"{name}.txt" for name in names.values()), "LOG.txt")
+        raise ConfigError(
+            f"ground truth {given}: no file is named after a log, such as {wanted}; it holds {listed}"
+        )
+    return found

@@ -1,21 +1,35 @@
-"""Many logs in one call: find them, replay each in its own process, collect the results."""
+"""Many logs in one call: find them, replay each in its own process, collect the results in batch.json and one page."""
 
 import os
+import time
+import uuid
+from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from .. import __version__
 from ..camera.calibration.read import Where
 from ..camera.rig import checked_paths
-from ..config import Config
+from ..config import Config, config_to_toml
+from ..estimators import check_method
 from ..executors import cluster
+from ..files import json_bytes, make_folder, write_whole
+from ..interrupts import deferred_interrupts
+from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
+from ..report.batch_page import render_batch
 from ..run.refine import check_calibrates
 from ..types import Selection
-from .collect import run_batch
-from .job import JobResult
-from .logs import find_logs
+from .job import FILES, Job, JobResult, read_summary, run_job
+from .logs import find_logs, names_for, truth_files
+
+SCHEMA_VERSION = 1
+RECORD, PAGE = "batch.json", "report.html"
+_POLL_S = 0.2  # how soon a Ctrl-C is passed on to the jobs
 
 
 def replay_batch(
@@ -40,30 +54,42 @@ def replay_batch(
     `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of what the logs
     have. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`. A log that
     delivers no frame for `timeout_s` is stopped; `on_done` is called with the result of each. A second call processes
-    only what is missing or has changed. Raises ConfigError, LogError and OutputError before any log is started.
+    only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
+    frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
     """
-    config = config or Config()
+    config, out = config or Config(), Path(out_dir).resolve()
     config.needs_scale("a batch, which compares metres,")
+    check_method(config.method)
     if calibrate:
         check_calibrates(config)
     calibrations = [] if calibration is None else checked_paths(calibration)
     truth = ground_truth if isinstance(ground_truth, GroundTruthFile | None) else GroundTruthFile(ground_truth)
     skipped: list[str] = []
-    found = find_logs([str(log) for log in logs], skipped)
+    names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
+    truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
+    options = _replay_options(left, right, selection or Selection(), truth, calibrate)
+    stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
+    toml, jobs = config_to_toml(config), []
+    for log, name in names.items():
+        inputs = [("calibration", path) for path in calibrations]
+        inputs += [("ground-truth", truths[log])] if log in truths else []
+        named = [_option(*given) for given in inputs]
+        paths = tuple(path for _, path in inputs)
+        jobs.append(Job(name, log, out / name, toml, (*options, *named), paths, timeout_s, stop))
+    outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
+    refuse_overwriting(outputs, [*names, *calibrations, *truths.values()])
+    known = {"method": config.method, "configuration": toml, "options": options, "skipped": skipped}
     # the threads only wait for the processes that replay
     with cluster(scheduler) if scheduler else ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
-        return run_batch(
-            found,
-            Path(out_dir),
-            config,
-            executor,
-            options=_replay_options(left, right, selection or Selection(), truth, calibrate),
-            calibration=calibrations,
-            truth=None if truth is None else Path(truth.path).resolve(),
-            timeout_s=timeout_s,
-            skipped=skipped,
-            on_done=on_done,
-        )
+        make_folder(out)
+        with only_writer(out):
+            started_s = time.monotonic()
+            results, interrupted = _run_jobs(executor, jobs, stop, on_done)
+            ended = {"interrupted": interrupted, "wall_s": time.monotonic() - started_s}
+            content = _content(jobs, results) | known | ended
+            write_whole(out / RECORD, json_bytes(content))
+            write_whole(out / PAGE, render_batch(content, out).encode())
+    return content
 
 
 def _replay_options(
@@ -81,8 +107,11 @@ def _replay_options(
     }
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
-    given = {name: value for name, value in chosen.items() if value is not None}
-    return [f"--{name}" if value is True else f"--{name}={value}" for name, value in given.items()]
+    return [_option(name, value) for name, value in chosen.items() if value is not None]
+
+
+def _option(name: str, value: object) -> str:
+    return f"--{name}" if value is True else f"--{name}={value}"
 
 
 def _frame(truth: GroundTruthFile) -> str | None:
@@ -91,3 +120,53 @@ def _frame(truth: GroundTruthFile) -> str | None:
         return None
     path = Path(truth.frame)
     return str(path.resolve() if path.is_file() else truth.frame)
+
+
+def _content(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any]:
+    """The part of batch.json that follows from the results of the jobs."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "complete": all(result.status == "done" for result in results),
+        "counts": dict(Counter(result.status for result in results)),
+        "reused": sum(result.reused for result in results),
+        "logs": [
+            msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+            for job, result in zip(jobs, results, strict=True)
+        ],
+    }
+
+
+def _run_jobs(
+    executor: Executor, jobs: Sequence[Job], stop: Path, on_done: Callable[[JobResult], None] | None
+) -> tuple[list[JobResult], bool]:
+    """The results in the order of the jobs, and whether a signal ended the batch."""
+    results: dict[str, JobResult] = {}
+    with deferred_interrupts() as interruption:
+        futures = {executor.submit(run_job, job): job for job in jobs}
+        waiting = set(futures)
+        try:
+            while waiting:
+                ended, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
+                for future in ended:
+                    job = futures[future]
+                    results[job.name] = _result(future, job)
+                    if on_done is not None:
+                        on_done(results[job.name])
+                if interruption.requested:
+                    stop.touch()
+        except BaseException:  # a second Ctrl-C: no job is waited for any longer
+            stop.touch()
+            for future in waiting:
+                future.cancel()
+            raise
+    stop.unlink(missing_ok=True)
+    return [results[job.name] for job in jobs], interruption.requested
+
+
+def _result(future: Future[JobResult], job: Job) -> JobResult:
+    try:
+        return future.result()
+    except Exception as error:  # the worker itself was lost, or cannot write
+        reason = f"{type(error).__name__}: {error}"
+        return JobResult(name=job.name, log=str(job.log), status="failed", reason=reason)

@@ -1,10 +1,9 @@
 """What a log shows about its methods, in plain words: the paragraph on top of the report.
 
-It names methods as the tables do, speaks of position and rotation separately, and adds what makes an order between
-methods worthless: covariances that do not hold, and errors that all methods share.
+It names methods as the tables do, speaks of position and rotation separately, and adds where errors are far larger
+than the covariances say.
 """
 
-from math import sqrt
 from typing import Any, NamedTuple
 
 from ..evaluation.relative import MIN_FRAMES_RATIO, tested_spans
@@ -18,8 +17,6 @@ _IN_FULL = (
 )  # methods with figures in any case; of the others only where they are ahead
 _EXPECTED_NEES = 6
 _EXCESSIVE_NEES = 9 * _EXPECTED_NEES  # errors three times as large as estimated; no single log varies as much
-# Methods err together where they differ by less than this share of their error: a convention of the report.
-_SHARED = 0.5
 
 _WITHOUT_TRUTH = (
     "This log has no ground truth, so the accuracy of the methods is unknown. The report shows how far each method "
@@ -47,19 +44,17 @@ def conclusion(content: dict[str, Any]) -> Conclusion:
     if not content["frames_with_ground_truth"]:
         return Conclusion("open", [_WITHOUT_TRUTH])
     ratios = {_name(key): found for key, found in content["error_over_cross_frame"].items()}
-    together = _all_wrong(content)
     if not ratios:
         obstacle = f"The methods cannot be compared on this log: {_obstacle(content)}."
-        return Conclusion("open", [obstacle, *together])
+        return Conclusion("open", [obstacle, *_covariances(content)])
     longest = tested_spans(content["frames_with_ground_truth"])[-1]
     spans = "2 frames" if longest == 2 else f"2 to {longest} frames"
     method = (
         f"Figures are RMS errors of motions over {spans}, over those of {label(_REFERENCE)}; position and rotation of "
         "a method are both in their intervals in 95 % of logs."
     )
-    style = _style(ratios["ekf"]) if "ekf" in ratios and not together else "open"
-    order, held = _in_order(content, ratios), _reference_nees(content, together)
-    return Conclusion(style, [*together, *order, *held, method])
+    style = _style(ratios["ekf"]) if "ekf" in ratios else "open"
+    return Conclusion(style, [*_in_order(ratios), *_covariances(content), method])
 
 
 def _name(key: str) -> str:
@@ -87,11 +82,11 @@ def _style(found: Ratios) -> str:
     return "larger" if sides in ({1}, {0, 1}) else "smaller" if sides in ({-1}, {0, -1}) else "open"
 
 
-def _in_order(content: dict[str, Any], ratios: dict[str, Ratios]) -> list[str]:
+def _in_order(ratios: dict[str, Ratios]) -> list[str]:
     """The methods that are always named, those that are ahead, and the rest by what they have in common."""
     full = [name for name in _IN_FULL if name in ratios]
     ahead = [name for name in ratios if name not in full and -1 in _sides(ratios[name]).values()]
-    said = [_begun(_clause(name, ratios[name]) + _but(content, name, ratios[name])) for name in [*full, *ahead]]
+    said = [_begun(_clause(name, ratios[name])) for name in [*full, *ahead]]
     rest = [name for name in ratios if name not in full and name not in ahead]
     level = [label(name) for name in rest if not any(_sides(ratios[name]).values())]
     behind = [label(name) for name in rest if any(_sides(ratios[name]).values())]
@@ -122,37 +117,12 @@ def _clause(name: str, found: Ratios) -> str:
     return f"{label(name)} against {label(_REFERENCE)}: {'; '.join(clauses)}."
 
 
-def _but(content: dict[str, Any], name: str, found: Ratios) -> str:
-    """What a method that is ahead has to be told about its covariance."""
-    nees = content["methods"][name.replace("-", "_")]["nees_pose_mean"]
-    if -1 not in _sides(found).values() or nees is None or nees < _EXCESSIVE_NEES:
-        return ""
-    return f" But its covariance does not hold: {_excess(nees)}."
-
-
-def _excess(nees: float) -> str:
-    times = sqrt(nees / _EXPECTED_NEES)
-    return f"NEES {nees:.3g} where {_EXPECTED_NEES} is expected, errors {times:.2g} times as large as estimated"
-
-
-def _reference_nees(content: dict[str, Any], together: list[str]) -> list[str]:
-    """The same of the reference, unless all methods are wrong together."""
-    nees = (content["methods"].get("cross_frame") or {}).get("nees_pose_mean")
-    if together or nees is None or nees < _EXCESSIVE_NEES:
-        return []
-    return [f"The covariance of {label(_REFERENCE)} does not hold here: {_excess(nees)}."]
-
-
-def _all_wrong(content: dict[str, Any]) -> list[str]:
-    """A sentence where no covariance holds and the methods are much closer to each other than to the ground truth."""
-    methods = content["methods"].values()
-    nees = [m["nees_pose_mean"] for m in methods if m["nees_pose_mean"] is not None]
-    errors = [m["ate_rmse_m"] for m in methods if m["ate_rmse_m"] is not None]
-    apart = content["divergence_from_cross_frame_m"].values()
-    if len(nees) < 2 or not apart or min(nees) < _EXCESSIVE_NEES or max(apart) > _SHARED * min(errors):
+def _covariances(content: dict[str, Any]) -> list[str]:
+    """A sentence where errors are much larger than estimated, with the NEES of these methods."""
+    nees = {key: m["nees_pose_mean"] for key, m in content["methods"].items() if m["nees_pose_mean"] is not None}
+    found = [f"{label(_name(key))} {value:.3g}" for key, value in nees.items() if value >= _EXCESSIVE_NEES]
+    if not found:
         return []
     return [
-        f"All methods are wrong together: the NEES of each is {min(nees):.3g} or more where {_EXPECTED_NEES} is "
-        f"expected, and they differ by at most {max(apart):.2g} m where each is {min(errors):.2g} m or more from the "
-        "ground truth (RMS). What they share, the calibration or the ground truth, is off by far more than they differ."
+        f"Errors more than three times as large as estimated (NEES, {_EXPECTED_NEES} expected): {', '.join(found)}."
     ]

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.batch.truth import truth_files
+from stream_sfm.batch.logs import truth_files
 from stream_sfm.cli.main import main
 from stream_sfm.results.trajectory_files import tum_line
-from tests.batch.running import NEEDS_PROC
 from tests.helpers.places import ROOM
 
 
@@ -23,20 +22,16 @@ def test_files_are_found_by_the_name_of_the_log_or_of_its_results(tmp_path: Path
         (folder / name).touch()
     assert truth_files(folder, names) == {a: folder / "a.txt", b: folder / "y-a.tum"}
     assert truth_files(folder / "a.txt", names) == dict.fromkeys(names, folder / "a.txt")
+    for given, others, said in (
+        (folder / "none.txt", names, "the file or folder does not exist"),
+        (folder, {tmp_path / "d.mcap": "d"}, r"such as d\.txt; it holds a\.txt"),
+        (tmp_path / "x", names, r"such as x-a\.txt; it holds no \.txt"),
+    ):
+        (tmp_path / "x").mkdir(exist_ok=True)
+        with pytest.raises(sfm.ConfigError, match=said):
+            truth_files(given, others)
 
 
-def test_what_fits_no_log_is_refused(tmp_path: Path) -> None:
-    names = {tmp_path / "a.mcap": "a"}
-    with pytest.raises(sfm.ConfigError, match="the file or folder does not exist"):
-        truth_files(tmp_path / "nowhere.txt", names)
-    with pytest.raises(sfm.ConfigError, match=r"such as a\.txt; it holds no \.txt"):
-        truth_files(tmp_path, names)
-    (tmp_path / "b.txt").touch()
-    with pytest.raises(sfm.ConfigError, match=r"such as a\.txt; it holds b\.txt"):
-        truth_files(tmp_path, names)
-
-
-@NEEDS_PROC
 @pytest.mark.slow
 def test_a_batch_is_compared_with_the_files(tmp_path: Path) -> None:
     """The truth of the room, twice as large: every figure must say so, and a second run must notice the file."""
@@ -58,9 +53,3 @@ def test_a_batch_is_compared_with_the_files(tmp_path: Path) -> None:
     assert reused == [False, False, True]  # the last one has the same file as the one before
     assert abs(errors[0]) < 1
     assert np.allclose(errors[1:], -50, atol=1)
-
-
-def test_the_comparison_of_methods_does_not_ignore_what_was_given(tmp_path: Path, capsys) -> None:
-    command = ["batch", "compare", str(ROOM), "--out", str(tmp_path / "out"), "--ground-truth", "a.txt"]
-    assert main(command) == 2
-    assert "leave --ground-truth out" in capsys.readouterr().err

@@ -64,15 +64,3 @@ def test_a_consumer_that_stops_closes_the_log(engine: sfm.Engine) -> None:
     next(ahead)
     ahead.close()
     assert closed == [True]
-
-
-def test_prepared_or_not_the_estimates_are_the_same(engine: sfm.Engine) -> None:
-    rng = np.random.default_rng(1)
-    images = [rng.integers(0, 255, SIZE, np.uint8) for _ in range(5)]
-    frames = [sfm.StereoFrame(n * 10**8, image, np.roll(image, -4, axis=1)) for n, image in enumerate(images)]
-    other = sfm.Engine(engine.rig)
-    items: Generator[Any, None, None] = (f for f in frames)
-    for f, (_, pair) in zip(frames, prepared_ahead(engine.observer, items), strict=True):
-        ahead, alone = engine.step(f, pair), other.step(f)
-        assert np.array_equal(ahead.track_ids, alone.track_ids)
-        assert np.array_equal(ahead.world_from_cam, alone.world_from_cam)

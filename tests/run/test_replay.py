@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +15,7 @@ from stream_sfm.config import read_config
 from stream_sfm.recording import open_log
 from stream_sfm.recording.ground_truth import DepthImages
 from stream_sfm.recording.log_writer import StereoLogWriter
-from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.results.estimates_reader import read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
@@ -69,15 +68,6 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
 
 
-def test_the_figures_are_those_of_a_good_run(replayed):
-    truth = replayed.summary["ground_truth"]
-    assert truth["ate_rmse_m"] < 0.01
-    assert truth["final_drift_percent"] < 5
-    assert truth["local_structure_rms_m"] < 0.05
-    assert truth["nees_pose_mean"] < 30
-    assert replayed.summary["duration_s"] == pytest.approx(11 * 0.05)
-
-
 def test_all_files_hold_the_same_poses(replayed):
     out = replayed.out_dir
     exact = read_trajectory(out / "estimates.mcap")
@@ -106,14 +96,6 @@ def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: 
     assert live_messages == estimate_messages(replayed.out_dir / "estimates.mcap")
 
 
-def test_the_cloud_is_the_estimate(wall_log: Path, tmp_path: Path):
-    seen = []
-    replay(wall_log, tmp_path / "out", FAST, sfm.Selection(max_frames=3), sinks=[Calling(seen.append)])
-    for estimate, cloud in zip(seen, read_clouds(tmp_path / "out" / "estimates.mcap"), strict=True):
-        assert (cloud.track_ids == estimate.track_ids).all()
-        assert np.allclose(cloud.points, estimate.points_in_cam, rtol=1e-6)
-
-
 def test_a_selection_is_counted_as_such(wall_log: Path):
     result = replay(wall_log, None, FAST, sfm.Selection(0.1, 0.4, stride=2))
     assert result.out_dir is None
@@ -128,11 +110,6 @@ def test_missing_right_images_are_counted_and_not_fatal(tmp_path: Path):
     assert result.summary["frames"]["read"] == 12
     assert result.summary["frames"]["estimated"] == 9
     assert result.summary["complete"] and any("no partner" in w for w in result.summary["warnings"])
-
-
-def test_a_log_without_truth_has_no_figures_of_it(tmp_path: Path):
-    result = replay(write_wall_log(tmp_path / "bare.mcap", n=3, truth=False), None, FAST)
-    assert "ground_truth" not in result.summary
 
 
 def test_a_cut_log_is_estimated_as_far_as_it_goes(wall_log: Path, tmp_path: Path):
@@ -152,17 +129,26 @@ def test_a_log_that_cannot_be_used_leaves_no_folder(tmp_path: Path):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_exception_in_the_caller_s_hands_loses_nothing(wall_log: Path, tmp_path: Path):
-    def explode(estimate):
-        if estimate.frame_index == 2:
-            raise RuntimeError("the caller's own")
+@pytest.mark.parametrize("error", [RuntimeError("the caller's own"), sfm.OutputError("no space left on device")])
+def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
+    error: Exception, wall_log: Path, tmp_path: Path
+):
+    class Failing:
+        def write(self, estimate, frame):
+            if estimate.frame_index == 2:
+                raise error
 
-    with pytest.raises(RuntimeError, match="the caller's own"):
-        replay(wall_log, tmp_path / "out", FAST, sinks=[Calling(explode)])
-    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
+        def close(self):
+            raise error
+
+    other = Calling(lambda _: None)
+    with pytest.raises(type(error), match=str(error)):
+        replay(wall_log, tmp_path / "out", FAST, sinks=[Failing(), other])
+    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES and other.closed == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["complete"] is False and summary["frames"]["estimated"] == 3
-    assert any("the caller's own" in w for w in summary["warnings"])
+    assert any(str(error) in w for w in summary["warnings"]) or isinstance(error, sfm.InputError)
+    assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) == 3
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -179,27 +165,6 @@ def test_a_signal_ends_the_run_after_the_frame_in_hand(number, wall_log: Path, t
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
     assert caught.value.result.summary["complete"] is False
     assert any("interrupted after 5 frames" in w for w in caught.value.result.summary["warnings"])
-
-
-def test_a_folder_that_cannot_be_made_is_an_output_error(wall_log: Path, tmp_path: Path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(sfm.OutputError, match="file"):
-        replay(wall_log, tmp_path / "file" / "out", FAST)
-
-
-def test_a_failing_sink_does_not_take_the_others_with_it(wall_log: Path, tmp_path: Path):
-    class Full:
-        def write(self, estimate, frame):
-            if estimate.frame_index == 3:
-                raise sfm.OutputError("cannot write: no space left on device")
-
-        def close(self):
-            raise sfm.OutputError("cannot write: no space left on device")
-
-    with pytest.raises(sfm.OutputError, match="no space left"):
-        replay(wall_log, tmp_path / "out", FAST, sinks=[Full()])
-    assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) >= 3
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["complete"] is False
 
 
 def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(wall_log: Path, tmp_path: Path):
@@ -219,11 +184,11 @@ def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(wall_log: Path
 
 
 def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
-    """room.mcap, and the same 20 times over: there and back, so that it is one long motion."""
-    longer = tmp_path / "room20.mcap"
+    """room.mcap, and the same 8 times over: there and back, so that it is one long motion."""
+    longer = tmp_path / "room8.mcap"
     room = open_log(ROOM)
     pairs = list(room.pairs())
-    turns = [pairs if turn % 2 == 0 else pairs[-2:0:-1] for turn in range(20)]
+    turns = [pairs if turn % 2 == 0 else pairs[-2:0:-1] for turn in range(8)]
     n = 0
     with StereoLogWriter(longer, room.rig) as writer:
         for pair in (pair for turn in turns for pair in turn):
@@ -245,37 +210,22 @@ def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
         found.append([float(x) for x in done.stdout.split()])
     (few, _, small), (many, lost, large) = found
     assert (few, many, lost) == (len(pairs), n, 0)
-    assert large - small < 30
-
-
-class Recording:
-    """A sink that keeps what it is given, and whether trajectory.tum already had it."""
-
-    def __init__(self, out: Path) -> None:
-        self.lines = out / "trajectory.tum.part"
-        self.written, self.seen, self.closed = [], [], 0
-
-    def write(self, estimate, frame):
-        self.seen.append((estimate, frame))
-        self.written.append(self.lines.read_text().count("\n"))
-
-    def close(self):
-        self.closed += 1
+    assert large - small < 30  # the images of these frames would be 40 MiB, what is kept is 1
 
 
 def test_a_sink_gets_each_estimate_with_its_frame_after_the_files(tmp_path: Path) -> None:
-    sink = Recording(tmp_path)
+    written, seen = tmp_path / "trajectory.tum.part", []
+
+    class Recording(Calling):
+        def write(self, estimate, frame):
+            seen.append((written.read_text().count("\n"), estimate, frame))
+
+    sink = Recording(print)
     result = replay(ROOM, tmp_path, FAST, sfm.Selection(max_frames=3), sinks=[sink])
-    assert sink.written == [1, 2, 3] and sink.closed == 1
-    for (estimate, frame), pose in zip(sink.seen, result.trajectory.world_from_cam, strict=True):
+    assert [lines for lines, _, _ in seen] == [1, 2, 3] and sink.closed == 1
+    for (_, estimate, frame), pose in zip(seen, result.trajectory.world_from_cam, strict=True):
         assert estimate.stamp_ns == frame.stamp_ns and (estimate.world_from_cam == pose).all()
         assert frame.pictures == (frame.recorded.left.data, frame.recorded.right.data)
-        assert np.array_equal(cv2.imdecode(np.frombuffer(frame.pictures[0], np.uint8), 0), frame.left)
-
-
-def test_raw_images_are_shown_as_they_were_decoded(wall_log: Path) -> None:
-    for frame in open_log(wall_log).frames(sfm.Selection(max_frames=2)):
-        assert frame.pictures[0] is frame.left and frame.pictures[1] is frame.right
 
 
 def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkeypatch) -> None:
@@ -307,10 +257,3 @@ def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
     assert found["path_length_m"] == pytest.approx(2 * there.summary["path_length_m"])
     std_end_m = np.sqrt(2 * np.trace(there.trajectory.cov_pose[-1][:3, :3]))  # there, and as much again back
     assert 0 < found["end_position_m"] < 4 * std_end_m
-
-
-def test_frames_too_many_to_be_fed_backwards_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.run.there_and_back.KEPT_LIMIT_BYTES", 10_000)
-    summary = replay(ROOM, selection=sfm.Selection(max_frames=3), there_and_back=True).summary
-    assert summary["there_and_back"] is None
-    assert any("not fed backwards" in w for w in summary["warnings"])
