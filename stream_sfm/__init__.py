@@ -142,8 +142,7 @@ _HOMES = {
     "evaluation.summary": ("evaluate",),
     "frontend.prepared": ("PreparedImages",),
     "geometry.stereo": ("StereoProjection",),
-    "importers.copy": ("Imported",),
-    "importers.data_sets": ("import_euroc", "import_images", "import_kitti"),
+    "importers.data_sets": ("Imported", "import_euroc", "import_images", "import_kitti"),
     "importers.video": ("import_video",),
     "inspection.overview": ("inspect_log as inspect",),
     "mcap_file.recover": ("Recovered", "recover"),
@@ -220,8 +219,7 @@ if TYPE_CHECKING:
     from .evaluation.summary import evaluate
     from .frontend.prepared import PreparedImages
     from .geometry.stereo import StereoProjection
-    from .importers.copy import Imported
-    from .importers.data_sets import import_euroc, import_images, import_kitti
+    from .importers.data_sets import Imported, import_euroc, import_images, import_kitti
     from .importers.video import import_video
     from .inspection.overview import inspect_log as inspect
     from .mcap_file.recover import Recovered, recover

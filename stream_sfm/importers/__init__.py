@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PUBLIC = {
-    "Imported": "copy",
+    "Imported": "data_sets",
     "import_euroc": "data_sets",
     "import_images": "data_sets",
     "import_kitti": "data_sets",
@@ -17,8 +17,7 @@ _PUBLIC = {
 __all__ = ["Imported", "import_euroc", "import_images", "import_kitti", "import_video"]
 
 if TYPE_CHECKING:
-    from .copy import Imported
-    from .data_sets import import_euroc, import_images, import_kitti
+    from .data_sets import Imported, import_euroc, import_images, import_kitti
     from .video import import_video
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, InputError
 from ..recording.log_writer import StereoLogWriter
-from .copy import Imported, check_free
+from .data_sets import Imported, check_free
 
 Layout: TypeAlias = Literal["left-right", "right-left", "top-bottom", "bottom-top"]
 Grey: TypeAlias = NDArray[np.uint8]

@@ -23,6 +23,7 @@ from ..recording.rig_finder import find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
+from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from . import findings
@@ -87,7 +88,11 @@ class _Inspection:
         self.warnings = list(damage.notes)
         self.result: dict[str, Any] = {
             "size_bytes": source.size_bytes,
-            **source.description(),
+            "format": source.format,
+            "profile": source.profile,
+            "library": source.library,
+            "indexed": source.indexed,
+            **({"files": source.files} if isinstance(source, JoinedSource) else {}),
             "complete": damage.complete,
             "duration_s": (survey.end_ns - survey.start_ns) / 1e9 if survey.whole and survey.topics else None,
             "topics": _topics(survey),

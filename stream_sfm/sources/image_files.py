@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
@@ -14,7 +14,7 @@ from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
 from .image_header import image_format, image_size
-from .source import Attachment, Contents, Message
+from .source import Contents, Message, Source
 
 if TYPE_CHECKING:
     from .profile import ProfileEncoder
@@ -30,7 +30,7 @@ class ImageFile:
     path: Path
 
 
-class ImageFilesSource:
+class ImageFilesSource(Source):
     """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
 
     `format` names the data set. An image that cannot be read, or has another size than the rig's, is skipped and
@@ -105,18 +105,6 @@ class ImageFilesSource:
 
     def _camera(self, side: int) -> Camera | None:
         return None if self.rig is None else (self.rig.left, self.rig.right)[side]
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """There are none."""
-        return iter(())
-
-    def description(self) -> dict[str, Any]:
-        """See `Source`."""
-        return {"format": self.format, "profile": None, "library": None, "indexed": True}
-
-    def drop_unverified_index(self) -> bool:
-        """See `Source`."""
-        return False
 
 
 def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:

@@ -4,7 +4,6 @@ import heapq
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import zstandard
 
@@ -15,7 +14,7 @@ from .source import Attachment, Contents, Message, Source
 _Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
 
 
-class JoinedSource:
+class JoinedSource(Source):
     """The messages of several sources, merged by log time; a part is opened when its time has come.
 
     `path` names the recording; `missing` says which parts could not be opened, `notes` what else to know about it.
@@ -40,6 +39,13 @@ class JoinedSource:
         self._parts = [parts[n] for n in order]
         self._contents = [known[n] for n in order] if len(known) == len(parts) else None
         self.size_bytes = sum(part.size_bytes for part in parts)
+        first = self._parts[0]
+        self.format, self.profile, self.library, self.files = first.format, first.profile, first.library, len(parts)
+
+    @property
+    def indexed(self) -> bool:
+        """See `Source`."""
+        return all(part.indexed for part in self._parts)
 
     def contents(self) -> Contents | None:
         """The sum over the parts, where every part knows its contents."""
@@ -99,12 +105,6 @@ class JoinedSource:
         """Yield the attachments of all parts."""
         for part in self._parts:
             yield from part.attachments(damage)
-
-    def description(self) -> dict[str, Any]:
-        """The description of the first part, with the number of parts."""
-        first = self._parts[0].description()
-        indexed = all(part.description()["indexed"] for part in self._parts)
-        return first | {"indexed": indexed, "files": len(self._parts)}
 
     def drop_unverified_index(self) -> bool:
         """See `Source`; every part drops its own."""

@@ -2,23 +2,30 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Channel as McapChannel
 from mcap.records import Schema
 
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
-from .source import Attachment, Channel, Contents, Message
+from .source import Attachment, Channel, Contents, Message, Source
 
 
-class McapSource:
+class McapSource(Source):
     """The messages of one MCAP file, in file order. Arguments and errors as of `LogFile`."""
 
     def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
         self._file = LogFile(path, descriptor)
         self.path = self._file.path
         self.size_bytes = self._file.size
+        header = self._file.header()
+        self.format = "MCAP"
+        self.profile, self.library = (header.profile, header.library) if header else (None, None)
+
+    @property
+    def indexed(self) -> bool:
+        """See `Source`."""
+        return self._file.index is not None
 
     def contents(self) -> Contents | None:
         """From the index, where there is one that can be trusted."""
@@ -43,16 +50,6 @@ class McapSource:
         """Yield the attachments, in file order."""
         for attachment in self._file.attachments(damage):
             yield Attachment(attachment.name, attachment.data)
-
-    def description(self) -> dict[str, Any]:
-        """From the header of the file."""
-        header = self._file.header()
-        return {
-            "format": "MCAP",
-            "profile": header.profile if header else None,
-            "library": header.library if header else None,
-            "indexed": self._file.index is not None,
-        }
 
     def drop_unverified_index(self) -> bool:
         """See `Source`: such an index may be what is wrong where a recording seems unusable."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
 import lz4.frame
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -23,7 +23,7 @@ from ..inputs import open_regular
 from ..mcap_file.chunks import Allowance
 from ..mcap_file.damage import Damage
 from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
-from .source import Attachment, Channel, Contents, Message
+from .source import Channel, Contents, Message, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
@@ -85,8 +85,10 @@ class _Index:
         self.connections[number] = Channel(text, MessageEncoding.ROS1, name, SchemaEncoding.ROS1, definition)
 
 
-class Ros1BagSource:
+class Ros1BagSource(Source):
     """The messages of one bag, in file order. Raises LogError where it cannot be read."""
+
+    format, profile = "ROS 1 bag", "ros1"
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -108,6 +110,11 @@ class Ros1BagSource:
             return open_regular(self.path, 1 << 18)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
+
+    @property
+    def indexed(self) -> bool:
+        """See `Source`."""
+        return self._index is not None
 
     def contents(self) -> Contents | None:
         """From the index, where the bag was closed."""
@@ -190,18 +197,6 @@ class Ros1BagSource:
         if len(index.chunks) != chunk_count or not set(index.counts) <= set(index.connections):
             raise BrokenRecord("it does not list all chunks and connections")
         return index
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """Bags have no attachments."""
-        return iter(())
-
-    def description(self) -> dict[str, Any]:
-        """See `Source`."""
-        return {"format": "ROS 1 bag", "profile": "ros1", "library": None, "indexed": self._index is not None}
-
-    def drop_unverified_index(self) -> bool:
-        """See `Source`; the index of a bag is compared with its chunks when it is read."""
-        return False
 
 
 class _MessageReader:

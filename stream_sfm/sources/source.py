@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from ..mcap_file.damage import Damage
 
@@ -52,10 +52,22 @@ class Contents:
 
 
 class Source(Protocol):
-    """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other."""
+    """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other.
+
+    `format`, `profile`, `library`: facts about the container, for people. Kinds that have no attachments and no index
+    beside their content inherit the defaults.
+    """
 
     path: Path
     size_bytes: int
+    format: str
+    profile: str | None = None
+    library: str | None = None
+
+    @property
+    def indexed(self) -> bool:
+        """Whether what the recording holds is known without reading it."""
+        return True
 
     def contents(self) -> Contents | None:
         """What the recording holds, where that is known without reading it; None: it has to be read."""
@@ -67,15 +79,11 @@ class Source(Protocol):
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""
-        ...
-
-    def description(self) -> dict[str, Any]:
-        """Facts about the container, for people: `format`, `profile`, `library`, `indexed`; None where not known."""
-        ...
+        return iter(())
 
     def drop_unverified_index(self) -> bool:
         """Read without an index that carries no checksum from now on; False where there was none in use."""
-        ...
+        return False
 
 
 def natural_order(name: str) -> list[tuple[int, str]]:

@@ -19,7 +19,7 @@ from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.damage import Damage
 from ..mcap_file.records import MAX_RECORD_BYTES
-from .source import MAX_CHANNELS, Attachment, Channel, Contents, Message
+from .source import MAX_CHANNELS, Channel, Contents, Message, Source
 
 MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
@@ -28,8 +28,10 @@ _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that
 _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
 
-class SqliteBagSource:
+class SqliteBagSource(Source):
     """The messages of one `.db3` file, in the order of recording. Raises LogError where it is not a bag."""
+
+    format, profile = "ROS 2 bag (SQLite)", "ros2"
 
     def __init__(self, path: str | Path, database: sqlite3.Connection | None = None, size_bytes: int = 0) -> None:
         """`database`: of this size and connected to what lies compressed at `path`."""
@@ -155,18 +157,6 @@ class SqliteBagSource:
             damage.add(f"{self.path}: reading failed after {read} messages: {error}")
         else:
             damage.bytes_read = self.size_bytes
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """SQLite bags have no attachments."""
-        return iter(())
-
-    def description(self) -> dict[str, Any]:
-        """See `Source`."""
-        return {"format": "ROS 2 bag (SQLite)", "profile": "ros2", "library": None, "indexed": True}
-
-    def drop_unverified_index(self) -> bool:
-        """See `Source`; the database has no other index than itself."""
-        return False
 
 
 def connect(path: Path, option: str) -> sqlite3.Connection:

@@ -44,19 +44,22 @@ class Document:
     def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
         """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).
 
-        Matrices may be given flat, in rows, or as a mapping with `data`.
+        Matrices may be given flat, in rows, or as a mapping with `data`; strings and booleans are no numbers in TOML.
         """
         if isinstance(value, Mapping) and "data" in value:
             value = value["data"]
         try:
-            array = np.array(value, dtype=float) if value is not None else np.array(None, dtype=object)
-        except (TypeError, ValueError):
-            array = np.array(None, dtype=object)
+            array = np.array(value)
+            typed = array.dtype.kind in "iuf" or not array.size or (not self.is_toml and array.dtype.kind == "U")
+            array = array.astype(float) if typed else np.array(None)
+        except (TypeError, ValueError):  # rows of different length, words
+            array = np.array(None)
         if array.dtype == float and shape is not None and array.size == int(np.prod(shape)):
             array = array.reshape(shape)
         fits = array.dtype == float and (array.ndim == 1 if shape is None else array.shape == shape)
         if not fits or not np.isfinite(array).all():
             wanted = "a list of numbers" if shape is None else f"{'×'.join(map(str, shape))} numbers"
+            wanted = wanted if shape != () else "a number"
             raise self.error(f"{key} must be {wanted}, finite, got {_short(value)}")
         return array
 

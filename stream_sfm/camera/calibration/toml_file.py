@@ -27,7 +27,6 @@ one camera (`Config.mono`) the first section is enough.
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,14 +51,14 @@ def matches(data: Mapping[str, Any]) -> bool:
 
 def pair(documents: Sequence[Document], size: Size | None) -> Pair:
     """The pair of one file."""
-    name, data = _sections(documents[0])
-    cameras = _camera(name, data, "left"), _camera(name, data, "right"), _right_from_left(name, data)
-    return (*cameras, _refinement(name, data["refinement"])) if "refinement" in data else cameras
+    document = _checked(documents[0])
+    cameras = _camera(document, "left"), _camera(document, "right"), _right_from_left(document)
+    return (*cameras, _refinement(document)) if "refinement" in document.data else cameras
 
 
 def left(documents: Sequence[Document], size: Size | None) -> Camera:
     """The left camera alone; the file need not have another."""
-    return _camera(*_sections(documents[0]), "left")
+    return _camera(_checked(documents[0]), "left")
 
 
 def text(
@@ -80,91 +79,69 @@ def text(
     return "\n".join(lines) + "\n"
 
 
-def _sections(document: Document) -> tuple[str, Mapping[str, Any]]:
-    _known(document.name, "the top", document.data, _SECTIONS)
-    return document.name, document.data
+def _checked(document: Document) -> Document:
+    _known(document, "the top", document.data, _SECTIONS)
+    return document
 
 
-def _known(path: str | Path, where: str, table: Mapping[str, Any], known: set[str]) -> None:
-    unknown = sorted(set(table) - known)
-    if unknown:
-        raise ConfigError(
-            f"calibration {path}: unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}"
-        )
+def _known(document: Document, where: str, table: Mapping[str, Any], known: set[str]) -> None:
+    if unknown := sorted(set(table) - known):
+        raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
 
 
-def _camera(path: str | Path, data: Mapping[str, Any], name: str) -> Camera:
-    table = data.get(name)
+def _camera(document: Document, name: str) -> Camera:
+    table = document.data.get(name)
     if not isinstance(table, dict):
-        raise ConfigError(f"calibration {path}: section [{name}] is missing")
-    where = f"calibration {path}: {name}"
-    _known(path, f"[{name}]", table, _CAMERA_KEYS)
+        raise document.error(f"section [{name}] is missing")
+    _known(document, f"[{name}]", table, _CAMERA_KEYS)
     size = []
     for key in ("width", "height"):
         value = table.get(key)
         if not isinstance(value, int) or isinstance(value, bool):
-            raise ConfigError(f"{where}.{key} must be a whole number of pixels, got {value!r}")
+            raise document.error(f"{name}.{key} must be a whole number of pixels, got {value!r}")
         size.append(value)
     if "K" in table:
         if {"fx", "fy", "cx", "cy"} & set(table):
-            raise ConfigError(f"{where}: give either K or fx, fy, cx, cy, not both")
-        k = _numbers(f"{where}.K", table["K"], (3, 3))
+            raise document.error(f"{name}: give either K or fx, fy, cx, cy, not both")
+        k = document.numbers(table["K"], f"{name}.K", (3, 3))
     else:
-        fx, fy, cx, cy = (float(_numbers(f"{where}.{key}", table.get(key), ())) for key in ("fx", "fy", "cx", "cy"))
+        fx, fy, cx, cy = (
+            float(document.numbers(table.get(key), f"{name}.{key}", ())) for key in ("fx", "fy", "cx", "cy")
+        )
         k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    d = _numbers(f"{where}.D", table.get("D", []), None)
+    d = document.numbers(table.get("D", []), f"{name}.D", None)
     model = table.get("distortion_model", "plumb_bob" if d.any() else "none")
     if not isinstance(model, str):
-        raise ConfigError(f"{where}.distortion_model must be a name in quotes, got {model!r}")
+        raise document.error(f"{name}.distortion_model must be a name in quotes, got {model!r}")
     try:
         return Camera(size[0], size[1], k, tuple(d), model)
     except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
+        raise document.error(f"{name}: {error}") from None
 
 
-def _right_from_left(path: str | Path, data: Mapping[str, Any]) -> Array:
-    value = data.get("right_from_left")
-    where = f"calibration {path}: right_from_left"
+def _right_from_left(document: Document) -> Array:
+    name, value = "right_from_left", document.data.get("right_from_left")
     if value is None:
-        raise ConfigError(
-            f"{where} is missing: give rotation and translation_m of the right camera, or a 4×4 matrix"
+        raise document.error(
+            f"{name} is missing: give rotation and translation_m of the right camera, or a 4×4 matrix"
         )
     if not isinstance(value, dict):
-        return _numbers(where, value, (4, 4))
-    _known(path, "[right_from_left]", value, {"rotation", "translation_m"})
-    rotation = _numbers(f"{where}.rotation", value.get("rotation", np.eye(3).tolist()), (3, 3))
-    translation = _numbers(f"{where}.translation_m", value.get("translation_m"), (3,))
+        return document.numbers(value, name, (4, 4))
+    _known(document, f"[{name}]", value, {"rotation", "translation_m"})
+    rotation = document.numbers(value.get("rotation", np.eye(3).tolist()), f"{name}.rotation", (3, 3))
+    translation = document.numbers(value.get("translation_m"), f"{name}.translation_m", (3,))
     return se3.from_rotation_translation(rotation, translation)
 
 
-def _refinement(path: str | Path, table: Any) -> Refinement:
-    where = f"calibration {path}: refinement"
+def _refinement(document: Document) -> Refinement:
+    table = document.data["refinement"]
     if not isinstance(table, dict):
-        raise ConfigError(f"{where} must be a section with error_px and covariance_px2, got {table!r}")
-    _known(path, "[refinement]", table, {"error_px", "covariance_px2"})
+        raise document.error(f"refinement must be a section with error_px and covariance_px2, got {table!r}")
+    _known(document, "[refinement]", table, {"error_px", "covariance_px2"})
     n = len(TERMS)
-    error = _numbers(f"{where}.error_px", table.get("error_px"), (n,))
-    cov = _numbers(f"{where}.covariance_px2", table.get("covariance_px2"), (n, n))
+    error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
+    cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
     try:
         return Refinement(error, cov)
-    except ConfigError as error_of_it:
-        raise ConfigError(f"{where}: {error_of_it}") from None
-
-
-def _numbers(where: str, value: Any, shape: tuple[int, ...] | None) -> Array:
-    """Finite numbers of one shape (None: a list of any length); strings and booleans are no numbers."""
-    kind = "a list of numbers" if shape is None else "a number"
-    if shape:
-        kind = f"{'×'.join(map(str, shape))} numbers"
-    try:
-        array = np.array(value)
-    except ValueError:  # rows of different length
-        array = np.array(None)
-    shape_fits = array.ndim == 1 if shape is None else array.shape == shape
-    if (
-        not shape_fits
-        or not (array.dtype.kind in "iuf" or array.size == 0)
-        or not np.isfinite(array.astype(float)).all()
-    ):
-        raise ConfigError(f"{where} must be {kind}, finite, got {value!r}")
-    return array.astype(float)
+    except ConfigError as problem:
+        raise document.error(f"refinement: {problem}") from None
