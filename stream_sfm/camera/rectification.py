@@ -79,18 +79,6 @@ class Rectifier:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
-    def rectify_points(self, pixels: Array, side: int) -> Array:
-        """Where pixels (n, 2) of an image as recorded are in the rectified one; `side`: 0 left, 1 right."""
-        camera, rotation, k_rectified = self._sides[side]
-        fisheye, d = _distortion(camera)
-        module = cv2.fisheye if fisheye else cv2
-        result: Array = np.full(pixels.shape, np.nan)
-        known = np.isfinite(pixels).all(axis=1)
-        if known.any():
-            found = module.undistortPoints(pixels[known][:, None], camera.K, d, R=rotation, P=k_rectified)
-            result[known] = found[:, 0]
-        return result
-
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]
         return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)

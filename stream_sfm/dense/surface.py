@@ -16,7 +16,7 @@ from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..inspection.quick_check import quick_problems
+from ..inspection.findings import quick_problems
 from ..interrupts import deferred_interrupts
 from ..recording import RecordedFrame, StereoLog, open_log
 from ..recording.images import decode_rgb

@@ -4,7 +4,6 @@ import heapq
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
@@ -44,12 +43,12 @@ def import_video(
     _check_arguments(paths, rate_hz, layout)
     opened = [_Video(path) for path in paths]
     rig = StereoRig.from_calibration(calibration, _image_size(opened, layout))
-    split = _splitter(opened, rig, layout)
+    chosen = _layout_of(opened, rig, layout)
     check_free(Path(out), paths, overwrite)
     counts = [0, 0]
     with StereoLogWriter(out, rig) as log:
         for stamp_ns, number, picture in _in_order(opened, rate_hz):
-            for side, image in enumerate(split(picture), start=number):
+            for side, image in enumerate(_split(picture, chosen), start=number):
                 done, png = cv2.imencode(".png", image, _FASTEST_PNG)
                 assert done  # a grey image of the calibrated size
                 log.image(side, stamp_ns, png.tobytes(), "png")
@@ -117,28 +116,16 @@ class _Video:
             self.notes.append(f"{self.path}: {self.read} of {self.expected} frames could be decoded")
 
 
-@dataclass(frozen=True, slots=True)
-class _Whole:
-    """Frames that are one image."""
-
-    def __call__(self, picture: Grey) -> tuple[Grey, ...]:
+def _split(picture: Grey, layout: str | None) -> tuple[Grey, ...]:
+    """The images in a frame: one, or with a layout two, left and right."""
+    if layout is None:
         return (picture,)
+    first, second = np.split(picture, 2, axis=1 if layout in ("left-right", "right-left") else 0)
+    return (first, second) if layout in ("left-right", "top-bottom") else (second, first)
 
 
-@dataclass(frozen=True, slots=True)
-class _Halves:
-    """Frames that hold both images."""
-
-    layout: str
-
-    def __call__(self, picture: Grey) -> tuple[Grey, ...]:
-        axis = 1 if self.layout in ("left-right", "right-left") else 0
-        first, second = np.split(picture, 2, axis)
-        return (first, second) if self.layout in ("left-right", "top-bottom") else (second, first)
-
-
-def _splitter(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> _Whole | _Halves:
-    """What makes images of the calibrated size from frames. Raises InputError where their sizes do not fit."""
+def _layout_of(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> str | None:
+    """Where the two images of a frame are, None where it is one. Raises InputError where the sizes do not fit."""
     width, height = rig.left.width, rig.left.height
     if len(videos) == 2:
         for video in videos:
@@ -148,20 +135,18 @@ def _splitter(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> _W
                     "calibration of this size",
                     hint=("calibration",),
                 )
-        return _Whole()
+        return None
     video = videos[0]
     sizes = {"left-right": (2 * width, height), "top-bottom": (width, 2 * height)}
     sizes |= {"right-left": sizes["left-right"], "bottom-top": sizes["top-bottom"]}
-    chosen: str | None = layout or next(
-        (name for name, size in sizes.items() if size == (video.width, video.height)), None
-    )
-    if chosen is None or sizes[chosen] != (video.width, video.height):
+    fitting = [name for name, size in sizes.items() if size == (video.width, video.height)]
+    if not fitting or (layout is not None and layout not in fitting):
         raise InputError(
             f"{video.path} is {video.width}×{video.height}; two images of the calibrated {width}×{height} side by side "
             f"are {2 * width}×{height}, one above the other {width}×{2 * height}: give the calibration of this size",
             hint=("calibration", "layout"),
         )
-    return _Halves(chosen)
+    return layout or fitting[0]
 
 
 def _image_size(videos: list[_Video], layout: Layout | None) -> tuple[int, int]:
@@ -175,13 +160,11 @@ def _image_size(videos: list[_Video], layout: Layout | None) -> tuple[int, int]:
 
 def _in_order(videos: list[_Video], rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
     """Yield stamp, number of the video, and frame, in order of time."""
-    numbered = [_numbered(number, video, rate_hz) for number, video in enumerate(videos)]
-    return heapq.merge(*numbered, key=lambda item: item[:2])
 
+    def numbered(number: int, video: _Video) -> Iterator[tuple[int, int, Grey]]:
+        return ((stamp_ns, number, picture) for stamp_ns, picture in video.frames(rate_hz))
 
-def _numbered(number: int, video: _Video, rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
-    for stamp_ns, picture in video.frames(rate_hz):
-        yield stamp_ns, number, picture
+    return heapq.merge(*map(numbered, range(len(videos)), videos), key=lambda item: item[:2])
 
 
 def _grey(picture: cv2.typing.MatLike) -> Grey:

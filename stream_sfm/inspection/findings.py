@@ -5,12 +5,14 @@ Nine well-calibrated logs (KITTI, EuRoC, rendered) have row offsets of at most 0
 stand clear of that.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..camera.rig import StereoRig
 from ..recording.rig import REMEDY, right_is_left
 from ..recording.topics import PairChoice
-from .calibration_check import CalibrationCheck
+from .calibration_check import CalibrationCheck, Images, check_as_they_are, check_calibration
 
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
 
@@ -30,6 +32,10 @@ _ROW_OFFSET_WARNING_PX, _ROW_OFFSET_PROBLEM_PX = 0.5, 2.0
 _ROW_SPREAD_WARNING_PX, _ROW_SPREAD_PROBLEM_PX = 0.8, 3.0
 # Offsets of stamps beyond both are reported: at 50 px of motion per frame, 0.02 periods are one pixel.
 _STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS = 1.0, 0.02
+
+# A calibration that fits this well cannot be that of exchanged cameras or of images before rectification, so that
+# these need not be tried.
+_GOOD_ROW_ERROR_PX, _GOOD_NEGATIVE_SHARE = 0.5, 0.05
 
 
 def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
@@ -69,6 +75,16 @@ def calibration_findings(
         return problems, warnings
     more_problems, more_warnings = row_findings(check)
     return more_problems, warnings + more_warnings + disparity_warnings(check)
+
+
+def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images]) -> list[str]:
+    """Return what prevents a replay with this calibration, as `inspect_log` would report it of these frames."""
+    check = check_calibration(rig, frames)
+    swapped = as_they_are = check
+    if check.row_error_px > _GOOD_ROW_ERROR_PX or check.negative_share > _GOOD_NEGATIVE_SHARE:
+        swapped = check_calibration(rig, [(right, left) for left, right in frames])
+        as_they_are = check_as_they_are(rig, frames)
+    return calibration_findings(rig, check, swapped, as_they_are, choice)[0]
 
 
 def scale_findings(rig: StereoRig) -> Findings:

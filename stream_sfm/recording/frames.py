@@ -1,13 +1,24 @@
-"""Frames of a log: the decoded images, with the messages that they were decoded from."""
+"""Frames of a log: images decoded with the messages they come from, both sides in parallel and one frame ahead."""
 
+from collections import deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.models import MANY_PIXELS
+from ..camera.pixels import Grey, GreyScaler
+from ..camera.rig import MonoRig, StereoRig
+from ..errors import LogError
 from ..types import Picture, StereoFrame
+from .images import UndecodableImage, decode_grey, image_size
 from .messages import ImageMessage
 from .pair_reader import StereoPair
+
+_Pending = tuple[StereoPair, list[Future[Grey]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -29,3 +40,67 @@ def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]], stamp_ns: 
 
 def _picture(message: ImageMessage, decoded: NDArray[np.uint8]) -> Picture:
     return message.data if message.compressed else decoded
+
+
+class FrameDecoder:
+    """Decodes the images of one reading; pairs that cannot be decoded are skipped.
+
+    The first images decide whether the sizes fit the calibration at all. `skipped`: pairs; `problem`: of the first.
+    """
+
+    def __init__(self, path: Path, rig: StereoRig | MonoRig) -> None:
+        self._path = path
+        self._cameras = list(rig.cameras.values())
+        self._scaler = GreyScaler()
+        self._sizes_fit = False
+        self.skipped = 0
+        self.problem = ""
+
+    def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
+        """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
+        with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
+            pending: deque[_Pending] = deque()
+            ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
+            for pair in pairs:
+                if not self._fits(pair):
+                    continue
+                images = pair.images[: len(self._cameras)]
+                pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
+                if len(pending) > ahead and (frame := self._frame(*pending.popleft())) is not None:
+                    yield frame
+            while pending:
+                if (frame := self._frame(*pending.popleft())) is not None:
+                    yield frame
+
+    def _fits(self, pair: StereoPair) -> bool:
+        """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
+        for message, camera in zip(pair.images, self._cameras, strict=False):
+            size = image_size(message)
+            if size is None:
+                self._skip(f"{message.topic}: the header of an image is damaged")
+                return False
+            if size != (camera.width, camera.height):
+                text = (
+                    f"topic {message.topic}: images are {size[0]}×{size[1]}, the calibration is for "
+                    f"{camera.width}×{camera.height}"
+                )
+                if not self._sizes_fit:
+                    raise LogError(
+                        f"{self._path}: {text}: give the calibration of these images", hint=("calibration",)
+                    )
+                self._skip(text)
+                return False
+        self._sizes_fit = True
+        return True
+
+    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> RecordedFrame | None:
+        try:
+            decoded = self._scaler.to_uint8(*[image.result() for image in images])
+        except UndecodableImage as error:
+            self._skip(str(error))
+            return None
+        return recorded_frame(pair, decoded)
+
+    def _skip(self, problem: str) -> None:
+        self.skipped += 1
+        self.problem = self.problem or problem

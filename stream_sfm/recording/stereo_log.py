@@ -11,8 +11,7 @@ from ..mcap_file.damage import Damage
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from ..types import Selection, Trajectory
-from .frame_decoder import FrameDecoder
-from .frames import RecordedFrame
+from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair

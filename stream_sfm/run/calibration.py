@@ -5,7 +5,7 @@ import logging
 import numpy as np
 
 from ..inspection.calibration_check import Images
-from ..inspection.quick_check import quick_problems
+from ..inspection.findings import quick_problems
 from ..recording import StereoLog
 from ..recording.topics import PairChoice
 from ..types import Frame, FrameEstimate

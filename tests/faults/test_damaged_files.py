@@ -1,43 +1,26 @@
 """Damage of one kind at a known place: what it costs, and what is said of it."""
 
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
 import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.run.replay import replay
-from tests.faults.mutations import BASES, FRAMES, Base, make_base
+from tests.faults.mutations import Base, make_base
 from tests.helpers.stereo_logs import (
-    CONTAINERS,
     PERIOD_NS,
     START_NS,
-    Calib,
     LogWriter,
     Spec,
-    right_calib,
     scene,
     write_image,
-    write_info,
     write_log,
 )
 
 FAST = sfm.Config(method="frame-to-frame")
-
-
-def estimated(path: Path) -> list[int]:
-    """The stamps of the frames that a replay estimates, none where the log cannot be used."""
-    try:
-        return replay(path, None, FAST).trajectory.stamps_ns.tolist()
-    except sfm.LogError as error:
-        assert str(path) in str(error)
-        return []
 
 
 def read(path: Path) -> tuple[list[int], list[str], bool]:
@@ -45,22 +28,6 @@ def read(path: Path) -> tuple[list[int], list[str], bool]:
     log = sfm.open_log(path)
     stamps = [pair.stamp_ns for pair in log.pairs()]
     return stamps, log.stats.warnings, log.stats.complete
-
-
-@pytest.mark.parametrize("name", BASES)
-def test_every_cut_leaves_the_frames_that_are_whole_before_it(name: str, path: Path, tmp_path: Path):
-    base = make_base(name, tmp_path)
-    before = 0
-    for size in [*range(1000, len(base.data), 1000), len(base.data)]:
-        path.write_bytes(base.data[:size])
-        whole = base.leading(base.data[:size])
-        found = estimated(path)
-        if name == "protobuf, unchunked":
-            assert found == whole, size
-        else:  # of a chunk that is cut in two, the first part counts as well
-            assert found[: len(whole)] == whole and len(found) >= before, size
-        before = len(found)
-    assert before == FRAMES
 
 
 def change(base: Base, path: Path, at: int, replacement: bytes) -> None:
@@ -136,29 +103,6 @@ def test_records_of_gigabytes_are_passed_over_unread(path: Path):
     assert sum("a record of 4096 MiB was skipped" in w for w in warnings) == 3
 
 
-def test_chunks_that_inflate_to_a_hundred_megabytes_each_do_not_add_up(path: Path):
-    """Black raw images of 100 megapixels on one side: 3 kB a chunk, and the frames of the calibrated size go on."""
-    log = LogWriter(path, chunk_size=1000)
-    for n in range(12):
-        time = START_NS + n * PERIOD_NS
-        for topic, info in zip(Spec.info_topics, (Calib(), right_calib()), strict=True):
-            if n == 0:
-                write_info(log, "foxglove", topic, time, info)
-        black = np.zeros((10_000, 10_000), np.uint8)
-        write_image(log, "foxglove", Spec.topics[0], time, scene(n, 0) if n < 2 else black, "mono8")
-        if n < 2:
-            write_image(log, "foxglove", Spec.topics[1], time, scene(n, 1), "mono8")
-    log.close()
-    assert path.stat().st_size < 200_000
-    script = "import sys; from stream_sfm.run.replay import replay; s = replay(sys.argv[1]).summary; "
-    script += "print(s['frames']['estimated'], s['peak_rss_mib'])"
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=120, check=True
-    )
-    frames, peak_mib = done.stdout.split()
-    assert frames == "2" and float(peak_mib) < 1024
-
-
 def test_notes_of_damage_stay_few(path: Path):
     write_log(path, Spec(), use_chunking=False)
     data = path.read_bytes()
@@ -168,16 +112,6 @@ def test_notes_of_damage_stay_few(path: Path):
     damage = Damage()
     assert sum(1 for _ in LogFile(path).messages(damage)) == 26
     assert not damage.complete and 1 < len(damage.notes) < 30
-
-
-@pytest.mark.parametrize("container", ["zstd", "lz4", "uncompressed chunks"])
-def test_unknown_records_are_passed_over(container: str, path: Path):
-    write_log(path, Spec(), **CONTAINERS[container])
-    data = path.read_bytes()
-    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
-    path.write_bytes(data[:head] + struct.pack("<BQ4s", 0x80, 4, b"mine") + data[head:])
-    found, _, complete = read(path)
-    assert len(found) == 12 and complete
 
 
 def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(path: Path):

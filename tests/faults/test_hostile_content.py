@@ -18,7 +18,6 @@ from stream_sfm.mcap_file import chunks
 from stream_sfm.recording.images import UndecodableImage, decode_grey
 from stream_sfm.recording.messages import ImageMessage
 from stream_sfm.recording.ros import ros_decoder
-from stream_sfm.recording.topics import some_of
 from stream_sfm.sources.image_header import problem
 from tests.faults.test_memory import FRAMES, channel, chunk, definition, insert, message, record, schema
 from tests.helpers.stereo_logs import scene, write_log
@@ -136,11 +135,6 @@ def test_topics_by_the_ten_thousand_are_listed_in_part(tmp_path: Path, capsys: p
         printed = capsys.readouterr()
         assert len(printed.out) + len(printed.err) < 100_000
         assert "more" in printed.out + printed.err
-
-
-def test_some_of_many_names() -> None:
-    assert some_of(["a", "b"], ", ") == "a, b"
-    assert some_of([str(n) for n in range(100)], "; ").endswith("; and 80 more")
 
 
 def test_a_bag_of_images_is_read_in_little_memory(tmp_path: Path) -> None:

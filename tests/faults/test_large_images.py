@@ -88,7 +88,7 @@ def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path: Path)
 def test_images_that_are_not_prepared_ahead_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = write_raw(tmp_path / "log.mcap", 320, 240, "mono8", 1, frames=5)
     ahead = sfm.replay(log, None).trajectory.world_from_cam
-    for module in ("recording.frame_decoder", "run.loop"):
+    for module in ("recording.frames", "run.loop"):
         monkeypatch.setattr(f"stream_sfm.{module}.MANY_PIXELS", 1)
     np.testing.assert_array_equal(sfm.replay(log, None).trajectory.world_from_cam, ahead)
 

@@ -6,7 +6,6 @@ import os
 import struct
 import subprocess
 import sys
-import time
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterable
@@ -27,7 +26,6 @@ from mcap_ros2._dynamic import serialize_dynamic
 import stream_sfm as sfm
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.ground_truth import read_truth
-from stream_sfm.recording.topics import possible_pairs
 from stream_sfm.recording.transforms import fixed_edges
 from stream_sfm.sources.recognise import open_source
 from tests.helpers.stereo_logs import (
@@ -330,11 +328,3 @@ def test_an_index_that_lists_a_million_channels_is_not_unfolded(tmp_path: Path):
     path.write_bytes(data[:start] + summary + footer + struct.pack("<I", crc) + data[-8:])
     assert LogFile(path).index is not None
     assert peak_mib(lambda: LogFile(path)) < 40  # 8 of them the summary
-
-
-def test_pairs_of_very_many_cameras_are_found_at_once():
-    """Each new pair was compared with all others."""
-    topics = [f"/{n}/{side}/image" for n in range(20_000) for side in ("left", "right")]
-    began_s = time.process_time()
-    assert len(possible_pairs(topics)) == 20_000
-    assert time.process_time() - began_s < 10

@@ -103,19 +103,6 @@ def test_half_size_images_with_the_calibration_of_the_full_size(path, frames):
     assert "images are 160×120, the calibration is for 320×240" in problem and "resized by 0.5" in problem
 
 
-def test_half_size_images_with_only_the_size_of_the_calibration_changed(path, frames):
-    small = [replace(c, width=160, height=120) for c in infos()]
-    problems = inspect_log(write(path, frames, small, size=(160, 120)))["problems"]
-    assert len(problems) == 2  # one a side
-    for side, problem in zip(("left", "right"), problems, strict=True):
-        assert f"the {side} principal point" in problem and "about 319×239" in problem and "by 0.5" in problem
-
-
-def test_a_moderate_change_of_size_is_named_too(path, frames):
-    problems = inspect_log(write(path, frames, infos(scale=1.3)))["problems"]
-    assert "about 415×311" in problems[0]
-
-
 @pytest.mark.parametrize("empty", [False, True])
 def test_a_missing_right_camera(path, frames, empty):
     write(path, frames, sides=(LEFT,))

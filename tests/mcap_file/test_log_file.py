@@ -93,12 +93,3 @@ def test_what_is_not_mcap_is_named(tmp_path: Path) -> None:
             LogFile(tmp_path / "x")
     with pytest.raises(LogError, match="cannot read"):
         LogFile(tmp_path / "none")
-
-
-def test_damage_keeps_few_notes_and_each_once() -> None:
-    damage = Damage()
-    for n in range(100):
-        damage.add("again")
-        damage.add(f"note {n}")
-    assert not damage.complete
-    assert damage.notes[:2] == ["again", "note 0"] and len(damage.notes) == len(set(damage.notes)) == 20

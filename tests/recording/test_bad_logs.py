@@ -1,62 +1,11 @@
 """Damaged logs give all that is whole; logs that cannot be used are named with what to do."""
 
-import struct
-
 import numpy as np
 import pytest
-import zstandard
 
 from stream_sfm import LogError, open_log
 from stream_sfm.inspection import inspect_log
-from tests.helpers.stereo_logs import CONTAINERS, Calib, Spec, right_calib, video, whole_messages, write_log
-
-
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.77, 0.95])
-def test_a_cut_file_gives_all_that_is_whole(path, share):
-    write_log(path, use_chunking=False)
-    data = path.read_bytes()
-    cut = int(share * len(data))
-    cameras = {}
-    for end, channel, time in whole_messages(path):
-        if end <= cut:
-            cameras.setdefault(channel, set()).add(time)
-    # channels 3 and 4 are the images, by the order of writing
-    whole = cameras.get(3, set()) & cameras.get(4, set())
-    path.write_bytes(data[:cut])
-    log = open_log(path)
-    frames = list(log.frames())
-    assert [f.stamp_ns for f in frames] == sorted(whole)
-    assert not log.stats.complete
-    assert "cut off" in log.stats.warnings[0] and str(path) in log.stats.warnings[0]
-    assert f"{len(frames)} stereo frames" in log.stats.warnings[1]
-
-
-def test_a_flipped_byte_costs_its_chunk_only(path):
-    write_log(path, **CONTAINERS["zstd"])
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    path.write_bytes(data)
-    log = open_log(path)
-    assert 8 <= len(list(log.frames())) < 12
-    assert not log.stats.complete and "damaged chunk" in log.stats.warnings[0]
-
-
-def test_a_chunk_that_inflates_without_end_is_refused(path):
-    write_log(path, Spec(), use_chunking=False)
-    data = path.read_bytes()
-    bomb = zstandard.compress(bytes(1 << 20))
-    body = (
-        struct.pack("<QQQI", 0, 0, 1 << 40, 0)
-        + struct.pack("<I", 4)
-        + b"zstd"
-        + struct.pack("<Q", len(bomb))
-        + bomb
-    )
-    at = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
-    path.write_bytes(data[:at] + struct.pack("<BQ", 6, len(body)) + body + data[at:])
-    log = open_log(path)
-    assert len(list(log.frames())) == 12
-    assert any("it declares" in warning for warning in log.stats.warnings)
+from tests.helpers.stereo_logs import Calib, Spec, right_calib, video, write_log
 
 
 def log_of(**spec):

@@ -18,12 +18,6 @@ def interleaved(left, right):
     return [(s, t) for t, s in sorted([(t, 0) for t in left] + [(t, 1) for t in right])]
 
 
-def test_equal_stamps_pair_exactly():
-    pairs, counts = run(interleaved(range(0, 1000, 100), range(0, 1000, 100)))
-    assert pairs == [(t, t) for t in range(0, 1000, 100)]
-    assert counts.paired == counts.paired_exactly == 10
-
-
 def test_an_exact_partner_wins_over_an_earlier_near_one():
     pairs, _ = run(interleaved([0, 100, 160, 200, 300], [0, 100, 200, 300]))
     assert (200, 200) in pairs and (160, 200) not in pairs

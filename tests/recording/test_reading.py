@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, Selection, StereoRig, open_log
-from stream_sfm.inspection import inspect_log
 from tests.helpers.stereo_logs import (
     BASELINE_M,
     CONTAINERS,
@@ -50,18 +49,6 @@ def check_frames(path, tolerance=0.0, count=12, **kwargs):
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_every_profile_in_every_container(path, profile, container):
     check_frames(write_log(path, Spec(profile=profile), **CONTAINERS[container]))
-
-
-@pytest.mark.parametrize("profile", ["foxglove", "ros2"])
-@pytest.mark.parametrize("encoding", ENCODINGS)
-def test_every_encoding(path, profile, encoding):
-    tolerance = {"jpeg": 2.0}.get(encoding, 12.0 if "bayer" in encoding else 0.0)
-    check_frames(write_log(path, Spec(profile=profile, encoding=encoding)), tolerance)
-
-
-@pytest.mark.parametrize("profile", ["ros2", "ros1"])
-def test_big_endian_16_bit(path, profile):
-    check_frames(write_log(path, Spec(profile=profile, encoding="mono16-be")))
 
 
 @pytest.mark.parametrize("info_at", [(0,), tuple(range(12)), (9,)])
@@ -173,13 +160,6 @@ def test_ground_truth_and_depth(path):
     assert open_log(write_log(path)).ground_truth() is None
 
 
-def test_lost_frames_are_counted(path):
-    log = open_log(write_log(path, Spec(right=(0, 1, 2, 7, 8, 9, 10, 11))))
-    assert len(list(log.frames())) == 8
-    assert (log.stats.unpaired_left, log.stats.unpaired_right) == (4, 0)
-    assert "4 left" in log.stats.warnings[0] and log.stats.complete
-
-
 def test_one_damaged_image_is_skipped(path):
     log = LogWriter(path)
     inner = path.with_name("whole.mcap")
@@ -259,33 +239,6 @@ def test_rectified_images_are_pinholes_with_p(path):
     rig = open_log(write_log(path, Spec(infos=infos, topics=topics, info_topics=("/left/info", "/right/info")))).rig
     assert rig.left.distortion_model == "none" and rig.left.K[0, 0] == 80.0
     np.testing.assert_array_equal(rig.right_from_left[:3, :3], np.eye(3))
-
-
-def test_inspection_of_a_sound_log_and_of_common_defects(path):
-    size = (320, 240)
-    k = np.array([[240.0, 0, 160], [0, 240, 120], [0, 0, 1]])
-    infos = (
-        Calib(320, 240, K=k, P=np.c_[k, np.zeros(3)]),
-        Calib(320, 240, K=k, P=np.c_[k, [-240 * 0.1, 0, 0]]),
-    )
-    spec = Spec(size=size, infos=infos)
-    sound = inspect_log(write_log(path, spec))
-    assert sound["problems"] == [] and sound["complete"] and sound["frames"]["rate_hz"] == pytest.approx(10)
-    assert sound["calibration_check"]["median_disparity_px"] == pytest.approx(12, abs=0.5)
-    assert sound["rig"]["baseline_m"] == pytest.approx(0.1)
-
-    swapped = inspect_log(write_log(path, replace(spec, swap=True)))
-    assert "swapped" in swapped["problems"][0]
-
-    half = tuple(replace(c, K=c.K * [[2], [2], [1]]) for c in infos)
-    resized = inspect_log(write_log(path, replace(spec, infos=half)))
-    assert "principal point" in resized["problems"][0]
-
-    late = inspect_log(write_log(path, replace(spec, right_offset_ns=30_000_000)))
-    assert "+30.0 ms" in late["warnings"][-1]
-
-    gap = inspect_log(write_log(path, replace(spec, left=(0, 1, 2, 3, 8, 9, 10, 11))))
-    assert gap["frames"]["gap_count"] == 1 and gap["frames"]["gaps"][0]["length_s"] == pytest.approx(0.5)
 
 
 def test_importing_the_room_is_cheap():

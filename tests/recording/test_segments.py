@@ -1,6 +1,5 @@
 """What changes during a log: calibrations, clocks, sizes of images, the brightness of single pixels."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from tests.helpers.stereo_logs import (
     scene,
     write_image,
     write_info,
-    write_log,
 )
 
 FRAMES = 12
@@ -138,8 +136,3 @@ def test_one_hot_sample_does_not_darken_the_log() -> None:
     bright = image.copy()
     bright[:20] = 4000
     assert scaler.to_uint8(bright)[0][0, 0] == 4000 >> 4
-
-
-def test_repeated_calibrations_cost_nothing(path: Path) -> None:
-    log = sfm.open_log(write_log(path, replace(Spec(), info_at=tuple(range(12)))))
-    assert len(list(log.frames())) == 12 and log.stats.complete and not log.stats.warnings

@@ -115,13 +115,6 @@ def test_a_missing_or_empty_split_costs_its_frames_and_is_reported(tmp_path, log
     assert any("cannot read" in w and "walk_2.mcap" in w for w in log.stats.warnings)
 
 
-def test_metadata_that_cannot_be_read_leaves_the_files(tmp_path, logs):
-    bag = write_bag2(tmp_path / "walk", messages_of(logs["ros2"]), "mcap")
-    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
-    log = check_same(bag, logs["ros2"])
-    assert "metadata.yaml is not used" in log.stats.warnings[0]
-
-
 def test_bags_before_iron_carry_no_definitions(tmp_path, logs):
     bag = write_bag2(tmp_path / "walk", with_whole_camera_info(messages_of(logs["ros2"])))
     with closing(sqlite3.connect(bag / "walk.db3")) as database:

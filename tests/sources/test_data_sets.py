@@ -6,7 +6,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
-from stream_sfm.importers import import_euroc, import_images, import_kitti
+from stream_sfm.importers import import_euroc, import_kitti
 from stream_sfm.inspection import inspect_log
 from tests.helpers.data_sets import camera_pair, write_euroc, write_image_folders, write_kitti, write_picture
 
@@ -38,22 +38,6 @@ def test_an_euroc_recording(tmp_path):
     for folder in (tmp_path / "MH", tmp_path / "MH" / "mav0"):
         log, other = check_same(folder, tmp_path / "mh.mcap")
         np.testing.assert_array_equal(log.ground_truth().world_from_cam, other.ground_truth().world_from_cam)
-
-
-def test_folders_of_images_with_a_calibration_and_stamps_beside_them(tmp_path):
-    rig = camera_pair()
-    write_image_folders(tmp_path, [f"{n:03d}.png" for n in (1, 2, 3)])
-    (tmp_path / "rig.toml").write_text(rig.to_toml())
-    (tmp_path / "times.txt").write_text("100.0\n100.05\n100.1\n")
-    import_images(
-        str(tmp_path / "left"),
-        str(tmp_path / "right"),
-        tmp_path / "rig.toml",
-        tmp_path / "o.mcap",
-        tmp_path / "times.txt",
-    )
-    log, _ = check_same(tmp_path, tmp_path / "o.mcap")
-    assert [p.stamp_ns for p in log.pairs()] == [100_000_000_000, 100_050_000_000, 100_100_000_000]
 
 
 @pytest.mark.parametrize(
