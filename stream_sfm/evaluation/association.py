@@ -36,9 +36,8 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     """Find the rows of the estimate that have a ground truth, and the truth at exactly their stamps.
 
     A truth with the same stamp is used as it is. Otherwise its two neighbours are interpolated on SE(3) (constant
-    twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. All other rows have no truth,
-    nor have those where it is NaN.
-    Truths need not be sorted; of equal stamps the first is used.
+    twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. Other rows have no truth, and
+    rows where it is NaN have none either. Truths need not be sorted; of equal stamps the first is used.
     """
     stamps, first = np.unique(truth.stamps_ns, return_index=True)
     poses = truth.world_from_cam[first]

@@ -1,4 +1,4 @@
-"""Where a run ends, and how well that is known: what is asked first of an odometry."""
+"""The end of a run and its uncertainty, usually the first question about an odometry."""
 
 from typing import Any
 

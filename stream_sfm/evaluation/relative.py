@@ -22,7 +22,6 @@ _SPANS = 12  # at most, evenly spaced in the logarithm
 _MIN_FRAMES = 24  # with fewer, the charts have less than five spans
 _MIN_SPANS_OF_GROWTH = 3  # two points are always on a line
 MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one frame is mostly noise of the truth
-MIN_FRAMES_GROWTH = _MIN_SPANS_OF_GROWTH * _SPANS_PER_BLOCK * _BLOCKS
 _LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
 _CONFIDENCE = 0.95
 _OF_BOTH = 1 - (1 - _CONFIDENCE) / 2  # of each interval, so that position and rotation hold together

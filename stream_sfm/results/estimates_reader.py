@@ -20,7 +20,7 @@ from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
 
 _OURS = "/stream_sfm/"  # how most topics of a run's file begin
-_FEW_MESSAGES = 100  # of a file, which show what it is
+_FEW_MESSAGES = 100  # of a file, enough to recognise it
 _MATRIX_FROM_UPPER = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 Result = TypeVar("Result")
 

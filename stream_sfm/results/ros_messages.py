@@ -1,6 +1,6 @@
 """The ROS 2 messages of `estimates.mcap`: their definitions, and the bytes of each in CDR.
 
-Standard messages are those of ROS 2 (`standard_messages.py`); our own are defined in `schema.py`. Stamps are the
+Standard messages are those of rosbags; our own are defined in `schema.py`. Stamps are the
 seconds and nanoseconds of a header.
 """
 
@@ -16,7 +16,6 @@ from rosbags.typesys.store import Typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from . import standard_messages
 from .record_messages import definition, to_fields
 from .schema import EstimateRecord, ScalarsRecord, TimingRecord
 
@@ -43,10 +42,9 @@ _UNKNOWN_TWIST = np.array([-1.0, *35 * [0.0]])  # as ROS says that a quantity is
 
 @cache
 def _store() -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    own = {name: definition(kind) for kind, name in RECORDS.items()}
-    for name, text in (standard_messages.DEFINITIONS | own).items():
-        store.register(get_types_from_msg(text, name))
+    store = get_typestore(Stores.ROS2_HUMBLE)  # the standard messages used here are the same in every ROS 2
+    for kind, name in RECORDS.items():
+        store.register(get_types_from_msg(definition(kind), name))
     return store
 
 

@@ -42,15 +42,15 @@ class PointTable:
 
 
 class RunResults:
-    """What a run has written to its folder; points are read when they are asked for.
+    """The results in the folder of a run; points are read on first use.
 
     - `stamps_ns` (n,), `world_from_cam` (n, 4, 4), `cov_pose` (n, 6, 6): the left camera in the world, metres and
       radians; `trajectory` is the same in one.
     - `statuses` (n,) and `reasons` (n,): text.
     - `table`: a column per quantity, a row per frame, as in `trajectory.csv`.
     - `config`, and `summary`: the content of summary.json, empty if the run did not end.
-    - `warnings`: what could not be read of a damaged file or one that a killed run has left; empty where nothing is
-      missing. Frames and points that are whole are there in any case.
+    - `warnings`: what could not be read of a damaged file or of one that a killed run has left; empty where nothing is
+      missing. All frames and points that are whole are read.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -124,8 +124,8 @@ class RunResults:
 def read_results(folder: str | Path) -> RunResults:
     """Read the folder of a run: of `replay`, of a log of `batch`, or of one method of `compare`.
 
-    Of a run that was killed, or of a damaged file, it has what could be read; `warnings` say what is missing. Raises
-    InputError where there are no results, LogError where no frame can be read.
+    The results of a killed run or a damaged file contain everything that is whole, and their `warnings` say what is
+    missing. Raises InputError where there are no results, LogError where no frame can be read.
     """
     return RunResults(folder)
 

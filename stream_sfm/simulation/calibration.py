@@ -31,14 +31,14 @@ _STEPS = 4  # to where a view is seen with errors of the rig, each a hundredth o
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The default estimator, told of the rig's possible errors or not, and of how long errors last or not."""
+    """The default estimator, which may know of possible errors of the rig and of how long errors of views last."""
 
     label: str
     rig: bool
     lasting: bool
 
     def told(self, observations: Observations) -> Observations:
-        """Return the observations with what this window is told."""
+        """Return the observations with the knowledge that this window has."""
         return replace(
             observations,
             rig_effects=observations.rig_effects if self.rig else None,
@@ -82,7 +82,7 @@ CONDITIONS = {
 
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
-    """Return what a rig with errors (m,), in σ of what is assumed, sees of a scene, with all that a front-end adds."""
+    """Return the observations by a rig with errors (m,), in σ of its prior, with everything that a front-end adds."""
     model = RigEffects(sequence.projection, Config().rig, None)
     persistence, result = Persistence(), []
     for o in sequence.observations:
@@ -130,7 +130,7 @@ def measure(seed: np.random.SeedSequence, condition: Condition) -> Measured:
 
 
 def _nees_rig(solution: Solution, error: Array) -> float:
-    """Return the squared error of what is known about the rig, by its covariance; NaN where nothing is."""
+    """Return the normalised squared error of the estimated rig; NaN where none was estimated."""
     if solution.rig is None:
         return np.nan
     away = solution.rig.mean - error

@@ -1,4 +1,4 @@
-"""Random scenes seen by the converging pair of the paper, section 4.1: what is true, and what is observed.
+"""Random scenes seen by the converging pair of the paper, section 4.1: their truth and their observations.
 
 Points are projected into the two physical cameras, where noise is added; coordinates and covariance are then mapped
 into the rectified pair in which estimators work. All poses and points are in axes of the rectified left camera.

@@ -50,7 +50,7 @@ def trials_of(data: Measured) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What one trial does, picklable; of the trials asked for, the fraction `share` is run."""
+    """The measurement of one trial, picklable; of the trials asked for, the fraction `share` is run."""
 
     measure: Callable[[np.random.SeedSequence], Measured]
     share: float = 1.0

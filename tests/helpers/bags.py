@@ -1,6 +1,5 @@
 """ROS bags of every kind with the messages of an MCAP log, written by rosbags."""
 
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,6 @@ from stream_sfm.mcap_file.log_file import LogFile, LogMessage
 def messages_of(log: Path) -> list[LogMessage]:
     """All messages of a log."""
     return list(LogFile(log).messages(Damage()))
-
-
-def with_whole_camera_info(messages: Sequence[LogMessage]) -> list[LogMessage]:
-    """The messages with the fields of ROS 2's CameraInfo that the log's own shorter definition leaves out."""
-    binning_and_roi = struct.pack("<6I?", 0, 0, 0, 0, 0, 0, False)
-    return [
-        m._replace(data=m.data + binning_and_roi) if m.schema.name.endswith("CameraInfo") else m for m in messages
-    ]
 
 
 def write_bag1(

@@ -24,6 +24,7 @@ from google.protobuf.message import Message as Protobuf
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
@@ -32,44 +33,21 @@ from tests.helpers import idl
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M, DISPARITY_PX = 96, 64, 80.0, 0.3, 12
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000
 
-_HEADER = "std_msgs/Header header\n"
-_HEADER_TYPES = (
-    "================\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-    "================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-)
-_IMAGE = "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"
-_INFO = "uint32 height\nuint32 width\nstring distortion_model\n"
-_QUATERNION = "================\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-_POSE_TYPES = (
-    "================\nMSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n"
-    "================\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n" + _QUATERNION
-)
-ROS2 = {
-    "sensor_msgs/msg/Image": _HEADER + _IMAGE + _HEADER_TYPES,
-    "sensor_msgs/msg/CompressedImage": _HEADER + "string format\nuint8[] data\n" + _HEADER_TYPES,
-    "sensor_msgs/msg/CameraInfo": _HEADER
-    + _INFO
-    + "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n"
-    + _HEADER_TYPES,
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"
-    "================\nMSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n"
-    "geometry_msgs/Transform transform\n"
-    "================\nMSG: geometry_msgs/Transform\nVector3 translation\nQuaternion rotation\n"
-    "================\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n" + _HEADER_TYPES + _QUATERNION,
-    "geometry_msgs/msg/PoseStamped": _HEADER + "geometry_msgs/Pose pose\n" + _HEADER_TYPES + _POSE_TYPES,
-}
-_ROS1_HEADER = "================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
-ROS1 = {
-    "sensor_msgs/Image": "Header header\n" + _IMAGE + _ROS1_HEADER,
-    "sensor_msgs/CompressedImage": "Header header\nstring format # jpeg, png\nuint8[] data\n" + _ROS1_HEADER,
-    "sensor_msgs/CameraInfo": "Header header\n"
-    + _INFO
-    + "float64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n"
-    + _ROS1_HEADER,
-    "tf2_msgs/TFMessage": ROS2["tf2_msgs/msg/TFMessage"].split("================\nMSG: std_msgs")[0]
-    + _QUATERNION
-    + _ROS1_HEADER,
-}
+_IN_ROS2, _IN_ROS1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
+_STEREO = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo")
+_PLACES = ("tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped")
+ROS2 = {name: _IN_ROS2.generate_msgdef(name, ros_version=2)[0] for name in (*_STEREO, *_PLACES)}
+_IN_ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+
+
+def _ros1(name: str) -> str:
+    """A definition as recorders of ROS 1 write it: they differ in the name of the header and the length of a rule."""
+    text = _IN_ROS1.generate_msgdef(name)[0].replace("=" * 80, "=" * 16)
+    return text.replace("std_msgs/Header header", "Header header", 1) if "Image" in name else text
+
+
+ROS1 = {name.replace("/msg/", "/"): _ros1(name) for name in (*_STEREO, *_PLACES)}
+_NO_ROI = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
 
 K = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1.0]])
 
@@ -263,20 +241,14 @@ def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib, fr
         text |= {"distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
         log.json(topic, "foxglove.CameraCalibration", text, time)
     elif profile in ("ros2", "ros2idl"):
-        header = {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}
-        body = {
-            "height": c.height,
-            "width": c.width,
-            "distortion_model": c.model,
-            "d": list(c.D),
-            "k": k,
-            "r": r,
-            "p": p,
-        }
-        log.ros2(topic, "sensor_msgs/msg/CameraInfo", {"header": header} | body, time, profile == "ros2idl")
+        body = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}}
+        body |= {"height": c.height, "width": c.width, "distortion_model": c.model}
+        body |= {"d": list(c.D), "k": k, "r": r, "p": p, "binning_x": 0, "binning_y": 0, "roi": _NO_ROI}
+        log.ros2(topic, "sensor_msgs/msg/CameraInfo", body, time, profile == "ros2idl")
     else:
         data = struct.pack("<III", 0, sec, nsec) + _text(frame_id) + struct.pack("<II", c.height, c.width)
         data += _text(c.model) + struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
+        data += struct.pack("<6I?", 0, 0, 0, 0, 0, 0, False)  # binning and region of interest
         log.ros1(topic, "sensor_msgs/CameraInfo", data, time)
 
 

@@ -19,7 +19,6 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
 from stream_sfm.errors import InputError, LogError, OutputError
 from stream_sfm.geometry import se3
-from stream_sfm.results import ros_messages, standard_messages
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import fixed_axis_covariance
@@ -159,13 +158,6 @@ def test_one_typestore_of_rosbags_reads_every_topic(written: Path):
             counts[connection.topic] += 1
     assert 0 < counts.pop("/stream_sfm/path") <= FRAMES + 1  # as it grows, and once more at the end
     assert len(counts) == 8 and set(counts.values()) == {FRAMES}
-
-
-@pytest.mark.parametrize("name", standard_messages.DEFINITIONS)
-def test_standard_messages_are_those_of_ros(name: str):
-    assert (
-        ros_messages.schema_text(name) == get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(name, ros_version=2)[0]
-    )
 
 
 def test_our_definitions_explain_every_field(written: Path):

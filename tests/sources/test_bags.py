@@ -9,7 +9,7 @@ import pytest
 
 from stream_sfm import LogError, open_log
 from stream_sfm.inspection import inspect_log
-from tests.helpers.bags import messages_of, with_whole_camera_info, write_bag1, write_bag2
+from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import Spec, write_log
 
 
@@ -116,7 +116,7 @@ def test_a_missing_or_empty_split_costs_its_frames_and_is_reported(tmp_path, log
 
 
 def test_bags_before_iron_carry_no_definitions(tmp_path, logs):
-    bag = write_bag2(tmp_path / "walk", with_whole_camera_info(messages_of(logs["ros2"])))
+    bag = write_bag2(tmp_path / "walk", messages_of(logs["ros2"]))
     with closing(sqlite3.connect(bag / "walk.db3")) as database:
         database.execute("DROP TABLE message_definitions")
         database.execute("DROP TABLE schema")
