@@ -1,5 +1,6 @@
-"""The drift report of a comparison and the page of a batch: figures, charts and pictures in one HTML file each.
+"""What is kept of a run, and the pages made of it: of a replay, a comparison and a batch, one HTML file each.
 
-A comparison collects its `records`; `numbers` computes every figure from them, and `page` renders both. The entry
-points are `page.write_report` and `batch_page.render_batch`. Nothing here reads a log or runs an estimator.
+`records.py` and `front_record.py` are filled frame by frame; `numbers.py` computes every figure of a comparison from
+them, and `page.py` draws it. `run_page.py`, `batch_page.py` and `many_page.py` are the other pages. Not here: reading
+logs, running estimators.
 """

@@ -12,7 +12,6 @@ from .accuracy_charts import Traces
 from .conclusion import conclusion
 from .lengths import LengthUnit, unit_for
 from .methods import label, style
-from .numbers import numbers
 from .records import Comparison
 from .template import inline, template
 from .traces import closure, trace
@@ -20,12 +19,10 @@ from .traces import closure, trace
 REPORT = ("report.json", "report.html")  # the files of a report
 
 
-def write_report(comparison: Comparison, folder: Path) -> dict[str, Any]:
-    """Write report.html and report.json to a folder and return the content of report.json. Raises OutputError."""
-    content = numbers(comparison)
+def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) -> None:
+    """Write report.json, the `content`, and report.html to a folder. Raises OutputError."""
     write_whole(folder / "report.json", json_bytes(content))
     write_whole(folder / "report.html", render(comparison, content).encode())
-    return content
 
 
 def render(c: Comparison, content: dict[str, Any]) -> str:

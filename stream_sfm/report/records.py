@@ -38,8 +38,9 @@ class RunRecord:
     the calibration, in pixels.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, disparity_at_1m_px: float = 1.0) -> None:
+        """`disparity_at_1m_px`: focal length times baseline."""
+        self.name, self._disparity_at_1m_px = name, disparity_at_1m_px
         self.failure = ""
         self.refused = 0
         self.first_refusal: FrameError | None = None
@@ -121,9 +122,9 @@ class RunRecord:
         """How many frames have a status."""
         return self._statuses.count(_STATUSES.index(status))
 
-    def warnings(self, disparity_at_1m_px: float) -> list[str]:
-        """Sentences about a calibration that was wrong or has changed, and about frames that are refused, lost, or
-        degraded where that are many. `disparity_at_1m_px`: focal length times baseline."""
+    def warnings(self) -> list[str]:
+        """Sentences about a calibration that was wrong or has changed, about frames that are refused or lost, about
+        degraded ones where they are many, and about a method that stopped."""
         notes = [str(change) for change in self.rig_changes]
         if self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
             frame, rig = self._corrected_from
@@ -131,7 +132,7 @@ class RunRecord:
             notes.append(
                 f"from frame {frame} on an error of the calibration is corrected, {wrong_px:.2f} px of disparity; the "
                 "frames before were estimated with it: distances of 10 m were off by "
-                f"{10 * wrong_px / disparity_at_1m_px:.1%}"
+                f"{10 * wrong_px / self._disparity_at_1m_px:.1%}"
             )
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
@@ -139,7 +140,7 @@ class RunRecord:
             notes.append(f"tracking was lost in {lost} frames, {self._first(Status.LOST)}")
         if (degraded := self.count(Status.DEGRADED)) > _MANY_DEGRADED * len(self):
             notes.append(f"{degraded} of {len(self)} frames are degraded, {self._first(Status.DEGRADED)}")
-        return notes
+        return [*notes, *([self.failure] if self.failure else [])]
 
     def _first(self, status: Status) -> str:
         row = self._statuses.index(_STATUSES.index(status))

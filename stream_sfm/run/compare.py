@@ -10,6 +10,7 @@ import msgspec
 from ..blas import one_thread
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..errors import ConfigError
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
@@ -21,10 +22,10 @@ from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
 from ..report.records import Comparison, Truth
-from ..types import Selection, Sink
+from ..types import RigEstimate, Selection, Sink
 from .depth import TrueDepth
 from .lane import Lane
-from .loop import Check, Course, run
+from .loop import Course, run
 from .refine import refined_for_itself
 from .self_test import SelfTest
 from .summary import summarise
@@ -84,6 +85,8 @@ def compare(
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
+    if not methods:
+        raise ConfigError("no method is named: give those to compare, such as cross-frame and ekf")
     for name in methods:
         check_method(name)
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
@@ -100,24 +103,24 @@ def compare(
         observer = Observer(rig, config)
         of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
         lanes = [Lane(c, observer, depth, folder and folder / _key(c.method)) for c in of_methods]
-    front, test = FrontRecord(observer.rectify), SelfTest(observer.projection, config) if self_test else None
-    checks: list[Check] = [front, *([test] if test is not None else [])]
+    front, tests = FrontRecord(observer.rectify), [SelfTest(observer.projection, config)] if self_test else []
+    back = poses is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
         course = run(
             log,
             lanes,
             sinks,
-            checks,
+            [front, *tests],
             selection=selection,
             interruption=interruption,
-            there_and_back=poses is None if there_and_back is None else there_and_back,
+            there_and_back=back,
         )
     if course.error is not None and not course.frames:
         raise course.error
     if poses is not None:
         longest = max((lane.record for lane in lanes), key=len)
         truth = truth._replace(poses=without_frames(poses, longest.stamps_ns, truth.ignored))
-    comparison = Comparison(
+    found = Comparison(
         log=log.path.name,
         rig=rig,
         config=config,
@@ -129,15 +132,19 @@ def compare(
         complete=log.stats.complete and course.complete,
         interrupted=course.interrupted,
         return_note=course.back,
-        self_test=None if test is None else test.result(),
-        calibration=calibration_error(
-            observer.projection, next((lane.record.rig for lane in lanes if lane.record.rig is not None), None)
-        ),
+        self_test=next((test.result() for test in tests), None),
+        calibration=calibration_error(observer.projection, _told(lanes)),
     )
-    result = _written(log, selection, lanes, comparison, folder)
+    for lane in lanes:
+        if lane.folder is not None:
+            summary = summarise(log, lane, selection, truth, complete=found.complete, warnings=found.warnings)
+            lane.folder.write_summary(summary)
+    report = numbers(found)
+    if folder is not None:
+        write_report(found, report, folder)
     if course.error is not None:
         raise course.error
-    return result
+    return ComparisonResult(report, folder, found)
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
@@ -156,24 +163,6 @@ def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: True
     return list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
 
 
-def _written(
-    log: StereoLog, selection: Selection, lanes: Sequence[Lane], comparison: Comparison, folder: Path | None
-) -> ComparisonResult:
-    """The report, written with the summary of each method if there is a folder."""
-    if folder is None:
-        return ComparisonResult(numbers(comparison), None, comparison)
-    for lane in lanes:
-        record, projection = lane.record, lane.observer.projection
-        of_method = [*record.warnings(projection.f_px * projection.baseline_m), record.failure]
-        summary = summarise(
-            log,
-            lane.config,
-            selection,
-            record,
-            comparison.truth,
-            complete=comparison.complete and not record.failure,
-            warnings=[*comparison.warnings, *filter(None, of_method)],
-        )
-        if lane.folder is not None:
-            lane.folder.write_summary(summary)
-    return ComparisonResult(write_report(comparison, folder), folder, comparison)
+def _told(lanes: Sequence[Lane]) -> RigEstimate | None:
+    """What the methods have told about the errors of the calibration, in pixels."""
+    return next((lane.record.rig for lane in lanes if lane.record.rig is not None), None)

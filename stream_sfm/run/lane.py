@@ -27,7 +27,8 @@ class Lane:
 
     def __init__(self, config: Config, observer: Observer, depth: TrueDepth | None, folder: Path | None) -> None:
         self.config = config
-        self.record = RunRecord(config.method)
+        projection = observer.projection
+        self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
         self.rig: RigEstimate | None = None  # what the estimator has told of the rig's errors, the latest

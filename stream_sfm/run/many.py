@@ -9,6 +9,7 @@ interval is no narrower than that of one.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +26,6 @@ from ..estimators import check_method
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
-from ..recording import open_log
 from ..report.many_page import conclusion_of_many, render_many
 from ..types import Selection
 from .compare import COMPARED, compare
@@ -44,18 +44,6 @@ class Start(NamedTuple):
 
     log: Path
     start_s: float
-
-
-class Settings(NamedTuple):
-    """What all samples have in common; the names are those of `compare_many`."""
-
-    config: Config
-    selection: Selection
-    methods: tuple[str, ...]
-    left: str | None = None
-    right: str | None = None
-    calibration: Where | None = None
-    calibrate: bool = False
 
 
 def compare_many(
@@ -99,8 +87,14 @@ def compare_many(
     first_s = selection.start_s or 0.0
     jobs = [Start(Path(log), first_s + k * start_step_s) for log in logs for k in range(starts)]
     files: list[Path] | None = None if calibration is None else checked_paths(calibration)
-    settings = Settings(config, selection, tuple(methods), left, right, files, calibrate)
-    run = partial(run_start, settings=settings)
+    options = {
+        "methods": tuple(methods),
+        "left": left,
+        "right": right,
+        "calibration": files,
+        "calibrate": calibrate,
+    }
+    run = partial(run_start, config=config, selection=selection, options=options)
     done: dict[int, dict[str, Any]] = {}
     interrupted = False
     try:
@@ -119,21 +113,11 @@ def compare_many(
     return content
 
 
-def run_start(job: Start, settings: Settings) -> dict[str, Any]:
-    """Compare on one log from one start; a failure is a result, not an exception."""
-    of_all = settings.selection
-    selected = Selection(job.start_s, of_all.end_s, of_all.max_frames, of_all.stride)
+def run_start(job: Start, config: Config, selection: Selection, options: dict[str, Any]) -> dict[str, Any]:
+    """Compare on one log from one start; a failure is a result, not an exception. `options`: of `compare`."""
     try:
-        log = open_log(job.log, settings.left, settings.right, settings.calibration)
-        result = compare(
-            log,
-            None,
-            settings.config,
-            selected,
-            methods=settings.methods,
-            there_and_back=False,
-            calibrate=settings.calibrate,
-        )
+        selected = replace(selection, start_s=job.start_s)
+        result = compare(job.log, None, config, selected, there_and_back=False, **options)
     except (StreamSfmError, ValueError) as error:
         return _failed(job, str(error))
     report = result.report

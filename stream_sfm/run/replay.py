@@ -146,21 +146,18 @@ class _Replay:
             "peak_rss_mib": peak_rss_mib(),
             "problems": [problem for sink in self.sinks for problem in sink.problems] or problems,
         }
-        projection = self.lane.observer.projection
-        calibration = calibration_error(projection, record.rig)
+        calibration = calibration_error(self.lane.observer.projection, record.rig)
         if calibration is not None:
             further["rig"] = calibration.numbers
         for test in self.checks:
             further["self_test"] = test.result()
         if there_and_back:
             further["there_and_back"] = return_error(record)
-        of_run = [*record.warnings(projection.f_px * projection.baseline_m), *course.warnings]
-        of_run += [self._depth.problem] if self._depth is not None else []
+        of_run = [*course.warnings, self._depth.problem if self._depth is not None else ""]
         summary = summarise(
             self._log,
-            self._config,
+            self.lane,
             self._selection,
-            record,
             truth,
             complete=course.complete and self._log.stats.complete,
             warnings=[*self._log.stats.warnings, *filter(None, of_run)],

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from ..config import Config
 from ..evaluation import evaluate, evaluate_unscaled
 from ..evaluation.end_pose import end_pose
 from ..evaluation.relative_consistency import against_truth
@@ -11,28 +10,32 @@ from ..recording import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Status
+from .lane import Lane
 
 
 def summarise(
     log: StereoLog,
-    config: Config,
+    lane: Lane,
     selection: Selection,
-    record: RunRecord,
     truth: Truth,
     *,
     complete: bool,
     warnings: list[str],
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the content of summary.json; `further` fields come before those of the ground truth."""
+    """The content of summary.json of a lane; `complete` and `warnings`: of the run.
+
+    `further` fields come before those of the ground truth.
+    """
+    config, record = lane.config, lane.record
     trajectory = record.trajectory()
     summary: dict[str, Any] = {
         "log": str(log.path),
         "method": config.method,
         "unscaled": config.mono,
         "unit_of_length": UNIT_WITHOUT_SCALE if config.mono else "metre",
-        "complete": complete,
-        "warnings": list(dict.fromkeys(warnings)),
+        "complete": complete and not record.failure,
+        "warnings": list(dict.fromkeys([*warnings, *record.warnings()])),
         "frames": _frame_counts(log, selection, record),
         **record.summary(),
         "end": None if config.mono else end_pose(trajectory),
