@@ -19,6 +19,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
     run = sfm.read_results(parser.parse_args().folder)
 
+    for warning in run.warnings:  # of a damaged file, or one that a killed run has left
+        print(f"not everything could be read: {warning}")
     steps_m = np.linalg.norm(np.diff(run.world_from_cam[:, :3, 3], axis=0), axis=1)
     speeds_m_s = steps_m / (np.diff(run.stamps_ns) / 1e9)
     print(f"{len(run)} poses, at most {speeds_m_s.max():.2f} m/s")

@@ -10,6 +10,7 @@
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -87,14 +88,10 @@ def from_message(message: Any, kind: type[Record]) -> Record:
     return kind(**{field.name: field.from_message(message) for field in found})
 
 
-_KNOWN: dict[type, list[_Field]] = {}
-
-
+@cache
 def _fields(kind: type[msgspec.Struct]) -> list[_Field]:
-    if kind not in _KNOWN:
-        hints = get_type_hints(kind, include_extras=True)
-        _KNOWN[kind] = [_field(name, hints[name]) for name in kind.__struct_fields__]
-    return _KNOWN[kind]
+    hints = get_type_hints(kind, include_extras=True)
+    return [_field(name, hints[name]) for name in kind.__struct_fields__]
 
 
 def _field(name: str, hint: Any) -> _Field:

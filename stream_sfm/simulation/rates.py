@@ -48,32 +48,27 @@ RUNS = {
     ),
 }
 
-_PAPER = {
-    "rotation": {"non": "1", "simple": "n", "general": "n/k²"},
-    "position": {"non": "1", "simple": "n", "general": "n/k²"},
-    "global_structure": {"non": "1/n", "simple": "n", "general": "n/k²"},
-    "local_structure": {"non": "1/n", "simple": "1", "general": "1/b"},
-}
-_THEORY = {
+# quantity -> kind of sequence -> the paper's rate, and what theory says
+_KNOWN = {
     "rotation": {
-        "non": "a constant: the noise of the first view stays",
-        "simple": "∝ n exactly",
-        "general": "∝ n, after a constant of the first L frames; slope 3/(L²−1) of L = 2",
+        "non": ("1", "a constant: the noise of the first view stays"),
+        "simple": ("n", "∝ n exactly"),
+        "general": ("n/k²", "∝ n, after a constant of the first L frames; slope 3/(L²−1) of L = 2"),
     },
     "position": {
-        "non": "a constant: the noise of the first view stays",
-        "simple": "∝ n while the path is short against depth, then ∝ n³ (lever arm of rotation)",
-        "general": "∝ n, then ∝ n³; slope 3/(L²−1) of L = 2",
+        "non": ("1", "a constant: the noise of the first view stays"),
+        "simple": ("n", "∝ n while the path is short against depth, then ∝ n³ (lever arm of rotation)"),
+        "general": ("n/k²", "∝ n, then ∝ n³; slope 3/(L²−1) of L = 2"),
     },
     "global_structure": {
-        "non": "1/n, down to a floor: the first view alone ties the points to the world",
-        "simple": "a constant floor (one view), then pose drift: n, then n³",
-        "general": "a constant floor, then pose drift: n, then n³",
+        "non": ("1/n", "1/n, down to a floor: the first view alone ties the points to the world"),
+        "simple": ("n", "a constant floor (one view), then pose drift: n, then n³"),
+        "general": ("n/k²", "a constant floor, then pose drift: n, then n³"),
     },
     "local_structure": {
-        "non": "1/n",
-        "simple": "constant",
-        "general": "constant in n; over b: (1/L)(H_b + (L−b)/b)",
+        "non": ("1/n", "1/n"),
+        "simple": ("1", "constant"),
+        "general": ("1/b", "constant in n; over b: (1/L)(H_b + (L−b)/b)"),
     },
 }
 
@@ -111,7 +106,8 @@ def _report(measured: dict[str, Measured]) -> Report:
 
 
 def _row(name: str, quantity: str, data: Measured) -> Report:
-    run, kind = RUNS[name], name.split("_")[0]  # non, simple or general
+    run = RUNS[name]
+    paper, theory = _KNOWN[quantity][name.split("_")[0]]  # non, simple or general
     x = np.array(run.frames)
     exponents = {m.label: exponent(x, data[m.label][quantity]) for m in READINGS}
     return {
@@ -119,11 +115,11 @@ def _row(name: str, quantity: str, data: Measured) -> Report:
         "title": run.title,
         "quantity": quantity,
         "frames": [run.frames[0], run.frames[-1]],
-        "paper": _PAPER[quantity][kind],
+        "paper": paper,
         "measured_exponent": exponents[METHOD.label],
         "exponents": exponents,
         "bound_exponent": exponent(x, data["bound"][quantity]).value,
-        "theory": _THEORY[quantity][kind],
+        "theory": theory,
     }
 
 

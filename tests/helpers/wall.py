@@ -1,5 +1,8 @@
 """Exact stereo images of a textured wall: one homography a camera, detail at all scales. Shared by the tests."""
 
+import copy
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -21,6 +24,20 @@ def rig(vergence_rad: float = 0.0, width: int = 320, height: int = 240) -> Stere
     return StereoRig(camera, camera, se3.inverse(left_from_right))
 
 
+@lru_cache(maxsize=8)  # half a second each
+def _texture(seed: int, size: int) -> tuple[np.ndarray, np.random.Generator]:
+    """A texture (size, size) uint8, read-only, and the state of the generator that has drawn it."""
+    rng = np.random.default_rng(seed)
+    texture = np.zeros((size, size), np.float32)
+    for octave in range(3, 10):
+        noise = rng.normal(size=(size >> octave, size >> octave)).astype(np.float32)
+        texture += cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC) * 0.75 ** (9 - octave)
+    texture -= texture.mean()
+    grey = np.clip(128 + 45 * texture / texture.std(), 0, 255).astype(np.uint8)
+    grey.flags.writeable = False
+    return grey, rng
+
+
 class Wall:
     """A wall 3 m in front of the first camera, slanted by 0.3 rad; 8 m wide and high, 2.5 mm a texel."""
 
@@ -28,18 +45,9 @@ class Wall:
     TEXEL_M = 0.0025
 
     def __init__(self, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
-        texture = np.zeros((self.SIZE, self.SIZE), np.float32)
-        for octave in range(3, 10):
-            cells = self.SIZE >> octave
-            noise = rng.normal(size=(cells, cells)).astype(np.float32)
-            texture += cv2.resize(noise, (self.SIZE, self.SIZE), interpolation=cv2.INTER_CUBIC) * 0.75 ** (
-                9 - octave
-            )
-        texture -= texture.mean()
-        self.texture = np.clip(128 + 45 * texture / texture.std(), 0, 255).astype(np.uint8)
+        self.texture, drawn = _texture(seed, self.SIZE)
+        self.rng = copy.deepcopy(drawn)
         self.world_from_wall = se3.exp([0, 0, 3.0, 0, 0, 0]) @ se3.exp([0, 0, 0, 0, 0.3, 0])
-        self.rng = rng
 
     def image(self, camera: Camera, world_from_cam: np.ndarray, noise: float = 1.0) -> np.ndarray:
         """What the camera sees of the wall (h, w) uint8, with grey noise of that deviation."""
