@@ -200,7 +200,7 @@ class StereoLog:
             until = "" if end_s is None else f" and before {end_s:g} s"
             raise LogError(
                 f"{self.path}: no frame lies after {start_s or 0:g} s{until}; the frames read span "
-                f"{since_ns / 1e9:.2f} s"
+                f"{since_ns / 1e9:.2f} s{''.join(f'; {warning}' for warning in self.stats.warnings[:2])}"
             )
 
     def ground_truth(self) -> Trajectory | None:

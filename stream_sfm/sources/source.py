@@ -8,8 +8,6 @@ from typing import NamedTuple, Protocol
 
 from ..mcap_file.damage import Damage
 
-MAX_CHANNELS = 2**16  # of a recording; robots have hundreds of topics
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:

@@ -11,7 +11,7 @@ from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, Spec, write_log
 
 STAMPS_NS = {START_NS + n * PERIOD_NS for n in range(12)}
-SEEDS = 120
+SEEDS = 60
 
 
 @pytest.fixture(scope="module")
