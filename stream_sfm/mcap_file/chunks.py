@@ -1,5 +1,6 @@
-"""Decompression of MCAP chunks, whole or cut off, never beyond the size they declare and a sane limit."""
+"""Decompression of chunks, of MCAP and of ROS 1 bags, whole or cut off, within the size that they declare."""
 
+import bz2
 import struct
 import zlib
 from typing import Any
@@ -58,22 +59,37 @@ def decompress_chunk(body: bytes, whole: bool, verify: bool = True) -> bytes | m
     lengths that do not add up, a wrong checksum or an unknown compression.
     """
     size, crc, compression, data = _parse_chunk(body, whole)
+    records = decompress(compression, data, size, whole)
+    if verify and crc and len(records) == size and zlib.crc32(records) != crc:
+        raise BrokenRecord("its checksum does not match its content")
+    return records
+
+
+def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: bool) -> bytes | memoryview:
+    """Data of a chunk that declares to unpack to `size` bytes; of MCAP or of a ROS 1 bag, by the name it gives.
+
+    Raises BrokenRecord; where the chunk is not `whole`, fewer bytes are no error.
+    """
+    if size > MAX_RECORD_BYTES:
+        raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over the limit of {MAX_RECORD_BYTES / 2**20:.0f}")
     records: bytes | memoryview
     try:
         if compression == b"zstd":
             records = _decompress_zstd(data, size, whole)
         elif compression == b"lz4":
             records = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-        elif compression == b"":
+        elif compression == b"bz2":
+            records = bz2.BZ2Decompressor().decompress(data, max_length=size)
+        elif compression in (b"", b"none"):
             records = data
         else:
-            raise BrokenRecord(f"compression {compression!r} is not supported; supported are zstd, lz4 and none")
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+            raise BrokenRecord(
+                f"compression {compression!r} is not supported; supported are zstd, lz4, bz2 and none"
+            )
+    except (zstandard.ZstdError, RuntimeError, EOFError, OSError, ValueError, MemoryError) as error:
         raise BrokenRecord(f"it cannot be decompressed: {error}") from None
     if whole and len(records) != size:
         raise BrokenRecord(f"it decompresses to {len(records)} bytes but declares {size}")
-    if verify and crc and len(records) == size and zlib.crc32(records) != crc:
-        raise BrokenRecord("its checksum does not match its content")
     return records
 
 
@@ -82,8 +98,6 @@ def _parse_chunk(body: bytes, whole: bool) -> tuple[int, int, bytes, memoryview]
     if len(body) < _CHUNK_HEAD.size + 4:
         raise BrokenRecord("its header is cut off")
     _, _, size, crc = _CHUNK_HEAD.unpack_from(body)
-    if size > MAX_RECORD_BYTES:
-        raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over the limit of {MAX_RECORD_BYTES / 2**20:.0f}")
     (name_length,) = struct.unpack_from("<I", body, _CHUNK_HEAD.size)
     start = _CHUNK_HEAD.size + 4 + name_length + 8
     if start > len(body):
@@ -96,7 +110,7 @@ def _parse_chunk(body: bytes, whole: bool) -> tuple[int, int, bytes, memoryview]
     return size, crc, compression, data[:data_length]
 
 
-def _decompress_zstd(data: memoryview, size: int, whole: bool) -> bytes:
+def _decompress_zstd(data: bytes | memoryview, size: int, whole: bool) -> bytes:
     with zstandard.ZstdDecompressor().stream_reader(data) as reader:
         if whole:
             return reader.read(size) if size else b""

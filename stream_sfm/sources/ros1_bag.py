@@ -5,7 +5,6 @@ messages, and an index of connections and chunks follows at the end of a bag tha
 is not used: it decompresses without a bound, keeps an entry per message in memory and stops at the first damage.
 """
 
-import bz2
 import os
 import struct
 from bisect import bisect_right
@@ -15,12 +14,11 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple
 
-import lz4.frame
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
 from ..inputs import open_regular
-from ..mcap_file.chunks import Allowance
+from ..mcap_file.chunks import Allowance, decompress
 from ..mcap_file.damage import Damage
 from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
 from .source import Channel, Contents, Message, Source
@@ -137,7 +135,9 @@ class Ros1BagSource(Source):
                         yield from reader.read(stream, record, self.size_bytes)
                     except BrokenRecord as error:
                         if record.data_at + record.length <= self.size_bytes:  # else the cut has been noted
-                            damage.add(f"{self.path} at byte {record.offset}: skipped: {error}")
+                            damage.add(
+                                f"{self.path} at byte {record.offset}: a damaged record was skipped: {error}"
+                            )
         except OSError as error:  # a failing disk, a network share that went away
             damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
 
@@ -216,8 +216,8 @@ class _MessageReader:
         data = stream.read(min(record.length, size - record.data_at))
         if kind == _CHUNK:
             self._allowance.begin(len(data), record.number("size"))
-            content, at = _decompress(record, data, whole), 0
-            chunk = BytesIO(content)
+            content = decompress(record.fields.get("compression", b""), data, record.number("size"), whole)
+            chunk, at = BytesIO(content), 0
             while at < len(content):
                 inner = _read_record(chunk, at)
                 self._allowance.take_record()
@@ -274,24 +274,3 @@ def _fields(header: bytes) -> dict[str, bytes]:
             raise BrokenRecord("a field of a record has no value")
         fields[name.decode("utf-8", "replace")] = value
     return fields
-
-
-def _decompress(record: _Record, data: bytes, whole: bool) -> bytes:
-    """The records in a chunk; where it is cut off (not `whole`), those before the cut. Raises BrokenRecord."""
-    compression, size = record.fields.get("compression", b""), record.number("size")
-    if size > MAX_RECORD_BYTES:
-        raise BrokenRecord(f"a chunk that declares {size / 2**20:.0f} MiB")
-    try:
-        if compression == b"none":
-            content = data
-        elif compression == b"bz2":
-            content = bz2.BZ2Decompressor().decompress(data, max_length=size)
-        elif compression == b"lz4":
-            content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-        else:
-            raise BrokenRecord(f"a chunk in compression {compression!r}, which is not supported")
-    except (OSError, EOFError, RuntimeError, ValueError, MemoryError) as error:
-        raise BrokenRecord(f"a damaged chunk of {len(data)} bytes: {error}") from None
-    if whole and len(content) != size:
-        raise BrokenRecord(f"a damaged chunk: it decompresses to {len(content)} bytes but declares {size}")
-    return content

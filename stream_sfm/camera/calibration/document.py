@@ -83,6 +83,22 @@ class Document:
         except ConfigError as error:
             raise self.error(str(error)) from None
 
+    def pinhole(self, table: Mapping[str, Any], where: str, coefficients: str, default_model: str) -> Camera:
+        """A pinhole camera as Kalibr and EuRoC write it; `where` precedes each key in errors.
+
+        `coefficients`: the key of the distortion's numbers, which are of `default_model` where no model is named.
+        """
+        if (model := table.get("camera_model", "pinhole")) != "pinhole":
+            raise self.error(
+                f"{where}camera_model {model!r} is not supported, only pinhole: calibrate with pinhole-radtan or "
+                "pinhole-equi"
+            )
+        fx, fy, cx, cy = self.numbers(table.get("intrinsics"), f"{where}intrinsics", (4,))
+        width, height = self.numbers(table.get("resolution"), f"{where}resolution", (2,))
+        d = self.numbers(table.get(coefficients) or [], f"{where}{coefficients}", None)
+        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return self.camera((int(width), int(height)), k, table.get("distortion_model", default_model), d.tolist())
+
 
 class Format(Protocol):
     """What a module of a format has. `FILES`: how many a pair needs, 0 for one or two."""

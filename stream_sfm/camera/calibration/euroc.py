@@ -32,15 +32,7 @@ def left(documents: Sequence[Document], size: Size | None) -> Camera:
 
 def camera(document: Document) -> Camera:
     """The camera of a file. Raises ConfigError."""
-    data = document.data
-    if (model := data.get("camera_model", "pinhole")) != "pinhole":
-        raise document.error(f"camera_model {model!r} is not supported, only pinhole")
-    fx, fy, cx, cy = document.numbers(data.get("intrinsics"), "intrinsics", (4,))
-    width, height = document.numbers(data.get("resolution"), "resolution", (2,))
-    k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    name = str(data.get("distortion_model") or "")
-    coefficients = document.numbers(data.get("distortion_coefficients") or [], "distortion_coefficients", None)
-    return document.camera((int(width), int(height)), k, name, coefficients.tolist())
+    return document.pinhole(document.data, "", "distortion_coefficients", "plumb_bob")
 
 
 def body_from_cam(document: Document) -> Array:

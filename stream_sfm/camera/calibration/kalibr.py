@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
@@ -43,15 +41,4 @@ def _right_from_left(document: Document) -> Array:
 
 
 def _camera(document: Document, name: str) -> Camera:
-    data = document.data[name]
-    model = str(data.get("camera_model", "pinhole"))
-    if model != "pinhole":
-        raise document.error(
-            f"{name}.camera_model {model!r} is not supported, only pinhole: calibrate with pinhole-radtan or "
-            "pinhole-equi"
-        )
-    fx, fy, cx, cy = document.numbers(data.get("intrinsics"), f"{name}.intrinsics", (4,))
-    width, height = document.numbers(data.get("resolution"), f"{name}.resolution", (2,))
-    d = document.numbers(data.get("distortion_coeffs", []), f"{name}.distortion_coeffs", None)
-    k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return document.camera((int(width), int(height)), k, data.get("distortion_model", "none"), d.tolist())
+    return document.pinhole(document.data[name], f"{name}.", "distortion_coeffs", "none")
