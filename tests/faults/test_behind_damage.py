@@ -127,4 +127,4 @@ def test_bytes_that_look_like_records_cost_bounded_work(
     data = path.read_bytes()
     path.write_bytes(data[:-100] + 7 * b"\xff" + piece * (6 * 2**20 // len(piece)) + data[-100:])
     assert sum(1 for m in LogFile(path).messages(Damage()) if m.channel.topic in Spec.topics) >= 20
-    assert count < 400 * 2**20  # of a file of 6 MiB, of which 70 MiB may be looked at again
+    assert count < 2**30  # of a file of 6 MiB: some kilobytes for each of at most 100 000 places to resume
