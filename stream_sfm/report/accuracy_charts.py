@@ -52,7 +52,7 @@ def _deviations(true: Array, traces: Traces, apart_m: float, unit: LengthUnit) -
         "x, m (right)",
         "z, m (forward)",
         [Series("ground truth", true[:, 0, 3], true[:, 2, 3], "m-truth")],
-        note=f"all methods coincide with it within {unit.per_m * apart_m:.2g} {unit.name}: deviations beside and below",
+        note=f"estimates coincide with it within {unit.per_m * apart_m:.2g} {unit.name}: deviations beside and below",
         equal=True,
         height=340,
     )

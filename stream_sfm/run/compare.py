@@ -99,10 +99,7 @@ def compare(
         check_rigid(poses)
     rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
     depth = TrueDepth(log)
-    with one_thread:
-        observer = Observer(rig, config)
-        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
-        lanes = [Lane(c, observer, depth, folder and folder / _key(c.method)) for c in of_methods]
+    observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(observer.rectify), [SelfTest(observer.projection, config)] if self_test else []
     back = poses is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
@@ -117,8 +114,8 @@ def compare(
         )
     if course.error is not None and not course.frames:
         raise course.error
+    longest = max((lane.record for lane in lanes), key=len)
     if poses is not None:
-        longest = max((lane.record for lane in lanes), key=len)
         truth = truth._replace(poses=without_frames(poses, longest.stamps_ns, truth.ignored))
     found = Comparison(
         log=log.path.name,
@@ -135,16 +132,25 @@ def compare(
         self_test=next((test.result() for test in tests), None),
         calibration=calibration_error(observer.projection, _told(lanes)),
     )
-    for lane in lanes:
-        if lane.folder is not None:
-            summary = summarise(log, lane, selection, truth, complete=found.complete, warnings=found.warnings)
-            lane.folder.write_summary(summary)
     report = numbers(found)
     if folder is not None:
+        for lane in lanes:
+            summary = summarise(log, lane, selection, truth, complete=found.complete, warnings=found.warnings)
+            lane.write_summary(summary)
         write_report(found, report, folder)
     if course.error is not None:
         raise course.error
     return ComparisonResult(report, folder, found)
+
+
+def _lanes(
+    rig: StereoRig, config: Config, methods: Sequence[str], depth: TrueDepth, folder: Path | None
+) -> tuple[Observer, list[Lane]]:
+    """The observer that all methods share, and a lane of each."""
+    with one_thread:
+        observer = Observer(rig, config)
+        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
+        return observer, [Lane(c, observer, depth, folder and folder / _key(c.method)) for c in of_methods]
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:

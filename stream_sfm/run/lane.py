@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class Lane:
         solved = self._solve(observed, " (on the way back)")
         if solved is not None:
             self.record.back.append(solved[1].world_from_cam)
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Write summary.json, if results are written and there are any. Raises OutputError."""
+        if self.folder is not None:
+            self.folder.write_summary(summary)
 
     def _solve(self, observed: Observed, where: str = "") -> tuple[Solution, FrameEstimate] | None:
         if self.error is not None:
