@@ -49,7 +49,7 @@ def test_points_are_in_the_camera_of_their_frame(run: sfm.RunResults, estimates)
     for e in estimates:
         mine = points.frame_indices == e.frame_index
         assert points.track_ids[mine].tolist() == e.track_ids.tolist()
-        assert np.allclose(points.points[mine], e.points_in_cam, rtol=1e-6)
+        assert np.allclose(points.points[mine], e.points_in_cam, rtol=1e-6)  # float32, here and below
         assert np.allclose(points.cov_points[mine], e.cov_points, rtol=1e-5, atol=1e-9)
 
 
@@ -77,7 +77,7 @@ def test_the_csv_is_the_table(run: sfm.RunResults) -> None:
     for name, column in run.table.items():
         said = [row[name] for row in rows]
         if column.dtype.kind == "f":
-            assert np.allclose(np.array(said, dtype=float), column, rtol=1e-11, equal_nan=True)
+            assert np.allclose(np.array(said, dtype=float), column, rtol=1e-11, equal_nan=True)  # twelve digits
         else:
             assert said == [str(value) for value in column.tolist()]
 

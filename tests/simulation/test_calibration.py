@@ -77,6 +77,6 @@ def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothi
     condition = Condition(scene=scene, frames=(15, 20), wrong_rig=True)
     trials = run_trials(lambda seed: calibration.measure(seed, condition), 8, seed=1)
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
-    assert 2 < found["cross-frame"] < 9
+    assert 2 < found["cross-frame"] < 9  # 3.5 over 100 trials
     assert found["errors as white"] > found["cross-frame"]
-    assert found["rig as exact, errors as white"] > 100 and found["rig as exact"] > 100
+    assert found["rig as exact, errors as white"] > 100 and found["rig as exact"] > 100  # 5500 and 2000
