@@ -15,6 +15,8 @@ from .errors import ConfigError
 from .inputs import parse_toml, read_small
 from .wording import expected, first_line, invalid_setting
 
+EXPERT = {"expert": True}  # a setting that few runs need, in a section such as [expert.frontend]
+_LEAST_VOXEL_M = 1e-4  # a tenth of a millimetre
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
 _FRAMES = {"world_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
@@ -46,44 +48,71 @@ class FrontendConfig(_Section, frozen=True, kw_only=True):
     max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
     renew_fraction: Annotated[
-        float, Meta(description="new points are sought where this fraction of max_tracks is missing", ge=0, le=1)
+        float,
+        Meta(
+            description="new points are sought where this fraction of max_tracks is missing",
+            ge=0,
+            le=1,
+            extra=EXPERT,
+        ),
     ] = 0.05
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[
-        float, Meta(description="distance of a new corner to all other points, pixels", ge=2)
+        float, Meta(description="distance of a new corner to all other points, pixels", ge=2, le=200, extra=EXPERT)
     ] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
     min_corner_response: Annotated[
-        float, Meta(description="smallest eigenvalue of a corner's gradient matrix, OpenCV's scale", gt=0)
+        float,
+        Meta(
+            description="smallest eigenvalue of a corner's gradient matrix, OpenCV's scale",
+            ge=1e-8,
+            le=1,
+            extra=EXPERT,
+        ),
     ] = 2e-4
     # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
     # batch adjustment, 35 mm -> 2.3 mm.
     smoothing_px: Annotated[
-        float, Meta(description="σ of the Gaussian that images are smoothed with first, pixels", ge=0, le=5)
+        float,
+        Meta(description="σ of the Gaussian that images are smoothed with first, pixels", ge=0, le=5, extra=EXPERT),
     ] = 1.0
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
-    window_radius_px: Annotated[int, Meta(description="half width of the tracked patch, pixels", ge=3, le=30)] = 10
+    window_radius_px: Annotated[
+        int, Meta(description="half width of the tracked patch, pixels", ge=3, le=30, extra=EXPERT)
+    ] = 10
     # Measured: starts are predicted, more levels change no figure of the logs with ground truth.
     pyramid_levels: Annotated[
         int,
-        Meta(description="how often the image is halved where flow starts; it ends at half the size", ge=1, le=8),
+        Meta(
+            description="how often the image is halved where flow starts; it ends at half the size",
+            ge=1,
+            le=8,
+            extra=EXPERT,
+        ),
     ] = 2
     # Measured: where frames are far apart, starts predicted from uncertain depths are off by that much. Of a drive at
     # every fourth frame 1.5 px lost a third of the tracks (t_rel 1.8 % instead of 1.6); calm logs change nothing.
     max_realignment_px: Annotated[
-        float, Meta(description="largest step of the alignment from its start, pixels", gt=0)
+        float, Meta(description="largest step of the alignment from its start, pixels", ge=0.1, le=50, extra=EXPERT)
     ] = 4.0
     # Twice the 0.8 px that the worst calibration met was off in the corners; what is learnt narrows it.
     max_vertical_disparity_px: Annotated[
-        float, Meta(description="largest difference of rows between left and right, pixels", gt=0)
+        float,
+        Meta(description="largest difference of rows between left and right, pixels", ge=0.1, le=50, extra=EXPERT),
     ] = 1.5
     # Chosen by hand, many times a sensor's noise: it refuses patches that show something else.
     max_photometric_error: Annotated[
-        float, Meta(description="largest deviation of a patch from its template, grey values of 255", gt=0)
+        float,
+        Meta(
+            description="largest deviation of a patch from its template, grey values of 255",
+            ge=1,
+            le=255,
+            extra=EXPERT,
+        ),
     ] = 20.0
     # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search costs time and finds rivals.
     max_disparity_fraction: Annotated[
-        float, Meta(description="largest disparity of a new point, fraction of the image's width", gt=0, le=1)
+        float, Meta(description="largest disparity of a new point, fraction of the image's width", ge=0.01, le=1)
     ] = 0.25
 
 
@@ -91,25 +120,32 @@ class WindowConfig(_Section, frozen=True, kw_only=True):
     """The cross-frame estimator."""
 
     frames: Annotated[int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)] = 8
-    max_iterations: Annotated[int, Meta(description="Gauss-Newton steps per frame, at most", ge=1, le=50)] = 6
+    max_iterations: Annotated[
+        int, Meta(description="Gauss-Newton steps per frame, at most", ge=1, le=50, extra=EXPERT)
+    ] = 6
 
 
 class RobustConfig(_Section, frozen=True, kw_only=True):
     """Outliers and lost frames, for every estimator."""
 
     gate_probability: Annotated[
-        float, Meta(description="fraction of good views that the χ² gate keeps", gt=0.5, lt=1)
+        float,
+        Meta(description="share of good views that the χ² gate keeps", ge=0.5, le=0.999999999999, extra=EXPERT),
     ] = 0.999
-    min_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is lost", ge=4)] = 8
-    degraded_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is degraded", ge=4)] = 25
+    min_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is lost", ge=4, le=2000)] = 8
+    degraded_inliers: Annotated[
+        int, Meta(description="with fewer accepted views a frame is degraded", ge=4, le=2000)
+    ] = 25
 
 
 class MotionConfig(_Section, frozen=True, kw_only=True):
     """The camera's motion while tracking is lost."""
 
-    std_acceleration_m_s2: Annotated[float, Meta(description="σ of the acceleration while lost, m/s²", gt=0)] = 3.0
+    std_acceleration_m_s2: Annotated[
+        float, Meta(description="σ of the acceleration while lost, m/s²", ge=1e-3, le=1e4)
+    ] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
-        float, Meta(description="σ of the angular acceleration while lost, rad/s²", gt=0)
+        float, Meta(description="σ of the angular acceleration while lost, rad/s²", ge=1e-3, le=1e4)
     ] = 3.0
 
 
@@ -120,30 +156,57 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     exact: Annotated[bool, Meta(description="the calibration has no error")] = False
     # Five real rigs are off by 0.05 to 1.1 px per term.
     std_disparity_px: Annotated[
-        float, Meta(description="σ of each term of the disparity's error at the image's edge, pixels", gt=0, le=10)
+        float,
+        Meta(
+            description="σ of each term of the disparity's error at the image's edge, pixels",
+            ge=1e-3,
+            le=10,
+            extra=EXPERT,
+        ),
     ] = 0.4
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[
         float,
-        Meta(description="σ of each error that both lenses share, in the image's corner, pixels", gt=0, le=50),
+        Meta(
+            description="σ of each error that both lenses share, in the image's corner, pixels",
+            ge=1e-3,
+            le=50,
+            extra=EXPERT,
+        ),
     ] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
     std_lens_difference_px: Annotated[
         float,
-        Meta(description="σ of the difference of the lenses' radial errors in the corner, pixels", gt=0, le=50),
+        Meta(
+            description="σ of the difference of the lenses' radial errors in the corner, pixels",
+            ge=1e-3,
+            le=50,
+            extra=EXPERT,
+        ),
     ] = 0.5
     # Knocks are found without it. With 20 microradians a rendered rig that does not drift is known half as well.
     std_drift_rad: Annotated[
         float,
-        Meta(description="σ by which the right camera turns per frame, about each axis, radians", ge=0, lt=0.01),
+        Meta(
+            description="σ by which the right camera turns per frame, about each axis, radians",
+            ge=0,
+            le=0.01,
+            extra=EXPERT,
+        ),
     ] = 0.0
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[
-        float, Meta(description="σ of the direction of the camera's axes, about x and about y, radians", ge=0, lt=1)
+        float,
+        Meta(
+            description="σ of the direction of the camera's axes, about x and about y, radians",
+            ge=0,
+            le=0.5,
+            extra=EXPERT,
+        ),
     ] = 0.0015
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[
-        float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, lt=1)
+        float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, le=0.5)
     ] = 0.006
 
 
@@ -199,52 +262,76 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
 
     # Chosen by hand: twice what points use, for surfaces close to the camera. The range is narrowed for each frame.
     max_disparity_fraction: Annotated[
-        float, Meta(description="largest disparity, fraction of the image's width", gt=0, le=0.9)
+        float, Meta(description="largest disparity, fraction of the image's width", ge=0.01, le=0.9, extra=EXPERT)
     ] = 0.5
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
-    block_px: Annotated[int, Meta(description="edge of the block that is matched, pixels, odd", ge=3, le=21)] = 7
+    block_px: Annotated[
+        int, Meta(description="edge of the block that is matched, pixels, odd", ge=3, le=21, extra=EXPERT)
+    ] = 7
     # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
     uniqueness_percent: Annotated[
-        int, Meta(description="how much better than its rivals a match must be, per cent", ge=0, le=50)
+        int,
+        Meta(description="how much better than its rivals a match must be, per cent", ge=0, le=50, extra=EXPERT),
     ] = 5
     # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
     smoothing_px: Annotated[
-        float, Meta(description="σ of the Gaussian before the sub-pixel step, pixels", ge=0, le=5)
+        float, Meta(description="σ of the Gaussian before the sub-pixel step, pixels", ge=0, le=5, extra=EXPERT)
     ] = 1.0
     # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
     window_radius_px: Annotated[
-        int, Meta(description="half width of the window of the sub-pixel step, pixels", ge=2, le=30)
+        int, Meta(description="half width of the window of the sub-pixel step, pixels", ge=2, le=30, extra=EXPERT)
     ] = 6
     # A uniform error of half a pixel has a σ of 0.29.
     std_start_px: Annotated[
-        float, Meta(description="σ of the disparity that the sub-pixel step starts from, pixels", gt=0)
+        float,
+        Meta(
+            description="σ of the disparity that the sub-pixel step starts from, pixels",
+            ge=1e-3,
+            le=10,
+            extra=EXPERT,
+        ),
     ] = 0.3
     # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
     std_bias_px: Annotated[
-        float, Meta(description="σ of the disparity error that all frames share, pixels", ge=0)
+        float, Meta(description="σ of the disparity error that all frames share, pixels", ge=0, le=10, extra=EXPERT)
     ] = 0.06
     # Chosen by hand: a less certain disparity may be a mismatch.
     max_std_px: Annotated[
-        float, Meta(description="pixels with a larger σ of disparity are left out, pixels", gt=0)
+        float,
+        Meta(description="pixels with a larger σ of disparity are left out, pixels", ge=1e-3, le=100, extra=EXPERT),
     ] = 1.0
     # Chosen by hand: beyond it, depth is too uncertain to show a shape.
     max_relative_std: Annotated[
-        float, Meta(description="pixels with a larger σ of depth over depth are left out", gt=0, le=1)
+        float,
+        Meta(description="pixels with a larger σ of depth over depth are left out", ge=1e-4, le=1, extra=EXPERT),
     ] = 0.05
     # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
     max_disparity_step_px: Annotated[
-        float, Meta(description="largest disparity step between connected pixels, pixels", gt=0)
+        float,
+        Meta(description="largest disparity step between connected pixels, pixels", ge=0.01, le=1000, extra=EXPERT),
     ] = 1.0
     voxel_m: Annotated[
-        float, Meta(description="edge of a voxel of a fused surface, metres; 0: automatic", ge=0)
+        float, Meta(description="edge of a voxel of a fused surface, metres; 0: automatic", ge=0, le=100)
     ] = 0.0
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
     max_voxels: Annotated[
         int,
-        Meta(description="largest number of voxels; beyond it their edge is doubled", ge=10_000, le=100_000_000),
+        Meta(
+            description="largest number of voxels; beyond it their edge is doubled",
+            ge=10_000,
+            le=100_000_000,
+            extra=EXPERT,
+        ),
     ] = 4_000_000
     # Mismatches rarely agree in three frames.
-    min_frames: Annotated[int, Meta(description="number of frames that must have seen a fused surface", ge=1)] = 3
+    min_frames: Annotated[
+        int, Meta(description="number of frames that must have seen a fused surface", ge=1, le=10_000, extra=EXPERT)
+    ] = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.voxel_m < _LEAST_VOXEL_M:
+            raise ConfigError(f"dense.voxel_m is {self.voxel_m}; give at least {_LEAST_VOXEL_M}, or 0: automatic")
 
 
 class Config(_Section, frozen=True, kw_only=True):
@@ -258,7 +345,12 @@ class Config(_Section, frozen=True, kw_only=True):
     ] = False
     # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
     estimate_every: Annotated[
-        int, Meta(description="track every frame, estimate every k-th; those between are placed by resection", ge=1)
+        int,
+        Meta(
+            description="track every frame, estimate every k-th; those between are placed by resection",
+            ge=1,
+            le=1000,
+        ),
     ] = 1
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
@@ -298,11 +390,25 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
             raise ConfigError(f"configuration {path} is not TOML: {error}") from None
     for override in overrides:
         _apply(override, data)
+    _merge_expert(data, where)
     try:
         return msgspec.convert(data, Config)
     except msgspec.ValidationError as error:
         text = invalid_setting(str(error), data, msgspec.to_builtins(Config()))
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
+
+
+def _merge_expert(data: dict[str, Any], where: str) -> None:
+    """Move what is in sections such as [expert.frontend] to [frontend], where it may be as well."""
+    expert = data.pop("expert", {})
+    if not isinstance(expert, dict) or not all(isinstance(section, dict) for section in expert.values()):
+        raise ConfigError(f"configuration{where}: expert holds sections only, such as [expert.frontend]")
+    for name, section in expert.items():
+        known = data.setdefault(name, {})
+        for key, value in section.items():
+            if not isinstance(known, dict) or key in known:
+                raise ConfigError(f"configuration{where}: {name}.{key} is set twice, also as expert.{name}.{key}")
+            known[key] = value
 
 
 def _apply(override: str, data: dict[str, Any]) -> None:
@@ -322,26 +428,53 @@ def _apply(override: str, data: dict[str, Any]) -> None:
     data[leaf] = value
 
 
-def config_to_toml(config: Config) -> str:
-    """Return the whole configuration as commented TOML, which `read_config` reads back unchanged."""
+def setting_names() -> list[str]:
+    """Every setting with its section, such as `window.frames`."""
+    return [".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(section)]
+
+
+def config_to_toml(config: Config, expert: bool = True) -> str:
+    """Return the configuration as commented TOML, which `read_config` reads back unchanged.
+
+    Without `expert`, settings that few runs need are left out, unless they differ from their defaults.
+    """
     lines = ["# stream_sfm configuration; every setting may be left out"]
-    sections = [n for n in config.__struct_fields__ if isinstance(getattr(config, n), _Section)]
-    lines += _section_lines(config, [n for n in config.__struct_fields__ if n not in sections])
-    for name in sections:
-        section = getattr(config, name)
-        lines += ["", f"[{name}]  # {first_line(type(section))}"]
-        lines += _section_lines(section, list(section.__struct_fields__))
+    if not expert:
+        lines.append("# settings that few runs need are left out; they have sections such as [expert.frontend]")
+    for name, section in _sections(config):
+        plain = [key for key, meta in _keys(section).items() if not (meta.extra or {}).get("expert")]
+        rest = [key for key in _keys(section) if key not in plain]
+        if not expert:
+            defaults = type(section)()
+            rest = [key for key in rest if getattr(section, key) != getattr(defaults, key)]
+        lines += _section_lines(name, section, plain)
+        lines += _section_lines(f"expert.{name}", section, rest)
     return "\n".join(lines) + "\n"
 
 
-def _section_lines(section: _Section, names: list[str]) -> list[str]:
+def _sections(config: Config) -> list[tuple[str, _Section]]:
+    """Names and sections; the first has no name: settings in none."""
+    values = ((name, getattr(config, name)) for name in config.__struct_fields__)
+    return [("", config), *((name, value) for name, value in values if isinstance(value, _Section))]
+
+
+def _keys(section: _Section) -> dict[str, Meta]:
+    """The settings of a section, without its own sections."""
     hints = get_type_hints(type(section), include_extras=True)
-    lines = []
-    for name in names:
-        meta = next((m for m in getattr(hints[name], "__metadata__", ()) if isinstance(m, Meta)), None)
-        lines.append(f"# {meta.description}" if meta else "")
-        lines.append(f"{name} = {_toml_value(getattr(section, name))}")
-    return [line for line in lines if line]
+    metas = {
+        key: [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Meta)] for key, hint in hints.items()
+    }
+    return {key: found[0] for key, found in metas.items() if found}
+
+
+def _section_lines(name: str, section: _Section, keys: list[str]) -> list[str]:
+    if not keys:
+        return []
+    metas = _keys(section)
+    lines = ["", f"[{name}]  # {first_line(type(section))}"] if name else []
+    for key in keys:
+        lines += [f"# {metas[key].description}", f"{key} = {_toml_value(getattr(section, key))}"]
+    return lines
 
 
 def _toml_value(value: Any) -> str:

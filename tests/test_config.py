@@ -1,11 +1,84 @@
-"""Settings are refused where they are made, with what was given and what is wanted."""
+"""Settings are refused where they are made, with what was given and what is wanted; between their ends all work."""
 
-from typing import Any
+import math
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+import msgspec
+import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config import FrontendConfig, WindowConfig, config_to_toml, read_config
+from stream_sfm.config import FrontendConfig, WindowConfig, config_to_toml, read_config, setting_names
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+
+TINY = 1e-308  # squared, or as a divisor, it leaves the range of numbers
+
+
+def numbers() -> dict[str, tuple[type, float, float]]:
+    """Every setting that is a number: its type, and its least and largest value."""
+    found = {}
+    for name in setting_names():
+        section, _, key = name.rpartition(".")
+        kind = type(getattr(sfm.Config(), section)) if section else sfm.Config
+        hint = get_type_hints(kind, include_extras=True)[key]
+        assert get_origin(hint) is Annotated, name
+        number, meta = get_args(hint)
+        if number in (int, float):
+            found[name] = (number, meta.ge, meta.le)
+    return found
+
+
+NUMBERS = numbers()
+
+
+def config_with(name: str, value: float) -> sfm.Config:
+    """The defaults with one setting changed."""
+    section, _, key = name.rpartition(".")
+    if not section:
+        return sfm.Config(**{key: value})
+    kind = type(getattr(sfm.Config(), section))
+    return sfm.Config(**{section: kind(**{key: value})})
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_number_has_two_ends_and_none_beyond_them_is_accepted(name: str) -> None:
+    number, least, most = NUMBERS[name]
+    assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most)
+    for end in (least, most):
+        assert msgspec.structs.asdict(config_with(name, end)) != {}
+    beyond = [least - 1, most + 1] if number is int else [math.nextafter(least, -1e9), math.nextafter(most, 1e9)]
+    for value in (*beyond, math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])):
+        with pytest.raises(sfm.ConfigError, match="give"):
+            config_with(name, value)
+    with pytest.raises(sfm.ConfigError, match="must be"):
+        read_config(None, [f"{name}=inf"])
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[sfm.StereoFrame]:
+    """A short walk along a wall, which is covered and seen again."""
+    stereo, wall = rig(width=160, height=120), Wall()
+    seen = [wall.frame(stereo, pose, n) for n, pose in enumerate(camera_path(7))]
+    black = np.zeros((120, 160), np.uint8)
+    seen[4] = sfm.StereoFrame(4 * PERIOD_NS, black, black)
+    return seen
+
+
+OF_ENGINE = [name for name in NUMBERS if name.split(".")[0] not in ("ros", "dense")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OF_ENGINE)
+def test_the_engine_works_at_both_ends_of_every_setting(name: str, frames: list[sfm.StereoFrame]) -> None:
+    for end in (*NUMBERS[name][1:], *([TINY] if NUMBERS[name][1:] == (0, NUMBERS[name][2]) else [])):
+        if NUMBERS[name][0] is int and end == TINY:
+            continue
+        engine = sfm.Engine(rig(width=160, height=120), config_with(name, end))
+        for frame in frames:
+            estimate = engine.step(frame)
+            for values in (estimate.world_from_cam, estimate.cov_pose, estimate.points_in_cam, estimate.cov_points):
+                assert np.isfinite(values).all(), f"{name}={end}, frame {estimate.frame_index}"
+            assert np.linalg.eigvalsh(estimate.cov_pose).min() >= -1e-9 * np.trace(estimate.cov_pose)
 
 
 @pytest.mark.parametrize(
@@ -39,9 +112,13 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
         ("window.frames=0", r"setting window\.frames is 0; it must be a whole number of at least 1"),
         ("window.frames=100", r"setting window\.frames is 100; it must be a whole number of at most 64"),
         ("window.frames=many", r"setting window\.frames is 'many'; it must be a whole number"),
-        ("motion.std_acceleration_m_s2=0", r"it must be a number greater than 0"),
+        ("motion.std_acceleration_m_s2=0", r"it must be a number of at least 0\.001"),
         ("mono=1", r"setting mono is 1; it must be true or false"),
         ("window=3", r"setting window is 3; it must be a section"),
+        ("expert=3", r"expert holds sections only, such as \[expert\.frontend\]"),
+        ("expert.window=3", r"expert holds sections only"),
+        ("expert.window.frame=8", r"unknown setting 'window\.frame'"),
+        ("dense.voxel_m=1e-308", r"dense\.voxel_m is 1e-308; give at least 0\.0001, or 0"),
         ("window.frame=8", r"unknown setting 'window\.frame'; did you mean window\.frames\?"),
         ("widow.frames=8", r"unknown section 'widow'; did you mean window\?"),
         ("nonsense=1", r"unknown setting 'nonsense'; known are method, mono, estimate_every, frontend"),
@@ -56,3 +133,18 @@ def test_what_is_made_in_python_is_what_is_read(tmp_path) -> None:
     made = sfm.Config(method="ekf", window=WindowConfig(frames=12), frontend=FrontendConfig(renew_fraction=1))
     (tmp_path / "c.toml").write_text(config_to_toml(made))
     assert read_config(tmp_path / "c.toml") == made
+
+
+def test_a_setting_may_be_in_its_section_or_in_that_of_experts_but_not_in_both(tmp_path) -> None:
+    config = read_config(None, ["expert.window.max_iterations=3", "frontend.smoothing_px=2"])
+    assert (config.window.max_iterations, config.frontend.smoothing_px) == (3, 2.0)
+    with pytest.raises(sfm.ConfigError, match=r"window\.frames is set twice, also as expert\.window\.frames"):
+        read_config(None, ["expert.window.frames=3", "window.frames=4"])
+
+
+def test_settings_that_few_runs_need_are_printed_where_they_are_asked_for_or_changed() -> None:
+    short, whole = (config_to_toml(sfm.Config(), expert=expert) for expert in (False, True))
+    assert short.count(" = ") < 30 < whole.count(" = ") == len(setting_names())
+    assert "smoothing_px" not in short and "[expert.frontend]" in whole
+    changed = sfm.Config(frontend=FrontendConfig(smoothing_px=2.0))
+    assert "smoothing_px = 2.0" in config_to_toml(changed, expert=False)

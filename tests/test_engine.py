@@ -353,7 +353,7 @@ def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frame
     first = threading.Thread(target=lambda: results.append(engine.step(frames[1])))
     first.start()
     assert entered.wait(60)
-    with pytest.raises(sfm.EngineBusyError, match="while another thread is in it"):
+    with pytest.raises(sfm.StreamSfmError, match="while another thread is in it"):
         engine.step(frames[2])
     prepared = engine.prepare(frames[2], 2)  # which any thread may do at any time
     go_on.set()

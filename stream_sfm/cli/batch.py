@@ -1,162 +1,166 @@
 """`stream-sfm batch`: many logs in parallel, one result folder per log, one table and one page."""
 
-import argparse
-import os
-import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
 
 from ..errors import ConfigError, ExitCode
-from . import arguments
+from ..wording import printable
+from . import options
+from .usage import print_error
 
-COMPARE = "compare"  # in front of the logs: methods are compared on them
-
-
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser of `stream-sfm`."""
-    parser = arguments.add_command(
-        subparsers,
-        "batch",
-        run,
-        summary="replay many logs in parallel, with one table and one HTML page for all",
-        description="Replay many logs in parallel, each in its own process: one that fails, crashes or hangs does not "
-        "affect the others. Writes one result folder per log, as `replay` does, batch.json and report.html (a single "
-        "file). A second run processes only what is missing or has changed. `batch compare LOG...` compares the "
-        "methods on every log instead, or on several starts of one: one table of ratios with intervals, in "
-        "comparison.json and report.html.",
-        usage="[compare] LOG... --out DIR [options]",
-    )
-    parser.add_argument(
-        "logs", nargs="+", metavar="LOG", help="recordings of any kind, folders of them, or patterns"
-    )
-    results = parser.add_argument_group("results")
-    results.add_argument(
-        "--out", type=arguments.output, metavar="DIR", required=True, help="folder for the results of all logs"
-    )
-    arguments.add_workers(parser)
-    results.add_argument(
-        "--timeout",
-        type=arguments.seconds,
-        default=600.0,
-        metavar="S",
-        help="stop a log that delivers no frame for S seconds (default: 600), which includes the first reading of "
-        "--calibrate; `batch compare` has no such limit",
-    )
-    compared = parser.add_argument_group("batch compare")
-    compared.add_argument(
-        "--starts",
-        type=arguments.positive,
-        default=1,
-        metavar="N",
-        help="run each log from N starts (default: 1); they are samples of their own where they share no frame, by "
-        "--max-frames",
-    )
-    compared.add_argument(
-        "--start-step", type=arguments.seconds, default=1.0, metavar="S", help="seconds between starts (default: 1)"
-    )
-    compared.add_argument("--methods", metavar="NAME,…", help="the methods, separated by commas")
-    arguments.add_calibrate(arguments.add_cameras(parser))
-    arguments.add_truth_file(parser, "FILE|DIR")
-    arguments.add_selection(parser)
-    arguments.add_settings(parser)
-    arguments.add_general(parser, json="batch.json (`batch compare`: comparison.json)", quiet=True)
+batch = App(name="batch", help_epilogue="")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Replay all logs, print a table, and return whether all of them were completed."""
-    if args.logs[0] == COMPARE and len(args.logs) > 1 and not os.path.exists(COMPARE):
-        return _compare(args)
+@batch.default
+def replays(
+    *logs: options.Log,
+    out: options.Folder,
+    timeout: Annotated[options.Seconds, Parameter(group=options.RESULTS)] = 600.0,
+    cameras: options.Cameras = options.Cameras(),
+    two_pass: options.CameraFlag = False,
+    frames: options.Frames = options.Frames(),
+    settings: options.MethodSettings = options.MethodSettings(),
+    truth: options.TruthFile = options.TruthFile(),
+    parallel: options.Workers = options.Workers(),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Replay many logs in parallel, with one table and one HTML page for all.
+
+    Each log is replayed in its own process: one that fails, crashes or hangs does not affect the others. Writes one
+    result folder per log, as `replay` does, batch.json and report.html (a single file). A second run processes only
+    what is missing or has changed. Ground truth may be a folder of files that are named after the logs.
+    `batch compare LOG...` compares the methods on every log instead.
+
+    Args:
+        logs: recordings of any kind, folders of them, or patterns
+        out: folder for the results of all logs
+        timeout: stop a log that delivers no frame for S seconds (600), the first reading of --two-pass included
+        two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
+    """
     from ..batch.logs import find_logs
     from ..batch.replay_batch import replay_batch
     from .progress import counter
 
-    config = arguments.read_settings(args)
-    selection = arguments.read_selection(args)
-    truth = arguments.read_ground_truth(args)
-    with counter("batch", "logs", len(find_logs(args.logs)), args.quiet) as advance:
+    _some(logs)
+    config, selection = settings.read(), frames.selection()
+    left, right, calibration = cameras.chosen
+    with counter("batch", "logs", len(find_logs(logs)), quiet) as advance:
         content = replay_batch(
-            args.logs,
-            args.out,
+            logs,
+            out,
             config,
             selection,
-            left=args.left,
-            right=args.right,
-            calibration=args.calibration,
-            calibrate=args.calibrate,
-            ground_truth=truth,
-            workers=args.workers,
-            scheduler=args.scheduler,
-            timeout_s=args.timeout,
+            left=left,
+            right=right,
+            calibration=calibration,
+            calibrate=two_pass,
+            ground_truth=truth.read(),
+            workers=parallel.workers,
+            scheduler=parallel.scheduler,
+            timeout_s=timeout,
             on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
         )
-    _print(content, Path(args.out), args)
+    _print(content, Path(out), json, quiet)
     if content["interrupted"]:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if content["complete"] else ExitCode.INPUT
 
 
-def _compare(args: argparse.Namespace) -> int:
-    """Compare the methods on all logs, print the table, and return whether all of them were compared."""
+def _print(content: dict[str, Any], out: Path, json: bool, quiet: bool) -> None:
+    from ..report.batch_page import conclusion
+    from .printing import print_json, print_notes
+    from .summaries import print_batch
+
+    if not quiet:
+        print_notes("skipped", content["skipped"])
+    if json:
+        print_json(content)
+    elif not quiet:
+        print_batch(content)
+        print(conclusion(content))
+        print(printable(str(out / "report.html")))
+    for log in content["logs"]:
+        if log["status"] != "done":
+            print_error(f"{log['name']}: {log['status']}: {log['reason']}")
+
+
+@batch.command(name="compare")
+def comparisons(
+    *logs: options.Log,
+    out: options.Folder,
+    methods: options.Names = "",
+    starts: Annotated[options.Count, Parameter(group=options.FRAMES)] = 1,
+    start_step: Annotated[options.Seconds, Parameter(group=options.FRAMES)] = 1.0,
+    cameras: options.Cameras = options.Cameras(),
+    two_pass: options.CameraFlag = False,
+    frames: options.Frames = options.Frames(),
+    settings: options.Settings = options.Settings(),
+    parallel: options.Workers = options.Workers(),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Compare the methods on many logs, or on several starts of one.
+
+    Writes one table of ratios with intervals over logs: comparison.json, and report.html (a single file). Each log is
+    compared with the ground truth that it holds. Starts are samples of their own where they share no frame, by
+    --max-frames.
+
+    Args:
+        logs: recordings of any kind, folders of them, or patterns
+        out: folder for the results of all comparisons
+        methods: the methods, separated by commas; those of `compare` if not given
+        starts: run each log from N starts (1)
+        start_step: seconds between starts (1)
+        two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
+    """
+    import os
+
     from ..batch.logs import find_logs
     from ..run.compare import COMPARED
     from ..run.many import compare_many
-    from ..wording import printable
-    from .batch_table import print_many
-    from .printing import cleaned, print_json
+    from .printing import print_json
     from .progress import counter
+    from .summaries import print_many
 
-    if args.ground_truth is not None:
-        raise ConfigError("`batch compare` takes the ground truth that each log has: leave --ground-truth out")
-    if args.method is not None:
-        raise ConfigError("`batch compare` runs several methods: name them with --methods, and leave --method out")
-    config, selection = arguments.read_settings(args), arguments.read_selection(args)
-    logs = list(find_logs(args.logs[1:]))
-    names = (name.strip() for name in args.methods.split(",")) if args.methods else COMPARED
-    with counter("compare", "runs", len(logs) * args.starts, args.quiet) as advance:
+    _some(logs)
+    config, selection = settings.read(), frames.selection()
+    left, right, calibration = cameras.chosen
+    found = list(find_logs(logs))
+    names = tuple(dict.fromkeys(map(str.strip, methods.split(",")))) if methods else COMPARED
+    with counter("compare", "runs", len(found) * starts, quiet) as advance:
         content = compare_many(
-            logs,
-            args.out,
+            found,
+            out,
             config,
             selection,
-            left=args.left,
-            right=args.right,
-            calibration=args.calibration,
-            calibrate=args.calibrate,
-            methods=tuple(dict.fromkeys(names)),
-            starts=args.starts,
-            start_step_s=args.start_step,
-            workers=int(args.workers),
-            scheduler=args.scheduler,
+            left=left,
+            right=right,
+            calibration=calibration,
+            calibrate=two_pass,
+            methods=names,
+            starts=starts,
+            start_step_s=start_step,
+            workers=parallel.workers or os.cpu_count() or 1,
+            scheduler=parallel.scheduler,
             on_done=lambda name: advance(1, name),
         )
-    if args.json:
+    if json:
         print_json(content)
-    elif not args.quiet:
+    elif not quiet:
         print_many(content)
         print(content["conclusion"])
-        print(printable(str(Path(args.out) / "report.html")))
-    failed = [s for s in cleaned(content["samples"]) if s["failure"]]
+        print(printable(str(Path(out) / "report.html")))
+    failed = [s for s in content["samples"] if s["failure"]]
     for s in failed:
-        print(f"stream-sfm: {s['log']} from {s['start_s']:g} s: {s['failure']}", file=sys.stderr)
+        print_error(f"{s['log']} from {s['start_s']:g} s: {s['failure']}")
     if content["interrupted"]:
         return ExitCode.INTERRUPTED
     return ExitCode.INPUT if failed else ExitCode.DONE
 
 
-def _print(content: dict[str, Any], out: Path, args: argparse.Namespace) -> None:
-    from ..report.batch_page import conclusion
-    from ..wording import printable
-    from .batch_table import print_batch
-    from .printing import cleaned, print_json, print_notes
-
-    if not args.quiet:
-        print_notes("skipped", content["skipped"])
-    if args.json:
-        print_json(content)
-    elif not args.quiet:
-        print_batch(content)
-        print(conclusion(content))
-        print(printable(str(out / "report.html")))
-    for log in cleaned(content["logs"]):
-        if log["status"] != "done":
-            print(f"stream-sfm: {log['name']}: {log['status']}: {log['reason']}", file=sys.stderr)
+def _some(logs: tuple[str, ...]) -> None:
+    if not logs:
+        raise ConfigError("LOG is missing: name recordings, folders of them, or patterns")

@@ -1,180 +1,148 @@
 """`stream-sfm import`: data sets, folders of images and videos to a log."""
 
-import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from ..errors import ExitCode
-from . import arguments
+from cyclopts import App, Parameter
+
+from ..errors import ConfigError, ExitCode
+from ..wording import printable
+from . import options
 
 if TYPE_CHECKING:
     from ..importers import Imported
 
+import_ = App(name="import", help_epilogue="")
+import_.help = """Convert a KITTI or EuRoC recording, folders of images, or video, to a log.
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser of `stream-sfm`."""
-    parser = arguments.add_command(
-        subparsers,
-        "import",
-        None,
-        summary="convert a KITTI or EuRoC recording, folders of images, or video, to a log",
-        description="Write a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged.",
-        usage="KIND ... OUT.mcap [options]",
-    )
-    kinds = parser.add_subparsers(title="kinds", metavar="KIND", dest="kind", required=True)
-    _add_kitti(kinds)
-    _add_euroc(kinds)
-    _add_images(kinds)
-    _add_video(kinds)
-    arguments.add_general(parser)
+Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged."""
+Pair = Annotated[options.Calibration, Parameter(required=True)]
+Files = Annotated[list[str], Parameter(consume_multiple=True, metavar="FILES")]
+Rate = Annotated[float | None, Parameter("--rate", metavar="HZ")]
+Layout = Literal["left-right", "right-left", "top-bottom", "bottom-top"]
 
 
-def _add_kitti(kinds: Any) -> None:
-    parser = arguments.add_command(
-        kinds,
-        "kitti",
-        _kitti,
-        summary="one sequence of KITTI odometry",
-        description="Convert one sequence of the KITTI odometry benchmark.",
-        usage="DIR OUT.mcap [options]",
-        parent="import",
-    )
-    parser.add_argument(
-        "folder", metavar="DIR", help="the sequence, with calib.txt, times.txt, image_0 and image_1"
-    )
-    _add_out(parser)
-    parser.add_argument_group("ground truth").add_argument(
-        "--poses", metavar="FILE", help="poses, 12 numbers per line (default: poses/SEQUENCE.txt beside sequences/)"
-    )
-    _add_general(parser)
+@import_.command
+def kitti(
+    folder: Annotated[str, Parameter("DIR")],
+    out: options.NewLog,
+    /,
+    *,
+    poses: options.MaybeFile = None,
+    force: options.ResultFlag = False,
+    json: options.Json = False,
+) -> int:
+    """Convert one sequence of the KITTI odometry benchmark.
 
-
-def _add_euroc(kinds: Any) -> None:
-    parser = arguments.add_command(
-        kinds,
-        "euroc",
-        _euroc,
-        summary="one EuRoC recording",
-        description="Convert one recording in the format of the EuRoC MAV data set.",
-        usage="DIR OUT.mcap [options]",
-        parent="import",
-    )
-    parser.add_argument("folder", metavar="DIR", help="the folder mav0, or the folder that contains it")
-    _add_out(parser)
-    _add_general(parser)
-
-
-def _add_images(kinds: Any) -> None:
-    parser = arguments.add_command(
-        kinds,
-        "images",
-        _images,
-        summary="two sets of image files with a calibration",
-        description="Convert left and right image files, paired in the order of their names. FILES is a folder, a "
-        "glob such as 'left/*.png', or several files.",
-        usage="--left FILES --right FILES --calibration FILE OUT.mcap [options]",
-        parent="import",
-    )
-    _add_out(parser)
-    group = parser.add_argument_group("images")
-    group.add_argument("--left", metavar="FILES", nargs="+", required=True, help="the left images")
-    group.add_argument("--right", metavar="FILES", nargs="+", required=True, help="the right images")
-    _add_calibration(group)
-    group.add_argument("--stamps", metavar="FILE", help="one time stamp per line: seconds, or integer nanoseconds")
-    group.add_argument(
-        "--rate", dest="rate_hz", metavar="HZ", type=float, help="frames per second without stamps (default: 10)"
-    )
-    _add_general(parser)
-
-
-def _add_video(kinds: Any) -> None:
-    parser = arguments.add_command(
-        kinds,
-        "video",
-        _video,
-        summary="two videos, or one that holds both images, with a calibration",
-        description="Convert stereo video, whatever OpenCV decodes: one file per camera, or one file whose frames hold "
-        "both images, side by side or one above the other. The images are written as grey PNG.",
-        usage="(--left FILE --right FILE | --both FILE) --calibration FILE OUT.mcap [options]",
-        parent="import",
-    )
-    _add_out(parser)
-    group = parser.add_argument_group("video")
-    group.add_argument("--left", metavar="FILE", help="the video of the left camera")
-    group.add_argument("--right", metavar="FILE", help="the video of the right camera")
-    group.add_argument("--both", metavar="FILE", help="one video that holds both images")
-    group.add_argument(
-        "--layout",
-        choices=("left-right", "right-left", "top-bottom", "bottom-top"),
-        help="which image is where in the frames of --both (default: left-right or top-bottom, by the calibrated size)",
-    )
-    _add_calibration(group)
-    group.add_argument(
-        "--rate",
-        dest="rate_hz",
-        metavar="HZ",
-        type=float,
-        help="frames per second (default: the times that the file has)",
-    )
-    _add_general(parser)
-
-
-def _add_calibration(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--calibration",
-        action=arguments.OneOrTwo,
-        metavar="FILE",
-        required=True,
-        help="the calibration of the pair: a file, the files of left and right, or their folder",
-    )
-
-
-def _add_out(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("out", metavar="OUT.mcap", help="the log to write")
-    result = parser.add_argument_group("result")
-    result.add_argument("--force", dest="overwrite", action="store_true", help="replace OUT.mcap if it exists")
-
-
-def _add_general(parser: argparse.ArgumentParser) -> None:
-    arguments.add_general(parser, json="what was imported, as one JSON object,")
-
-
-def _kitti(args: argparse.Namespace) -> int:
+    Args:
+        folder: the sequence, with calib.txt, times.txt, image_0 and image_1
+        out: the log to write
+        poses: poses, 12 numbers per line; poses/SEQUENCE.txt beside sequences/ if not given
+        force: replace OUT.mcap if it exists
+    """
     from ..importers import import_kitti
 
-    return _report(import_kitti(args.folder, args.out, args.poses, overwrite=args.overwrite), args)
+    return _report(import_kitti(folder, out, poses, overwrite=force), json)
 
 
-def _euroc(args: argparse.Namespace) -> int:
+@import_.command
+def euroc(
+    folder: Annotated[str, Parameter("DIR")],
+    out: options.NewLog,
+    /,
+    *,
+    force: options.ResultFlag = False,
+    json: options.Json = False,
+) -> int:
+    """Convert one recording in the format of the EuRoC MAV data set.
+
+    Args:
+        folder: the folder mav0, or the folder that contains it
+        out: the log to write
+        force: replace OUT.mcap if it exists
+    """
     from ..importers import import_euroc
 
-    return _report(import_euroc(args.folder, args.out, overwrite=args.overwrite), args)
+    return _report(import_euroc(folder, out, overwrite=force), json)
 
 
-def _images(args: argparse.Namespace) -> int:
+@import_.command
+def images(
+    out: options.NewLog,
+    /,
+    *,
+    left: Files,
+    right: Files,
+    calibration: Pair,
+    stamps: options.MaybeFile = None,
+    rate: Rate = None,
+    force: options.ResultFlag = False,
+    json: options.Json = False,
+) -> int:
+    """Convert two sets of image files with a calibration.
+
+    Left and right files are paired in the order of their names. FILES is a folder, a glob such as 'left/*.png', or
+    several files.
+
+    Args:
+        out: the log to write
+        left: the left images
+        right: the right images
+        calibration: the calibration of the pair: a file, the files of left and right, or their folder
+        stamps: one time stamp per line: seconds, or integer nanoseconds
+        rate: frames per second without stamps (10)
+        force: replace OUT.mcap if it exists
+    """
     from ..importers import import_images
 
-    files = (args.left, args.right, args.calibration, args.out, args.stamps, args.rate_hz)
-    return _report(import_images(*files, overwrite=args.overwrite), args)
+    where = options.calibration_files(calibration)
+    assert where is not None
+    return _report(import_images(left, right, where, out, stamps, rate, overwrite=force), json)
 
 
-def _video(args: argparse.Namespace) -> int:
-    from ..errors import ConfigError
+@import_.command
+def video(
+    out: options.NewLog,
+    /,
+    *,
+    left: options.MaybeFile = None,
+    right: options.MaybeFile = None,
+    both: options.MaybeFile = None,
+    layout: Layout | None = None,
+    calibration: Pair,
+    rate: Rate = None,
+    force: options.ResultFlag = False,
+    json: options.Json = False,
+) -> int:
+    """Convert two videos, or one that holds both images, with a calibration.
+
+    Whatever OpenCV decodes: one file per camera, or one file whose frames hold both images, side by side or one above
+    the other. The images are written as grey PNG.
+
+    Args:
+        out: the log to write
+        left: the video of the left camera
+        right: the video of the right camera
+        both: one video that holds both images
+        layout: which image is where in the frames of --both; found by the calibrated size if not given
+        calibration: the calibration of the pair: a file, the files of left and right, or their folder
+        rate: frames per second; the times that the file has if not given
+        force: replace OUT.mcap if it exists
+    """
     from ..importers import import_video
 
-    pair = [name for name in (args.left, args.right) if name is not None]
-    if bool(args.both) == bool(pair) or len(pair) == 1:
+    pair = [name for name in (left, right) if name is not None]
+    if bool(both) == bool(pair) or len(pair) == 1:
         raise ConfigError("give the video of each camera (--left, --right), or one that holds both images (--both)")
-    videos = [args.both] if args.both else pair
-    done = import_video(videos, args.calibration, args.out, args.rate_hz, args.layout, overwrite=args.overwrite)
-    return _report(done, args)
+    where = options.calibration_files(calibration)
+    assert where is not None
+    return _report(import_video([both] if both else pair, where, out, rate, layout, overwrite=force), json)
 
 
-def _report(imported: "Imported", args: argparse.Namespace) -> int:
-    from ..wording import printable
+def _report(imported: "Imported", json: bool) -> int:
     from .printing import print_json, print_notes
 
     print_notes("warning", imported.warnings)
-    if args.json:
+    if json:
         numbers = {"left": imported.left, "right": imported.right, "poses": imported.poses}
         print_json({"out": str(imported.path), **numbers, "warnings": imported.warnings})
     else:

@@ -3,45 +3,32 @@
 from collections.abc import Iterator
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from .printing import cleaned, facts_table, number, print_notes, stdout_console
+from .printing import number, output_width, print_notes, print_table
 
 _MAX_TOPICS = 200  # shown; --json lists all
 _MAX_GAPS = 5  # listed; more would hide the rest of the table
+_OTHER_COLUMNS = 44  # characters: the columns of numbers and all borders
 
 
 def print_inspection(found: dict[str, Any]) -> None:
     """Print the description that `inspect_log` returns."""
-    found = cleaned(found)  # what topics are called is up to whoever made the log
-    console = stdout_console()
-    console.print(_topics(found, console))
-    facts = facts_table()
-    for label, text in _facts(found):
-        facts.add_row(label, escape(text))
+    headings = ("topic", "schema", "kind", "messages", "rate")
+    print_table(_topics(found), headings, title=found["log"], text_columns=3)
     if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
-        console.print(f"and {more} more topics")
-    console.print(facts)
-    print_notes("warning", found["warnings"], console)
-    print_notes("problem", found["problems"], console)
+        print(f"and {more} more topics")
+    print_table(_facts(found))
+    print_notes("warning", found["warnings"])
+    print_notes("problem", found["problems"])
     if not found["problems"]:
-        console.print("this log can be replayed")
+        print("this log can be replayed")
 
 
-def _topics(found: dict[str, Any], console: Console) -> Table:
-    table = Table(title=escape(found["log"]), title_justify="left")
-    for heading in ("topic", "schema"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("kind", "messages", "rate"):
-        table.add_column(heading, justify="left" if heading == "kind" else "right", no_wrap=True)
-    width = max(16, (console.width - 44) // 2)  # 44: the other three columns and all borders
+def _topics(found: dict[str, Any]) -> Iterator[list[str]]:
+    width = max(16, (output_width() - _OTHER_COLUMNS) // 2)
     for t in found["topics"][:_MAX_TOPICS]:
         rate = f"{t['rate_hz']:.1f} Hz" if t["rate_hz"] else ""
-        names = (escape(broken_at(text, "/._", width)) for text in (t["topic"], t["schema"] or "–"))
-        table.add_row(*names, t["kind"] or "", "" if t["count"] is None else str(t["count"]), rate)
-    return table
+        names = (broken_at(text, "/._", width) for text in (t["topic"], t["schema"] or "–"))
+        yield [*names, t["kind"] or "", "" if t["count"] is None else str(t["count"]), rate]
 
 
 def broken_at(name: str, separators: str, width: int) -> str:

@@ -1,57 +1,98 @@
-"""`stream-sfm`: parse, call, and turn errors into exit codes; each command is a module beside this one.
+"""`stream-sfm`: parse, call, and turn errors into exit codes, which are in `errors.py`.
 
-The exit codes are in `errors.py`. Heavy imports happen in the commands, so that `--help` answers at once.
+A command is a function beside this file: its signature is its options, its docstring its help. Heavy imports happen
+in the functions, so that `--help` answers at once.
 """
 
-import argparse
 import errno
 import gc
+import inspect as inspect_module
 import io
 import logging
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TextIO
+
+from cyclopts import App, CycloptsError, Parameter
 
 from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
-from . import batch, calibrate, calibration, compare, config, import_, inspect, recover, replay, simulate, surface
-from .arguments import add_debug
-from .completion import complete
-from .error_lines import hint, print_error
-from .parser import Parser
+from .batch import batch
+from .compare import compare
+from .config import config
+from .evaluate import evaluate
+from .import_ import import_
+from .inspect import inspect
+from .recover import recover
+from .replay import replay
+from .rig import convert_calibration, refine
+from .simulate import simulate
+from .surface import surface
+from .usage import hint, option_names, print_error, rewritten, usage_error
+from .view import view
 
+COMMANDS: dict[str, App | Callable[..., int]] = {
+    "replay": replay,
+    "evaluate": evaluate,
+    "view": view,
+    "compare": compare,
+    "batch": batch,
+    "inspect": inspect,
+    "surface": surface,
+    "import": import_,
+    "recover": recover,
+    "refine": refine,
+    "convert-calibration": convert_calibration,
+    "simulate": simulate,
+    "config": config,
+}
+_EXIT_CODES = (
+    "Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; 3 input "
+    "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
+    "With --debug, every command prints the traceback of an error as well."
+)
 # Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
 _ALLOCATIONS_PER_COLLECTION = 100_000
-
-# What a disk, a quota or a terminal that is gone says to whom writes: no defect of the program.
+# What a disk, a quota or a terminal that is gone says to whom writes: not a defect of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
-COMMANDS = (replay, batch, compare, surface, inspect, import_, recover, calibrate, calibration, simulate, config)
+
+def build_app() -> App:
+    """The application with all commands."""
+    app = App(
+        name="stream-sfm",
+        help="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
+        help_format="plaintext",
+        help_epilogue=_EXIT_CODES,
+        version=f"stream-sfm {__version__}",
+        default_parameter=Parameter(negative=(), show_default=False),
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    for key, (name, command) in enumerate(COMMANDS.items()):
+        if isinstance(command, App):
+            command.sort_key = key
+            app.command(command)
+        else:
+            app.command(command, name=name, help_epilogue="", sort_key=key)
+    app.register_install_completion_command(help="Install completion for your shell.")
+    _unwrap(app)
+    return app
 
 
-def build_parser() -> Parser:
-    """The parser with all commands."""
-    parser = Parser(
-        prog="stream-sfm",
-        usage="stream-sfm COMMAND [options]",
-        description="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
-        epilog="Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; "
-        "3 input unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written.",
-    )
-    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
-    for command in COMMANDS:
-        command.add_parser(subparsers)
-    general = parser.add_argument_group("general")
-    add_debug(general)
-    general.add_argument(
-        "--version", action="version", version=f"stream-sfm {__version__}", help="print the version"
-    )
-    general.add_argument("-h", "--help", action="help", help="show this help and exit")
-    return parser
+def _unwrap(app: App) -> None:
+    """Let the help of all commands be wrapped at the width of the terminal, not where the docstrings are."""
+    for sub in (app[name] for name in app if not name.startswith("-")):
+        if doc := sub.default_command and inspect_module.getdoc(sub.default_command):
+            paragraphs = doc.partition("\n\nArgs:")[0].split("\n\n")
+            sub.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+        _unwrap(sub)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -62,24 +103,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
     _open_missing_streams()
-    for stream in (
-        sys.stdout,
-        sys.stderr,
-    ):  # a terminal without σ, or a file name that is not text, must not end a run
-        if isinstance(stream, io.TextIOWrapper):
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
             stream.reconfigure(errors="backslashreplace")
-    parser = build_parser()
-    complete(parser)
-    try:
-        args = parser.parse(argv)
-    except SystemExit as stop:  # --help, --version and usage errors, already printed
-        return stop.code if isinstance(stop.code, int) else ExitCode.DONE
-    if args.command is None:
-        parser.print_help(sys.stderr)
-        return ExitCode.USAGE
+    words = rewritten(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
     try:
         with _logging_to_stderr():
-            return _run(args)
+            return _run(build_app(), words, debug)
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
         _discard(sys.stdout, sys.stderr)
         return ExitCode.DONE
@@ -116,50 +148,56 @@ def _logging_to_stderr() -> Iterator[None]:
         logger.removeHandler(handler)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(app: App, words: list[str], debug: bool) -> int:
+    """Run one command: the one place where errors become exit codes."""
+
+    def failed(error: BaseException, code: int, message: str, advice: str = "") -> int:
+        if debug:
+            import traceback
+
+            traceback.print_exception(error)
+        print_error(message)
+        if advice:
+            print(advice, file=sys.stderr)
+        return code
+
+    def defect(error: Exception) -> int:
+        text = f"{type(error).__name__}: {error}".splitlines()[0]
+        advice = "this is a defect of stream-sfm; please report it with the output of --debug"
+        return failed(error, ExitCode.DEFECT, text, advice)
+
     try:
+        _, apps, rest = app.parse_commands(words)
+        if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
+            app.help_print(words, console=app.error_console)
+            return ExitCode.USAGE
         with termination_as_interrupt():
-            code: int = args.run(args)
+            code = app(words)
             sys.stdout.flush()
-            return code
+            return ExitCode.DONE if code is None else int(code)  # None: --help, --version
+    except CycloptsError as error:
+        return failed(error, ExitCode.USAGE, *usage_error(app, words, error))
     except StreamSfmError as error:
-        return _failed(args, error, error.exit_code, str(error), hint(error, args))
+        return failed(error, error.exit_code, str(error), hint(error, words, option_names(app, words)))
     except KeyboardInterrupt as error:
-        return _failed(args, error, ExitCode.INTERRUPTED, "interrupted")
+        return failed(error, ExitCode.INTERRUPTED, "interrupted")
     except BrokenPipeError:
         raise
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("stream_sfm"):
-            return _defect(args, error)
+            return defect(error)
         text = (
             f"the package {error.name} is missing, which stream-sfm needs: pip install --force-reinstall stream-sfm"
         )
-        return _failed(args, error, ExitCode.USAGE, text)
+        return failed(error, ExitCode.USAGE, text)
     except OSError as error:
         if error.errno not in _REFUSED_BY_THE_DISK:
-            return _defect(args, error)
+            return defect(error)
         _discard(sys.stdout)
         where = f"{error.filename}" if error.filename else "the standard output"
-        return _failed(args, error, ExitCode.INPUT, f"cannot write {where}: {error.strerror}")
+        return failed(error, ExitCode.INPUT, f"cannot write {where}: {error.strerror}")
     except Exception as error:
-        return _defect(args, error)
-
-
-def _defect(args: argparse.Namespace, error: Exception) -> int:
-    text = f"{type(error).__name__}: {error}".splitlines()[0]
-    advice = "this is a defect of stream-sfm; please report it with the output of --debug"
-    return _failed(args, error, ExitCode.DEFECT, text, advice)
-
-
-def _failed(args: argparse.Namespace, error: BaseException, code: int, message: str, advice: str = "") -> int:
-    if args.debug:
-        import traceback
-
-        traceback.print_exception(error)
-    print_error(message)
-    if advice:
-        print(advice, file=sys.stderr)
-    return code
+        return defect(error)
 
 
 if __name__ == "__main__":

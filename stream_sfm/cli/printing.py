@@ -1,12 +1,13 @@
-"""How results are printed: JSON, tables, and warnings on standard error."""
+"""How results are printed: JSON, tables, and warnings on standard error. All text is made printable here."""
 
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console as RichConsole
 from rich.table import Table
+from rich.text import Text
 
 from ..files import json_bytes
 from ..wording import printable
@@ -22,9 +23,46 @@ class Console(RichConsole):
         raise BrokenPipeError
 
 
-def stdout_console(piped_width: int = _PIPED_WIDTH) -> Console:
-    """Standard output: as wide as the terminal, else `piped_width` columns."""
-    return Console(width=None if sys.stdout.isatty() else piped_width)
+def print_table(
+    rows: Iterable[Sequence[str]],
+    headings: Sequence[str] = (),
+    *,
+    title: str = "",
+    width: int = _PIPED_WIDTH,
+    text_columns: int = 1,
+) -> None:
+    """Print a table as wide as the terminal, or in `width` columns elsewhere.
+
+    The first `text_columns` hold words, which may be folded; the others numbers, on the right. Without headings it is
+    a list of facts: labels and sentences.
+    """
+    heading = _text(title) if title else None
+    table = Table(title=heading, title_justify="left", show_header=bool(headings))
+    for number, name in enumerate(headings):
+        words = number < text_columns
+        table.add_column(
+            name,
+            justify="left" if words else "right",
+            overflow="fold",
+            no_wrap=not words,
+            min_width=8 if words else 0,
+        )
+    if not headings:
+        table.add_column(style="bold", no_wrap=True)
+        table.add_column(overflow="fold")
+    for row in rows:
+        table.add_row(*map(_text, row))
+    Console(width=output_width(width)).print(table)
+
+
+def output_width(otherwise: int = _PIPED_WIDTH) -> int:
+    """The columns of standard output: those of the terminal, or `otherwise`."""
+    return Console().width if sys.stdout.isatty() else otherwise
+
+
+def _text(cell: str) -> Text:
+    """A cell as it is, not as Rich's markup; it may have several lines."""
+    return Text("\n".join(map(printable, cell.split("\n"))))
 
 
 def print_json(value: Any) -> None:
@@ -36,31 +74,11 @@ def _escaped(line: str) -> str:
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line) if not line.isprintable() else line
 
 
-def cleaned(value: Any) -> Any:
-    """What is about to be printed, a text or anything that holds texts, with every text made printable."""
-    if isinstance(value, str):
-        return printable(value)
-    if isinstance(value, dict):
-        return {key: cleaned(content) for key, content in value.items()}
-    if isinstance(value, list | tuple):
-        return [cleaned(content) for content in value]
-    return value
-
-
-def print_notes(kind: str, notes: Iterable[str], console: Console | None = None) -> None:
-    """One line each, such as "warning: …", on standard error unless a console is given."""
+def print_notes(kind: str, notes: Iterable[str]) -> None:
+    """One line each, such as "warning: …", on standard error."""
+    console = Console(stderr=True, soft_wrap=True)
     for note in notes:
-        (console or Console(stderr=True, soft_wrap=True)).print(
-            f"{kind}: {printable(note)}", markup=False, highlight=False
-        )
-
-
-def facts_table(title: str | None = None) -> Table:
-    """A table of labels and values without a heading."""
-    table = Table(title=title, title_justify="left", show_header=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    return table
+        console.print(f"{kind}: {printable(note)}", markup=False, highlight=False)
 
 
 def number(value: float | str | None, form: str = ".2f") -> str:

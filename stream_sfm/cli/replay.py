@@ -1,132 +1,116 @@
 """`stream-sfm replay`: a log in, a folder of results out."""
 
-import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from ..errors import ExitCode
-from . import arguments
+from . import options
+from .usage import print_error
 
 if TYPE_CHECKING:
-    from ..config import Config
     from ..recording import StereoLog
     from ..run.replay import ReplayResult
-    from ..types import Selection, Sink
+    from ..types import Sink
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser of `stream-sfm`."""
-    parser = arguments.add_command(
-        subparsers,
-        "replay",
-        run,
-        summary="estimate the camera's motion and the local structure in every frame of a log",
-        description="Estimate the pose of the left camera and the 3-D structure in front of it, with covariances, for "
-        "every frame of a stereo log. Writes estimates.mcap (with metadata.yaml a ROS 2 bag), trajectory.tum, "
-        "trajectory.kitti, trajectory.csv, summary.json, report.html and config.toml.",
-        usage="LOG [options]",
-    )
-    arguments.add_log(parser)
-    cameras = arguments.add_cameras(parser)
-    cameras.add_argument(
-        "--mono",
-        action="store_true",
-        help="use the left camera only; lengths are in units of the first baseline instead of metres",
-    )
-    frames = arguments.add_selection(parser)
-    frames.add_argument(
-        "--there-and-back",
-        action="store_true",
-        help="read the frames forwards, then backwards: shows the drift of a log without ground truth",
-    )
-    arguments.add_calibrate(cameras)
-    arguments.add_ground_truth(parser)
-    arguments.add_self_test(parser)
-    arguments.add_settings(parser)
-    results = parser.add_argument_group("results")
-    results.add_argument(
-        "--out", type=arguments.output, metavar="DIR", help="result folder (default: runs/LOG-TIME)"
-    )
-    results.add_argument("--rrd", metavar="FILE", help="write a recording for the Rerun viewer (extra [view])")
-    results.add_argument("--view", action="store_true", help="show the run in the Rerun viewer as it proceeds")
-    results.add_argument("--strict", action="store_true", help="exit with code 3 if there was any warning")
-    arguments.add_general(parser, json="summary.json", quiet=True, verbose=True)
+def replay(
+    log: options.Log,
+    /,
+    *,
+    out: options.MaybeFolder = None,
+    rrd: options.MaybeOutFile = None,
+    view: options.ResultFlag = False,
+    strict: options.ResultFlag = False,
+    self_test: options.ResultFlag = False,
+    cameras: options.Cameras = options.Cameras(),
+    mono: options.CameraFlag = False,
+    two_pass: options.CameraFlag = False,
+    frames: options.Frames = options.Frames(),
+    there_and_back: Annotated[bool, Parameter(show=False)] = False,
+    settings: options.MethodSettings = options.MethodSettings(),
+    truth: Annotated[options.Truth, Parameter(show=False)] = options.Truth(),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> int:
+    """Estimate the camera's motion and the local structure in every frame of a log.
 
+    Estimates the pose of the left camera and the 3-D structure in front of it, with covariances, for every frame of a
+    stereo log. Writes estimates.mcap (with metadata.yaml a ROS 2 bag), trajectory.tum, trajectory.kitti,
+    trajectory.csv, summary.json, report.html and config.toml.
 
-def run(args: argparse.Namespace) -> int:
-    """Replay, print, and return whether the log was read to its end."""
+    Args:
+        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
+        out: result folder; runs/LOG-TIME if not given
+        rrd: write a recording for the Rerun viewer
+        view: show the run in a Rerun window
+        strict: exit with code 3 if there was any warning
+        self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
+        mono: use the left camera only; lengths are in units of the first baseline instead of metres
+        two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
+        verbose: report every change of status, and the time per stage
+    """
     from ..recording import open_log
     from ..results.folder import changed_results, new_run_folder, point_latest_to
-    from ..run.replay import ReplayInterrupted
-
-    config = arguments.read_settings(args, ["mono=true"] if args.mono else [])
-    selection = arguments.read_selection(args)
-    folder = Path(args.out) if args.out else new_run_folder(args.log)
-    arguments.protect_inputs(args, [args.rrd, *changed_results(folder, config)])
-    truth = arguments.read_ground_truth(args)
-    log = open_log(args.log, args.left, args.right, args.calibration, mono=config.mono, ground_truth=truth)
-    interrupted = False
-    try:
-        result = _replay(log, folder, config, selection, args)
-    except ReplayInterrupted as stop:
-        result, interrupted = stop.result, True
-    finally:
-        if not args.out and os.path.exists(folder):
-            point_latest_to(folder)
-    _print(result, args)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    summary = result.summary
-    if result.problems or not summary["complete"] or (args.strict and summary["warnings"]):
-        return ExitCode.INPUT
-    return ExitCode.DONE
-
-
-def _replay(
-    log: "StereoLog", folder: Path, config: "Config", selection: "Selection", args: argparse.Namespace
-) -> "ReplayResult":
-    from ..run.replay import replay
+    from ..run import replay as run
     from .progress import frame_progress
 
-    viewers = _viewers(log, config.mono, args)
-    total = selection.count(log.expected_frames)
-    with frame_progress("replay", total, args.quiet, args.verbose) as progress:
-        sinks = [*viewers, progress]
-        return replay(
-            log,
-            folder,
-            config,
-            selection,
-            there_and_back=args.there_and_back,
-            ignore_ground_truth=args.ignore_ground_truth,
-            calibrate=args.calibrate,
-            self_test=args.self_test,
-            std_truth=args.ground_truth_std,
-            sinks=sinks,
-        )
+    config, selection = settings.read(*(["mono=true"] if mono else [])), frames.selection()
+    folder = Path(out) if out else new_run_folder(log)
+    options.protect(
+        [rrd, *changed_results(folder, config)], log, truth.ground_truth, settings.config, cameras.calibration
+    )
+    recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
+    viewers = _viewers(recording, config.mono, rrd, view)
+    total = selection.count(recording.expected_frames)
+    interrupted = False
+    try:
+        with frame_progress("replay", total, quiet, verbose) as progress:
+            result = run.replay(
+                recording,
+                folder,
+                config,
+                selection,
+                there_and_back=there_and_back,
+                ignore_ground_truth=truth.ignore_ground_truth,
+                calibrate=two_pass,
+                self_test=self_test,
+                std_truth=truth.ground_truth_std,
+                sinks=[*viewers, progress],
+            )
+    except run.ReplayInterrupted as stop:
+        result, interrupted = stop.result, True
+    finally:
+        if not out and os.path.exists(folder):
+            point_latest_to(folder)
+    _print(result, json, quiet, verbose)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    wanting = result.problems or not result.summary["complete"] or (strict and result.summary["warnings"])
+    return ExitCode.INPUT if wanting else ExitCode.DONE
 
 
-def _viewers(log: "StereoLog", mono: bool, args: argparse.Namespace) -> list["Sink"]:
+def _viewers(log: "StereoLog", mono: bool, rrd: str | None, view: bool) -> "list[Sink]":
     """The viewer that was asked for, if any."""
-    if not args.rrd and not args.view:
+    if not rrd and not view:
         return []
     from ..viewer import open_viewer
 
-    truth = None if mono else log.ground_truth()
-    return [open_viewer(log.rig, args.rrd, args.view, truth, log.path.stem)]
+    return [open_viewer(log.rig, rrd, view, None if mono else log.ground_truth(), log.path.stem)]
 
 
-def _print(result: "ReplayResult", args: argparse.Namespace) -> None:
-    from .error_lines import print_error
+def _print(result: "ReplayResult", json: bool, quiet: bool, verbose: bool) -> None:
     from .printing import print_json, print_notes
-    from .replay_table import print_summary
+    from .summaries import print_summary
 
-    if not args.quiet:
+    if not quiet:
         print_notes("warning", result.summary["warnings"])
-    if args.json:
+    if json:
         print_json({**result.summary, "out": str(result.out_dir)})
-    elif not args.quiet:
-        print_summary(result.summary, result.out_dir, stages=args.verbose)
+    elif not quiet:
+        print_summary(result.summary, result.out_dir, stages=verbose)
     for problem in result.problems:
         print_error(problem)

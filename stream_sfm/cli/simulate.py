@@ -1,69 +1,63 @@
 """`stream-sfm simulate`: the paper's simulation, its Table 1 and Figure 6, and the consistency of every estimator."""
 
-import argparse
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from ..errors import ExitCode
 from ..wording import printable
-from . import arguments
+from . import options
 
-EXPLAINED = {
-    "efficiency": "variance of each estimator relative to the Cramér–Rao bound",
-    "consistency": "whether the estimated covariances match the errors",
-    "calibration": "estimates with a wrong calibration and errors that last along tracks",
-    "rates": "the paper's Table 1: growth of the error variance",
-    "figure6": "the paper's Figure 6: errors over the sequence",
-}
+Experiment = Literal["efficiency", "consistency", "calibration", "rates", "figure6"]
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser of `stream-sfm`."""
-    parser = arguments.add_command(
-        subparsers,
-        "simulate",
-        run,
-        summary="run Monte Carlo studies on the paper's simulated stereo pair",
-        description="Run a Monte Carlo study on the paper's simulated stereo pair. Writes results.json and figures "
-        "(PNG, SVG).",
-        usage="EXPERIMENT [options]",
-    )
-    explained = "; ".join(f"{name}: {text}" for name, text in EXPLAINED.items())
-    parser.add_argument("experiment", metavar="EXPERIMENT", choices=tuple(EXPLAINED), help=explained)
-    study = parser.add_argument_group("study")
-    study.add_argument(
-        "--trials", type=arguments.positive, default=100, metavar="N", help="number of random scenes (default: 100)"
-    )
-    study.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="random seed: the same seed, the same numbers (default: 0)"
-    )
-    study.add_argument("--out", type=Path, metavar="DIR", help="result folder (default: runs/simulate-EXPERIMENT)")
-    arguments.add_workers(parser)
-    arguments.add_general(parser, json="results.json", quiet=True)
+def simulate(
+    experiment: Experiment,
+    /,
+    *,
+    out: options.MaybeFolder = None,
+    trials: options.Count = 100,
+    seed: Annotated[int, Parameter(metavar="N")] = 0,
+    parallel: options.Workers = options.Workers(),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Run Monte Carlo studies on the paper's simulated stereo pair.
 
+    Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
+    covariances match the errors. Calibration: estimates with a wrong calibration and errors that last along tracks.
+    Rates: the paper's Table 1, growth of the error variance. Figure6: the paper's Figure 6, errors over the sequence.
+    Writes results.json and figures (PNG, SVG).
 
-def run(args: argparse.Namespace) -> int:
-    """Run one experiment, write its results and figures, print them."""
-    from ..simulation.experiments import EXPERIMENTS, simulate
+    Args:
+        experiment: the study
+        out: result folder; runs/simulate-EXPERIMENT if not given
+        trials: number of random scenes (100)
+        seed: random seed: the same seed, the same numbers (0)
+    """
+    import os
+
+    from ..simulation import experiments
     from .printing import print_json
     from .progress import counter
     from .simulation_tables import print_tables
 
-    folder: Path = args.out or Path("runs") / f"simulate-{args.experiment}"
-    total = EXPERIMENTS[args.experiment].total_trials(args.trials)
-    with counter(f"simulate {args.experiment}", "trials", total, args.quiet) as advance:
-        report = simulate(
-            args.experiment,
+    folder = Path(out) if out else Path("runs") / f"simulate-{experiment}"
+    total = experiments.EXPERIMENTS[experiment].total_trials(trials)
+    with counter(f"simulate {experiment}", "trials", total, quiet) as advance:
+        report = experiments.simulate(
+            experiment,
             folder,
-            trials=args.trials,
-            seed=args.seed,
-            workers=args.workers,
-            scheduler=args.scheduler,
+            trials=trials,
+            seed=seed,
+            workers=parallel.workers or os.cpu_count() or 1,
+            scheduler=parallel.scheduler,
             on_progress=advance,
         )
-    if args.json:
+    if json:
         print_json(report)
-    elif not args.quiet:
-        print_tables(args.experiment, report)
-        print(f"results.json, {args.experiment}.png and {args.experiment}.svg in {printable(str(folder))}")
+    elif not quiet:
+        print_tables(experiment, report)
+        print(f"results.json, {experiment}.png and {experiment}.svg in {printable(str(folder))}")
     return ExitCode.DONE

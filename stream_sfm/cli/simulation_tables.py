@@ -3,19 +3,18 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from rich.table import Table
-
-from .printing import stdout_console
+from .printing import print_table
 
 _PIPED_WIDTH = 160  # columns: the table of rates has six, some of them sentences
+Table = tuple[str, Sequence[str], Sequence[Sequence[str]]]  # title, headings, rows
 _QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
 
 
 def print_tables(experiment: str, report: dict[str, Any]) -> None:
     """Print the tables of one experiment."""
-    console = stdout_console(_PIPED_WIDTH)
-    for table in _tables(experiment, report):
-        console.print(table)
+    for title, headings, rows in _tables(experiment, report):
+        words = len(headings) if headings[0] == "sequence" else 1
+        print_table(rows, headings, title=title, width=_PIPED_WIDTH, text_columns=words)
 
 
 def _tables(experiment: str, report: dict[str, Any]) -> Iterator[Table]:
@@ -47,7 +46,7 @@ def _errors_at_the_end(report: dict[str, Any]) -> Table:
     ]
     columns = ("rotation, mrad", "position, mm", "global structure, mm", "local structure, mm")
     title = f"RMS errors at frame {report['frames'][-1]}, {report['trials']} trials"
-    return _table(title, ["estimator", *columns], rows)
+    return (title, ["estimator", *columns], rows)
 
 
 def _normalised_errors(condition: str, part: dict[str, Any]) -> Table:
@@ -75,7 +74,7 @@ def _calibration(condition: str, part: dict[str, Any], expected: dict[str, float
         f"{condition.replace('_', ' ')}: variance relative to the bound, and normalised squared errors; "
         f"{part['trials']} trials"
     )
-    return _table(title, ["window", *(q.replace("_", " ") for q in quantities), *columns.values()], rows)
+    return (title, ["window", *(q.replace("_", " ") for q in quantities), *columns.values()], rows)
 
 
 def _variances(condition: str, part: dict[str, Any], reference: str) -> Iterator[Table]:
@@ -93,7 +92,7 @@ def _intervals(title: str, entries: dict[str, dict[str, Any]]) -> Table:
     """One row per estimator, one column per quantity, each with its interval."""
     columns = list(next(iter(entries.values())))
     rows = [[name, *(_interval(entry[c]) for c in columns)] for name, entry in entries.items()]
-    return _table(title, ["estimator", *(c.replace("_", " ") for c in columns)], rows)
+    return (title, ["estimator", *(c.replace("_", " ") for c in columns)], rows)
 
 
 def _growth(report: dict[str, Any]) -> Table:
@@ -110,21 +109,21 @@ def _growth(report: dict[str, Any]) -> Table:
     ]
     estimators = [f"measured: {name}" for name in report["table"][0]["exponents"]]
     columns = ["sequence", "variance of", "frames", "paper", *estimators, "exact theory (exponent of the bound)"]
-    return _table(f"Table 1: growth of error variance, {report['trials']} trials", columns, rows)
+    return (f"Table 1: growth of error variance, {report['trials']} trials", columns, rows)
 
 
 def _drift_over_span(spans: dict[str, Any]) -> Table:
     names = ("span_frames", "rotation_relative", "position_relative", "theory")
     rows = [[str(n), *(f"{v:.4f}" for v in values)] for n, *values in zip(*(spans[k] for k in names), strict=True)]
     title = f"Drift rate against track length L (bound); exponent {_interval(spans['exponent_rotation'])}"
-    return _table(title, ["L", "rotation", "position", "3/(L²−1)"], rows)
+    return (title, ["L", "rotation", "position", "3/(L²−1)"], rows)
 
 
 def _structure_over_window(windows: dict[str, Any]) -> Table:
     names = ("window_frames", "relative", "theory")
     rows = [[str(b), _interval(v), f"{t:.3f}"] for b, v, t in zip(*(windows[k] for k in names), strict=True)]
     title = "Local structure against window length b (bound), L = 16"
-    return _table(title, ["b", "variance relative to one view", "(1/L)(H_b + (L−b)/b)"], rows)
+    return (title, ["b", "variance relative to one view", "(1/L)(H_b + (L−b)/b)"], rows)
 
 
 def _of_estimators(
@@ -136,15 +135,8 @@ def _of_estimators(
         for name, of_quantity in found.items()
         for k, value in enumerate(values)
     ]
-    return _table(title, ["estimator", heading, *(q.replace("_", " ") for q in _QUANTITIES)], rows)
-
-
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(*columns, title=title, title_justify="left")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    return (title, ["estimator", heading, *(q.replace("_", " ") for q in _QUANTITIES)], rows)
 
 
 def _interval(v: dict[str, float]) -> str:
-    return f"{v['value']:.2f} \\[{v['low']:.2f}, {v['high']:.2f}]"
+    return f"{v['value']:.2f} [{v['low']:.2f}, {v['high']:.2f}]"

@@ -1,158 +1,145 @@
 """`stream-sfm surface`: the dense, textured surface that one frame or a whole log shows."""
 
-import argparse
 import os
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import ExitCode
+from cyclopts import Parameter
+
+from ..errors import ConfigError, ExitCode, OutputError
 from ..wording import printable
-from . import arguments
+from . import options
 
 if TYPE_CHECKING:
     from ..dense.surface import Surface
 
-
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser of `stream-sfm`."""
-    parser = arguments.add_command(
-        subparsers,
-        "surface",
-        run,
-        summary="reconstruct a dense, textured surface from one frame or from a whole log",
-        description="Reconstruct a textured mesh by dense stereo: a binary PLY file with the colour, the normal and "
-        "std_m of each vertex (σ along the viewing ray, metres). The mesh of one frame is in the axes of its left "
-        "camera; all frames are fused in the world frame (the first left camera) by the estimated poses.",
-        usage="LOG --out FILE.ply [options]",
-    )
-    arguments.add_log(parser)
-    _add_results(parser)
-    arguments.add_cameras(parser)
-    frames = arguments.add_selection(parser)
-    which = frames.add_mutually_exclusive_group()
-    which.add_argument(
-        "--frame", type=arguments.not_negative, default=0, metavar="N", help="use frame N, from 0 (default: 0)"
-    )
-    which.add_argument("--all", action="store_true", help="fuse all frames")
-    arguments.add_settings(parser)
-    arguments.add_general(parser, json="the figures of the surface, as one JSON object,", quiet=True)
+Viewpoint = Annotated[
+    tuple[float, float],
+    Parameter(group=options.RESULTS, converter=options.each(options.degrees), metavar="RIGHT UP"),
+]
 
 
-def _add_results(parser: argparse.ArgumentParser) -> None:
-    results = parser.add_argument_group("results")
-    results.add_argument(
-        "--out", type=arguments.output, metavar="FILE.ply", required=True, help="the mesh to write"
-    )
-    results.add_argument(
-        "--preview",
-        metavar="FILE.png",
-        help="also render a picture of the mesh; of one frame, as far as σ lets shapes be seen",
-    )
-    results.add_argument(
-        "--viewpoint",
-        nargs=2,
-        type=arguments.degrees,
-        default=(20.0, 20.0),
-        metavar=("RIGHT", "UP"),
-        help="direction from which the picture is taken, in degrees to the right of the first camera and above it "
-        "(default: 20 20)",
-    )
-    results.add_argument("--rrd", metavar="FILE", help="also write a recording for the Rerun viewer (extra [view])")
+def surface(
+    log: options.Log,
+    /,
+    *,
+    out: options.OutFile,
+    preview: options.MaybeOutFile = None,
+    viewpoint: Viewpoint = (20.0, 20.0),
+    rrd: options.MaybeOutFile = None,
+    cameras: options.Cameras = options.Cameras(),
+    frame: options.MaybeIndex = None,
+    all: Annotated[bool, Parameter(group=options.FRAMES)] = False,
+    frames: options.Frames = options.Frames(),
+    settings: options.MethodSettings = options.MethodSettings(),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Reconstruct a dense, textured surface from one frame or from a whole log.
 
+    Reconstructs a textured mesh by dense stereo: a binary PLY file with the colour, the normal and std_m of each
+    vertex (σ along the viewing ray, metres). The mesh of one frame is in the axes of its left camera; all frames are
+    fused in the world frame (the first left camera) by the estimated poses.
 
-def run(args: argparse.Namespace) -> int:
-    """Reconstruct, write, print, and return whether the log was read to its end."""
-    from .printing import print_json, print_notes
-
-    started_s = time.process_time()
-    surface = _reconstruct(args)
-    _write(surface, args)
-    if not args.quiet:
-        print_notes("warning", surface.warnings)
-    figures = _figures(surface, args) | {"cpu_s": time.process_time() - started_s}
-    if args.json:
-        print_json(figures)
-    elif not args.quiet:
-        _print(figures)
-    if surface.interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.DONE if surface.complete else ExitCode.INPUT
-
-
-def _reconstruct(args: argparse.Namespace) -> "Surface":
-    from ..dense.surface import surface
+    Args:
+        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
+        out: the mesh to write, a .ply
+        preview: also render a picture of the mesh, a .png; of one frame, as far as σ lets shapes be seen
+        viewpoint: where the picture is taken from, in degrees to the right of the first camera and above it (20 20)
+        rrd: also write a recording for the Rerun viewer, a .rrd
+        frame: use frame N, from 0 (0)
+        all: fuse all frames
+    """
+    from ..dense import surface as dense
     from ..recording import open_log
+    from .printing import print_json, print_notes
     from .progress import frame_progress
 
-    config = arguments.read_settings(args)
-    selection = arguments.read_selection(args)
-    _check_files(args)
-    log = open_log(args.log, args.left, args.right, args.calibration)
-    if not args.all:
-        return surface(log, args.frame, config, selection)
-    with frame_progress("surface", selection.count(log.expected_frames), args.quiet) as progress:
-        return surface(log, None, config, selection, sinks=[progress])
+    started_s = time.process_time()
+    if all and frame is not None:
+        raise ConfigError("--frame and --all exclude each other: leave one out")
+    number = None if all else frame or 0
+    config, selection = settings.read(), frames.selection()
+    written = {"--out": (out, ".ply"), "--preview": (preview, ".png"), "--rrd": (rrd, ".rrd")}
+    _check_files(written)
+    options.protect([out, preview, rrd], log, settings.config, cameras.calibration)
+    recording = open_log(log, *cameras.chosen)
+    with frame_progress("surface", selection.count(recording.expected_frames), quiet or not all) as progress:
+        found = dense.surface(recording, number, config, selection, sinks=[progress] if all else [])
+    axes = "all frames, world: the first left camera" if all else f"frame {number}, axes of its left camera"
+    _write(found, log, axes, out, preview, viewpoint, rrd)
+    if not quiet:
+        print_notes("warning", found.warnings)
+    figures = {"log": log, "out": out, "frame": number, **_figures(found)}
+    figures["cpu_s"] = time.process_time() - started_s
+    if json:
+        print_json(figures)
+    elif not quiet:
+        _print(figures)
+    if found.interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE if found.complete else ExitCode.INPUT
 
 
-def _check_files(args: argparse.Namespace) -> None:
+def _check_files(written: Mapping[str, tuple[str | None, str]]) -> None:
     """Before the work is done, rather than after. Raises ConfigError, OutputError."""
-    from ..errors import ConfigError, OutputError
     from ..viewer import require_rerun
 
-    if args.rrd is not None:
+    if written["--rrd"][0] is not None:
         require_rerun()
-    for option, ending in (("out", ".ply"), ("preview", ".png"), ("rrd", ".rrd")):
-        name = getattr(args, option)
+    for option, (name, ending) in written.items():
         if name is None:
             continue
         path = Path(name)
         if path.suffix.lower() != ending:
-            raise ConfigError(f"--{option} {name}: the name must end in {ending}")
+            raise ConfigError(f"{option} {name}: the name must end in {ending}")
         if os.path.isdir(path):
             raise OutputError(f"cannot write {name}: it is a folder")
         if not os.path.isdir(path.parent):
             raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
         if not os.access(path.parent, os.W_OK):
             raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
-    arguments.protect_inputs(args, [args.out, args.preview, args.rrd])
 
 
-def _write(surface: "Surface", args: argparse.Namespace) -> None:
+def _write(
+    found: "Surface",
+    log: str,
+    axes: str,
+    out: str,
+    preview: str | None,
+    viewpoint: tuple[float, float],
+    rrd: str | None,
+) -> None:
     from ..dense.ply import write_ply
 
-    axes = (
-        "all frames, world: the first left camera" if args.all else f"frame {args.frame}, axes of its left camera"
-    )
-    write_ply(args.out, surface.mesh, f"{Path(args.log).name}: {axes}; x right, y down, z forward")
-    if args.preview:
-        from ..dense.preview import near_part, preview, write_png
+    write_ply(out, found.mesh, f"{Path(log).name}: {axes}; x right, y down, z forward")
+    if preview:
+        from ..dense import preview as picture
 
-        shown = surface.mesh if args.all else near_part(surface.mesh)
-        write_png(args.preview, preview(shown, *args.viewpoint))
-    if args.rrd:
+        shown = found.mesh if found.voxel_m else picture.near_part(found.mesh)
+        picture.write_png(preview, picture.preview(shown, *viewpoint))
+    if rrd:
         from ..viewer.surface import write_surface_recording
 
-        write_surface_recording(args.rrd, surface.mesh, surface.path, f"{Path(args.log).stem}: {axes}")
+        write_surface_recording(rrd, found.mesh, found.path, f"{Path(log).stem}: {axes}")
 
 
-def _figures(surface: "Surface", args: argparse.Namespace) -> dict[str, Any]:
+def _figures(found: "Surface") -> dict[str, Any]:
     import numpy as np
 
     from ..run.summary import peak_rss_mib
 
-    low, median, high = (float(p) for p in np.percentile(surface.mesh.std_m, [5, 50, 95]))
+    low, median, high = (float(p) for p in np.percentile(found.mesh.std_m, [5, 50, 95]))
     return {
-        "log": args.log,
-        "out": args.out,
-        "frame": None if args.all else args.frame,
-        "frames": {"read": surface.read, "used": surface.used},
-        "complete": surface.complete,
-        "warnings": surface.warnings,
-        "vertices": len(surface.mesh.vertices),
-        "faces": len(surface.mesh.faces),
+        "frames": {"read": found.read, "used": found.used},
+        "complete": found.complete,
+        "warnings": found.warnings,
+        "vertices": len(found.mesh.vertices),
+        "faces": len(found.mesh.faces),
         "std_m": {"p5": low, "p50": median, "p95": high},
-        "voxel_m": surface.voxel_m or None,
+        "voxel_m": found.voxel_m or None,
         "peak_rss_mib": peak_rss_mib(),
     }
 

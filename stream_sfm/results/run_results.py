@@ -56,8 +56,8 @@ class RunResults:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self.warnings: list[str] = []
-        self._estimates = _estimates_of(self.folder)
-        records = list(read_estimates(self._estimates, self.warnings))
+        self.estimates_path = _estimates_of(self.folder)
+        records = list(read_estimates(self.estimates_path, self.warnings))
         if self.warnings and not records:
             raise LogError(f"no frame can be read: {'; '.join(self.warnings)}")
         self.stamps_ns = np.array([r.stamp_ns for r in records], dtype=np.int64)
@@ -111,7 +111,7 @@ class RunResults:
         return f"<RunResults of {self.folder}, {len(self)} frames>"
 
     def _points(self, topic: str) -> PointTable:
-        clouds = list(read_clouds(self._estimates, topic, self.warnings))
+        clouds = list(read_clouds(self.estimates_path, topic, self.warnings))
         frames = [np.full(len(c.track_ids), c.frame_index, np.int64) for c in clouds]
         return PointTable(
             np.concatenate([np.empty(0, np.int64), *frames]),

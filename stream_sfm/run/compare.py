@@ -30,7 +30,7 @@ from .refine import refined_for_itself
 from .self_test import SelfTest
 from .summary import summarise
 
-COMPARED = (
+COMPARED: tuple[str, ...] = (
     "cross-frame",
     "cross-frame-wc",
     "cross-frame-cc",

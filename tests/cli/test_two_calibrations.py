@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import build_parser, main
+from stream_sfm.cli.main import build_app, main
+from stream_sfm.cli.usage import rewritten
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
 from tests.helpers.places import ROOM
@@ -48,9 +49,9 @@ def files(tmp_path: Path) -> list[str]:
     ],
 )
 def test_the_log_stays_the_log(arguments: list[str], calibration: object) -> None:
-    args = build_parser().parse(["replay", *arguments])
-    assert args.calibration == calibration
-    assert args.log in ("LOG", "log.mcap")
+    _, bound, _ = build_app().parse_args(rewritten(["replay", *arguments]))
+    assert bound.args[0] in ("LOG", "log.mcap")
+    assert bound.kwargs["cameras"].chosen[2] == calibration
 
 
 def test_three_are_refused(capsys) -> None:

@@ -154,7 +154,7 @@ def files(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
                 ["recover", log, name],
                 ["import", "images", "--left", name, "--right", name, "--calibration", name, f"{out}.mcap"],
                 ["import", rng.choice(("kitti", "euroc")), name, f"{out}.mcap"],
-                ["calibration", "convert", name, "--out", f"{out}.toml"],
+                ["convert-calibration", name, "--out", f"{out}.toml"],
             ]
         ),
         ("out", "out.ply", "out.mcap", "out.toml", "-", "nothing", *(["odd"] if kind in _REPLACED else [])),
@@ -231,7 +231,7 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
                 ["inspect", log, "--calibration", str(path)],
                 ["replay", log, "--out", out, "--config", str(path), *_FAST],
                 ["config", "--set", soup[:20_000].replace("\0", "")],
-                ["calibration", "convert", str(path), "--out", f"{out}.toml"],
+                ["convert-calibration", str(path), "--out", f"{out}.toml"],
                 ["replay", log, "--out", out, "--ground-truth", str(path), *_FAST],
             ]
         ),
@@ -260,7 +260,7 @@ def outputs(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
             ["surface", given, "--out", str(target), "--max-frames", "1"],
             ["surface", given, "--out", str(folder / "new.ply"), "--preview", str(target), "--max-frames", "1"],
             ["recover", given, str(target), "--force"],
-            ["calibration", "convert", given, "--out", str(target)],
+            ["convert-calibration", given, "--out", str(target)],
         ]
     )
     # The log stays whatever the words are; only a run whose results have other names may write beside it.

@@ -122,4 +122,4 @@ def test_config_has_the_sections_that_are_named(capsys) -> None:
     assert main(["config"]) == 0
     sections = re.findall(r"^\[(\w+)\]", capsys.readouterr().out, re.MULTILINE)
     text = PAGE.split("\n## config.toml\n")[1]
-    assert re.findall(r"`\[(\w+)\]`", text) == sections
+    assert re.findall(r"`\[(\w+)\]`", text.partition("Settings that few")[0]) == sections

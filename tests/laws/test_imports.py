@@ -46,7 +46,7 @@ HOMES = {
     "jinja2": ("report",),
     "markupsafe": ("report",),
     "rich": ("cli",),
-    "argcomplete": ("cli",),
+    "cyclopts": ("cli",),
     "lz4": ("mcap_file", "sources"),
     "zstandard": ("mcap_file", "sources"),
     "distributed": ("executors.py",),

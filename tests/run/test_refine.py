@@ -47,7 +47,7 @@ def test_the_command_writes_a_calibration_that_a_replay_takes(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "refined.toml"
-    assert main(["calibrate", str(log), "--out", str(out), "--json"]) == 0
+    assert main(["refine", str(log), "--out", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert StereoRig.from_calibration(out).refinement is not None
     assert found["logs"][0]["log"] == str(log) and len(found["error_px"]) == len(TERMS)

@@ -11,6 +11,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.report.records import RunRecord
+from stream_sfm.types import RigEstimate
 from tests.helpers.wall import Wall, camera_path, rig
 
 _ONE_AFTER_ANOTHER = """
@@ -38,7 +39,7 @@ def test_a_correction_on_the_way_says_from_which_frame_on_and_what_it_means(firs
     error_px[0] = 0.3
     for frame in Wall(1).frames(rig(), camera_path(14)):
         estimate = engine.step(frame)
-        found = sfm.RigEstimate(error_px, 1e-4 * np.eye(len(TERMS)), estimate.frame_index >= first)
+        found = RigEstimate(error_px, 1e-4 * np.eye(len(TERMS)), estimate.frame_index >= first)
         statistics.add(replace(estimate, rig=found))
     warnings = statistics.warnings()
     assert len(warnings) == said

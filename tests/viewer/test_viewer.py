@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.refinement import TERMS
+from stream_sfm.camera.refinement import TERMS, Refinement
 from stream_sfm.cli.main import main
 from stream_sfm.types import RigEstimate
 from tests.helpers.places import ROOM
@@ -111,7 +111,7 @@ def test_a_refined_calibration_is_shown_whole():
 
     error_px = np.zeros(len(TERMS))
     error_px[0] = 0.25
-    refinement = sfm.Refinement(error_px, 1e-4 * np.eye(len(TERMS)))
+    refinement = Refinement(error_px, 1e-4 * np.eye(len(TERMS)))
     engine = sfm.Engine(dataclasses.replace(_rig(), refinement=refinement))
     stream, field = Logged(), CalibrationField(_rig())
     for n in range(3):

@@ -1,25 +1,94 @@
-"""The summary of a replay as a table."""
+"""The summaries of replays, comparisons and batches as tables."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
+from .printing import factors_text, number, print_table
 
-from ..wording import printable
-from .printing import factors_text, facts_table, number, stdout_console
+# Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
+_ERRORS = {
+    "ate_rmse_aligned_m": ("ATE aligned\nm", ".3g"),
+    "ate_rmse_m": ("ATE\nm", ".3g"),
+    "final_drift_percent": ("drift\n%", ".3g"),
+    "t_rel_percent": ("t_rel\n%", ".3g"),
+    "r_rel_deg_per_100m": ("r_rel\n°/100 m", ".3g"),
+    "scale_error_percent": ("scale\n%", "+.2f"),
+    "nees_pose_mean": ("NEES", ".3g"),
+}
+_OF_METHODS = {
+    **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
+    "growth_exponent": ("growth", ".4g"),
+    "ms_per_frame_p50": ("time\nms/frame", ".4g"),
+}
+_OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) -> None:
-    """Print the summary and where the results are; `stages` adds the time that each stage takes."""
-    table = facts_table(escape(printable(f"{summary['log']}: {summary['method']}")))
-    for label, text in (
-        *_run_rows(summary, stages),
-        *_truth_rows(summary.get("ground_truth")),
-    ):
-        table.add_row(label, text)
-    table.add_row("results", escape(printable(str(folder))))
-    stdout_console().print(table)
+    """Print the summary of a replay and where the results are; `stages` adds the time that each stage takes."""
+    rows = [*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth")), ("results", str(folder))]
+    print_table(rows, title=f"{summary['log']}: {summary['method']}")
+
+
+def print_comparison(content: dict[str, Any]) -> None:
+    """Print the methods of report.json; a figure that does not exist for this log is a dash."""
+    methods = content["methods"].items()
+    rows = ([key.replace("_", "-"), *_cells(figures, _OF_METHODS)] for key, figures in methods)
+    print_table(rows, ["method", *(heading for heading, _ in _OF_METHODS.values())])
+    for name, spans in (content["self_test"] or {}).items():
+        print(f"halves of the {name} differ by {factors_text(spans)}")
+
+
+def print_evaluation(runs: Iterable[dict[str, Any]]) -> None:
+    """Print the runs of `evaluate`, one row each."""
+    rows = [
+        [
+            run["run"],
+            run["method"],
+            str(run["ground_truth"]["frames_compared"]),
+            *_cells(run["ground_truth"], _ERRORS),
+        ]
+        for run in runs
+    ]
+    print_table(rows, ["run", "method", "frames", *(heading for heading, _ in _ERRORS.values())], text_columns=2)
+
+
+def print_batch(content: dict[str, Any]) -> None:
+    """Print the logs of batch.json, one row each."""
+    rows = []
+    for log in content["logs"]:
+        if (summary := log["summary"]) is None:
+            rows.append([log["name"], log["status"]])
+            continue
+        frames, truth = summary["frames"], summary.get("ground_truth", {})
+        figures = [summary["path_length_m"], *map(truth.get, _OF_BATCH), summary["timing_ms"]["total"]["p50"]]
+        cells = (number(figure, ".3g") for figure in figures)
+        rows.append([log["name"], log["status"], str(frames["estimated"]), str(frames["lost"]), *cells])
+    errors = (_ERRORS[key][0].replace(" aligned", "") for key in _OF_BATCH)
+    print_table(rows, ["log", "status", "frames", "lost", "path\nm", *errors, "time\nms/frame"], text_columns=2)
+
+
+def print_many(content: dict[str, Any]) -> None:
+    """Print the ratios of comparison.json, one row per method."""
+    rows = [
+        [
+            key.replace("_", "-"),
+            *(_interval(found[q]) for q in ("position", "rotation")),
+            f"{found['position']['samples']}",
+        ]
+        for key, found in content["error_over_cross_frame"].items()
+    ]
+    runs = "logs" if content["interval_over"] == "logs" else "starts"
+    print_table(rows, ["error over cross-frame", "position", "rotation", runs])
+
+
+def _cells(figures: dict[str, Any], columns: dict[str, tuple[str, str]]) -> Iterator[str]:
+    return (number(figures.get(key), form) for key, (_, form) in columns.items())
+
+
+def _interval(figure: dict[str, Any]) -> str:
+    low_high = figure["ci95"]
+    return f"{figure['value']:.2f}" + ("" if low_high is None else f" [{low_high[0]:.2f}, {low_high[1]:.2f}]")
 
 
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:

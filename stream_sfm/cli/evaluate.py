@@ -1,0 +1,86 @@
+"""`stream-sfm evaluate`: finished runs against ground truth, side by side."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ..errors import ConfigError, ExitCode, InputError
+from . import options
+
+if TYPE_CHECKING:
+    from ..results.run_results import RunResults
+    from ..types import Trajectory
+
+
+def evaluate(
+    *runs: Annotated[str, Parameter("RUN")],
+    truth: options.Truth = options.Truth(),
+    json: options.Json = False,
+) -> int:
+    """Compare finished runs with ground truth, one row per run.
+
+    The ground truth is that of the log which a run was made from, or a file. The figures are those of the section
+    ground_truth in summary.json, without the ones of the local structure.
+
+    Args:
+        runs: result folders: of replays, of methods of a comparison, of logs of a batch
+    """
+    from ..results.run_results import read_results
+    from .printing import print_json
+    from .summaries import print_evaluation
+
+    if not runs:
+        raise ConfigError("RUN is missing: name result folders, such as runs/latest")
+    found = []
+    for name in runs:
+        run = read_results(name)
+        figures = _figures(run, _truth(run, truth), truth)
+        found.append(
+            {"run": name, "method": run.config.method, "log": run.summary.get("log"), "ground_truth": figures}
+        )
+    if json:
+        print_json({"runs": found})
+    else:
+        print_evaluation(found)
+    return ExitCode.DONE
+
+
+def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
+    """The ground truth of a run, in the time of its frames. The log is opened where it has what is needed."""
+    from ..recording import open_log
+    from ..sources.pose_files import is_euroc_table, read_poses
+    from ..types import Trajectory
+
+    file, log = given.read(), run.summary.get("log")
+    if file is not None and file.frame is None and not is_euroc_table(Path(file.path)):
+        poses = read_poses(Path(file.path))
+        return Trajectory(poses.stamps_ns + round(file.offset_s * 1e9), poses.world_from_cam)
+    if log is None:
+        raise InputError(
+            f"{run.folder} does not name its log (summary.json), which is needed here", hint=("ground_truth",)
+        )
+    truth = open_log(log, ground_truth=file, mono=run.config.mono).ground_truth()
+    if truth is None:
+        raise InputError(f"{run.folder}: its log {log} holds no ground truth: name a file", hint=("ground_truth",))
+    return truth
+
+
+def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:
+    from .. import evaluation
+    from ..evaluation.association import without_frames
+    from ..evaluation.relative_consistency import RelativeRecord, against_truth
+    from ..results.frame_estimates import frame_estimates
+
+    used = without_frames(truth, run.stamps_ns, given.ignore_ground_truth)
+    if run.config.mono:
+        return evaluation.evaluate_unscaled(run.trajectory, used)
+    motions = RelativeRecord()
+    for estimate in frame_estimates(run.estimates_path, points=False):
+        motions.add(estimate)
+    spans = against_truth(motions, used, given.ground_truth_std, len(run))
+    return evaluation.evaluate(run.trajectory, used) | {
+        "frames_ignored": [list(frames) for frames in given.ignore_ground_truth],
+        "std_truth": list(given.ground_truth_std),
+        "relative_consistency": spans,
+    }

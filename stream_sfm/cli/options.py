@@ -1,0 +1,305 @@
+"""Options that several commands share, as records whose fields are options; what is said of wrong values."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+from cyclopts import Group, Parameter, Token
+
+from ..errors import ConfigError
+
+if TYPE_CHECKING:
+    from ..config import Config
+    from ..recording.truth_file import GroundTruthFile
+    from ..types import Selection
+
+T = TypeVar("T")
+
+# In the order of the help.
+RESULTS, CAMERAS, FRAMES = Group("Results", sort_key=1), Group("Cameras", sort_key=2), Group("Frames", sort_key=3)
+SETTINGS, TRUTH = Group("Settings", sort_key=4), Group("Ground truth", sort_key=5)
+PARALLEL, GENERAL = Group("Parallel work", sort_key=6), Group("General", sort_key=7)
+
+# The names of `estimators.METHODS`, which a command line must know without importing the estimators.
+Method = Literal[
+    "cross-frame",
+    "cross-frame-wc",
+    "cross-frame-cc",
+    "cross-frame-cc-literal",
+    "ekf",
+    "iterated-ekf",
+    "ekf-cv",
+    "frame-to-frame",
+    "depth-filter",
+]
+
+
+def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
+    """A converter of the words after an option, one by one; `parse` raises ValueError with the text to show."""
+
+    def convert(_kind: Any, tokens: Sequence[Token]) -> Any:
+        values = [parse(token.value) for token in tokens]
+        return values[0] if len(values) == 1 else tuple(values)
+
+    return convert
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Reads whole numbers of at least `least`."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise ValueError(f"{text!r} is not a whole number of at least {least}")
+        return value
+
+    return parse
+
+
+def finite(text: str, meaning: str, least: float = -math.inf, most: float = math.inf) -> float:
+    """A finite number from `least` to `most`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and least <= value <= most):
+        raise ValueError(f"{text!r} is not {meaning}")
+    return value
+
+
+def seconds(text: str) -> float:
+    """A time, not negative."""
+    return finite(text, "a number of seconds (0 or more)", 0)
+
+
+def degrees(text: str) -> float:
+    """An angle of at most a full turn."""
+    return finite(text, "an angle in degrees (-360 to 360)", -360, 360)
+
+
+def place(text: str) -> str:
+    """Where to write, which an empty variable of a script is not."""
+    if not text.strip():
+        raise ValueError("the name is empty")
+    return text
+
+
+def _frame_ranges(text: str) -> list[tuple[int, int]]:
+    ranges = []
+    for part in text.split(","):
+        first, _, end = part.partition(":")
+        if not (first.strip().isdecimal() and end.strip().isdecimal() and int(first) < int(end)):
+            raise ValueError(f"{part!r} is not a range of frames: give it as 0:15 for frames 0 to 14")
+        ranges.append((int(first), int(end)))
+    return ranges
+
+
+def _std_truth(text: str) -> tuple[float, float]:
+    meaning = "a σ in metres and one in radians, such as 0.001,0.0005"
+    if text.count(",") != 1:
+        raise ValueError(f"{text!r} is not {meaning}")
+    std_m, std_rad = (finite(part, meaning, 0) for part in text.split(","))
+    return std_m, std_rad
+
+
+def _one_or_two(_kind: Any, files: list[str] | None) -> None:
+    if files and len(files) > 2:
+        raise ValueError("give one file, or two: left and right")
+
+
+def _setting_names(_context: Any) -> list[str]:
+    """The beginnings of every `--set`, for completion in the shell."""
+    from ..config import setting_names
+
+    return [f"{name}=" for name in setting_names()]
+
+
+# Kinds of arguments; the docstring of a command, or of a record below, says what each is for.
+Log = Annotated[str, Parameter("LOG")]
+NewLog = Annotated[str, Parameter("OUT.mcap")]
+Seconds = Annotated[float, Parameter(converter=each(seconds), metavar="S")]
+MaybeSeconds = Annotated[float | None, Parameter(converter=each(seconds), metavar="S")]
+Offset = Annotated[float, Parameter(converter=each(lambda text: finite(text, "a number of seconds")), metavar="S")]
+Count = Annotated[int, Parameter(converter=each(whole(1)), metavar="N")]
+MaybeCount = Annotated[int | None, Parameter(converter=each(whole(1)), metavar="N")]
+MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, converter=each(whole(0)), metavar="N")]
+Folder = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
+MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
+OutFile = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="FILE")]
+MaybeOutFile = Annotated[str | None, Parameter(group=RESULTS, metavar="FILE")]
+MaybeFile = Annotated[str | None, Parameter(metavar="FILE")]
+MaybeTopic = Annotated[str | None, Parameter(metavar="TOPIC")]
+Names = Annotated[str, Parameter(group=RESULTS, metavar="NAME,…")]
+Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE", validator=_one_or_two)]
+ResultFlag = Annotated[bool, Parameter(group=RESULTS)]
+CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
+Quiet = Annotated[bool, Parameter(alias="-q", group=GENERAL, help="print errors only")]
+Verbose = Annotated[bool, Parameter(alias="-v", group=GENERAL)]
+Json = Annotated[bool, Parameter(group=GENERAL, help="print one JSON object on standard output and nothing else")]
+
+
+def calibration_files(calibration: list[str] | None) -> str | list[str] | None:
+    """As the functions of this package take it: None, one path, or those of left and right."""
+    return calibration[0] if calibration and len(calibration) == 1 else calibration or None
+
+
+@Parameter(name="*", group=CAMERAS)
+@dataclass(frozen=True)
+class Cameras:
+    """How the cameras of a log are found.
+
+    Attributes:
+        left: topic of the left images; found automatically
+        right: topic of the right images; found automatically
+        calibration: use this file or folder, ours (TOML) or of other tools, or the files of left and right
+    """
+
+    left: MaybeTopic = None
+    right: MaybeTopic = None
+    calibration: Calibration = None
+
+    @property
+    def chosen(self) -> tuple[str | None, str | None, str | list[str] | None]:
+        """Left topic, right topic and calibration."""
+        return self.left, self.right, calibration_files(self.calibration)
+
+
+@Parameter(name="*", group=FRAMES)
+@dataclass(frozen=True)
+class Frames:
+    """Which frames of a log are read.
+
+    Attributes:
+        start: begin S seconds after the first frame
+        end: end S seconds after the first frame
+        max_frames: read at most N frames
+        stride: read every N-th frame
+    """
+
+    start: MaybeSeconds = None
+    end: MaybeSeconds = None
+    max_frames: MaybeCount = None
+    stride: Count = 1
+
+    def selection(self) -> "Selection":
+        """The frames chosen. Raises ConfigError where no frame can be among them."""
+        from ..types import Selection
+
+        return Selection(self.start, self.end, self.max_frames, self.stride)
+
+
+@Parameter(name="*", group=SETTINGS)
+@dataclass(frozen=True)
+class Settings:
+    """All settings but the method.
+
+    Attributes:
+        config: read settings from this file; `stream-sfm config` prints one
+        set: change one setting, for example window.frames=12; may be repeated
+        estimate_every: an older name of the setting estimate_every
+    """
+
+    config: MaybeFile = None
+    set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
+    estimate_every: Annotated[MaybeCount, Parameter(show=False)] = None
+
+    def read(self, *further: str) -> "Config":
+        """The configuration, with `further` settings. Raises ConfigError."""
+        from ..config import read_config
+
+        every = [f"estimate_every={self.estimate_every}"] if self.estimate_every else []
+        return read_config(self.config, [*(self.set or []), *every, *further])
+
+
+@Parameter(name="*", group=SETTINGS)
+@dataclass(frozen=True)
+class MethodSettings(Settings):
+    """All settings.
+
+    Attributes:
+        config: read settings from this file; `stream-sfm config` prints one
+        set: change one setting, for example window.frames=12; may be repeated
+        method: the estimator; cross-frame if not given
+    """
+
+    method: Annotated[Method | None, Parameter(metavar="NAME")] = None
+
+    def read(self, *further: str) -> "Config":
+        """The configuration, with `further` settings. Raises ConfigError."""
+        return super().read(*([f'method="{self.method}"'] if self.method else []), *further)
+
+
+@Parameter(name="*", group=TRUTH)
+@dataclass(frozen=True)
+class TruthFile:
+    """Where ground truth is, if not in the log.
+
+    Attributes:
+        ground_truth: compare with the poses in this file, not with the log's: TUM, EuRoC's CSV, or KITTI with stamps
+        ground_truth_frame: whose poses they are: a frame of the log's transforms, or a sensor.yaml
+        ground_truth_offset: add S seconds to their stamps
+    """
+
+    ground_truth: MaybeFile = None
+    ground_truth_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
+    ground_truth_offset: Offset = 0.0
+
+    def read(self) -> "GroundTruthFile | None":
+        """The file chosen, if any."""
+        from ..recording.truth_file import GroundTruthFile
+
+        if self.ground_truth is None:
+            return None
+        return GroundTruthFile(self.ground_truth, self.ground_truth_frame, self.ground_truth_offset)
+
+
+_Ranges = Parameter(converter=each(_frame_ranges), n_tokens=1, accepts_keys=False, metavar="A:B,…")
+_Std = Parameter(converter=each(_std_truth), n_tokens=1, metavar="M,RAD")
+
+
+@Parameter(name="*", group=TRUTH)
+@dataclass(frozen=True)
+class Truth(TruthFile):
+    """Ground truth that is not in the log, and what is known of it.
+
+    Attributes:
+        ground_truth: compare with the poses in this file, not with the log's: TUM, EuRoC's CSV, or KITTI with stamps
+        ground_truth_frame: whose poses they are: a frame of the log's transforms, or a sensor.yaml
+        ground_truth_offset: add S seconds to their stamps
+        ignore_ground_truth: do not compare frames A to B-1, because the ground truth is wrong there
+        ground_truth_std: σ of the ground truth itself: of positions in metres, of rotations in radians
+    """
+
+    ignore_ground_truth: Annotated[list[tuple[int, int]], _Ranges] = field(default_factory=list)
+    ground_truth_std: Annotated[tuple[float, float], _Std] = (0.0, 0.0)
+
+
+@Parameter(name="*", group=PARALLEL)
+@dataclass(frozen=True)
+class Workers:
+    """Where work runs in parallel.
+
+    Attributes:
+        workers: number of processes on this machine; one per CPU core if not given
+        scheduler: use a Dask cluster instead, such as tcp://127.0.0.1:8786 (needs stream-sfm[cluster])
+    """
+
+    workers: MaybeCount = None
+    scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise ConfigError("--workers and --scheduler exclude each other: leave one out")
+
+
+def protect(outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:
+    """Raise an OutputError where one of the outputs is an input of the command (None: not given)."""
+    from ..outputs import refuse_overwriting
+
+    given = [path for name in inputs for path in ([name] if isinstance(name, str) else name or [])]
+    refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in given])

@@ -1,0 +1,77 @@
+"""`stream-sfm view`: a finished run in the Rerun viewer."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from ..errors import ExitCode, InputError
+from . import options
+
+if TYPE_CHECKING:
+    from ..recording import StereoLog
+    from ..results.run_results import RunResults
+    from ..types import Frame
+
+
+def view(
+    run: Annotated[str, Parameter("RUN")],
+    /,
+    *,
+    rrd: options.MaybeOutFile = None,
+    quiet: options.Quiet = False,
+) -> int:
+    """Open a finished run in the Rerun viewer.
+
+    Shows the path, the points and the figures of a run, and the images where its log is still where it was.
+
+    Args:
+        run: the result folder of a replay, such as runs/latest
+        rrd: write a recording instead of opening a window
+    """
+    from ..results.frame_estimates import frame_estimates, recorded_rig
+    from ..results.run_results import read_results
+    from ..viewer import open_viewer, require_rerun
+    from .printing import print_notes
+    from .progress import counter
+
+    require_rerun()
+    found = read_results(run)
+    options.protect([rrd], run, found.summary.get("log"))
+    log, notes = _log(found)
+    if not quiet:
+        print_notes("warning", notes)
+    truth = log.ground_truth() if log is not None and not found.config.mono else None
+    name = log.path.stem if log is not None else found.folder.name
+    viewer = open_viewer(recorded_rig(found.estimates_path), rrd, rrd is None, truth, name)
+    frames = _frames(log, found)
+    with counter("view", "frames", len(found), quiet) as advance:
+        for estimate in frame_estimates(found.estimates_path):
+            frame = next(frames, None)
+            while frame is not None and frame.stamp_ns < estimate.stamp_ns:
+                frame = next(frames, None)
+            shown = frame if frame is not None and frame.stamp_ns == estimate.stamp_ns else None
+            viewer.write(estimate, shown)  # type: ignore[arg-type]  # it takes estimates without images, too
+            advance()
+    viewer.close()
+    return ExitCode.DONE
+
+
+def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
+    """The log of a run, and what to say where it cannot be read."""
+    from ..recording import open_log
+
+    path = found.summary.get("log")
+    try:
+        return (open_log(path, mono=found.config.mono), []) if path else (None, ["the run does not name its log"])
+    except InputError as error:
+        return None, [f"the run is shown without images: {error}"]
+
+
+def _frames(log: "StereoLog | None", found: "RunResults") -> "Iterator[Frame]":
+    """The frames of the log from the first of the run on."""
+    if log is None or not len(found):
+        return
+    for frame in log.frames():
+        if frame.stamp_ns >= found.stamps_ns[0]:
+            yield frame

@@ -1,0 +1,80 @@
+"""The frames of a finished run as the `FrameEstimate`s that its sinks were given, as far as they are recorded."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..camera.rig import MonoRig, StereoRig
+from ..errors import LogError
+from ..geometry import se3
+from ..mcap_file.damage import Damage
+from ..mcap_file.log_file import LogFile
+from ..types import FrameEstimate, RelativeMotions, RigEstimate, Status
+from .estimates_reader import Cloud, read_clouds, read_estimates
+from .schema import EstimateRecord
+
+_NOBODY = np.empty(0, np.int64)
+
+
+def frame_estimates(path: str | Path, points: bool = True) -> Iterator[FrameEstimate]:
+    """Yield the frames of an `estimates.mcap`, with the local structure if `points`; what can be read of it.
+
+    Points in the world, those that have left the view and times per stage are left out.
+    """
+    warnings: list[str] = []
+    clouds = read_clouds(path, warnings=warnings) if points else iter(())
+    cloud = next(clouds, None)
+    for record in read_estimates(path, warnings):
+        while cloud is not None and cloud.frame_index < record.frame_index:
+            cloud = next(clouds, None)
+        mine = cloud is not None and cloud.frame_index == record.frame_index
+        yield _estimate(record, cloud if mine else None)
+
+
+def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
+    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError where there is none."""
+    for attachment in LogFile(path).attachments(Damage()):
+        if attachment.name == "calibration.toml":
+            kind = StereoRig if b"[right" in attachment.data else MonoRig
+            return kind.parse_calibration(attachment.data, f"{path}, {attachment.name}")
+    raise LogError(f"{path} holds no calibration: replay the log again")
+
+
+def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
+    world_from_cam = np.array(record.world_from_cam)
+    points = np.empty((0, 3)) if cloud is None else cloud.points.astype(float)
+    relative = rig = None
+    if record.relative_frame_indices:
+        relative = RelativeMotions(
+            np.array(record.relative_frame_indices, np.int64),
+            np.array(record.relative_frame_from_cam),
+            np.array(record.relative_cov),
+        )
+    if record.rig_error_px:
+        rig = RigEstimate(np.array(record.rig_error_px), np.array(record.rig_cov_px2[0]), record.rig_applied)
+    return FrameEstimate(
+        frame_index=record.frame_index,
+        stamp_ns=record.stamp_ns,
+        status=Status(record.status),
+        reason=record.reason,
+        world_from_cam=world_from_cam,
+        cov_pose=np.array(record.cov_pose),
+        track_ids=_NOBODY if cloud is None else cloud.track_ids,
+        points_in_cam=points,
+        cov_points=np.empty((0, 3, 3)) if cloud is None else cloud.cov_points.astype(float),
+        points_in_world=se3.transform(world_from_cam, points),
+        cov_points_in_world=np.full((len(points), 3, 3), np.nan),
+        window_frame_indices=np.array(record.window_frame_indices, np.int64),
+        window_world_from_cam=np.array(record.window_world_from_cam).reshape(-1, 4, 4),
+        ended_ids=_NOBODY,
+        ended_points_in_world=np.empty((0, 3)),
+        ended_cov_points_in_world=np.empty((0, 3, 3)),
+        counts=dict(record.counts),
+        nis=record.nis,
+        nis_dof=record.nis_dof,
+        timings_ms={},
+        unscaled=record.unscaled,
+        relative=relative,
+        rig=rig,
+    )
