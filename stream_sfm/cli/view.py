@@ -63,7 +63,9 @@ def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
 
     path = found.summary.get("log")
     try:
-        return (open_log(path, mono=found.config.mono), []) if path else (None, ["the run does not name its log"])
+        if path is None:
+            raise InputError(f"{found.folder} does not name its log (summary.json)")
+        return open_log(path, mono=found.config.mono), []
     except InputError as error:
         return None, [f"the run is shown without images: {error}"]
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import sys
+from typing import get_args
 
 import pytest
 
@@ -44,7 +45,7 @@ SAID = {
 }
 
 
-@pytest.mark.parametrize("experiment", simulate.EXPLAINED)
+@pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
 def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
     assert main(["simulate", experiment, *TRIALS, str(tmp_path)]) == 0
     captured = capsys.readouterr()
