@@ -17,8 +17,8 @@ def print_inspection(found: dict[str, Any]) -> None:
     if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
         print(f"and {more} more topics")
     print_table(_facts(found))
-    print_notes("warning", found["warnings"])
-    print_notes("problem", found["problems"])
+    print_notes("warning", found["warnings"], stderr=False)
+    print_notes("problem", found["problems"], stderr=False)
     if not found["problems"]:
         print("this log can be replayed")
 

@@ -74,9 +74,9 @@ def _escaped(line: str) -> str:
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line) if not line.isprintable() else line
 
 
-def print_notes(kind: str, notes: Iterable[str]) -> None:
-    """One line each, such as "warning: …", on standard error."""
-    console = Console(stderr=True, soft_wrap=True)
+def print_notes(kind: str, notes: Iterable[str], stderr: bool = True) -> None:
+    """One line each, such as "warning: …", on standard error, or on standard output where they are the result."""
+    console = Console(stderr=stderr, soft_wrap=True)
     for note in notes:
         console.print(f"{kind}: {printable(note)}", markup=False, highlight=False)
 
