@@ -287,7 +287,7 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
         Meta(
             description="σ of the disparity that the sub-pixel step starts from, pixels",
             ge=1e-3,
-            le=10,
+            le=1000,
             extra=EXPERT,
         ),
     ] = 0.3

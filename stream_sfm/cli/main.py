@@ -69,7 +69,8 @@ def build_app() -> App:
         help_format="plaintext",
         help_epilogue=_EXIT_CODES,
         version=f"stream-sfm {__version__}",
-        default_parameter=Parameter(negative=(), show_default=False),
+        # of an option that is given twice the last one holds, so that scripts can add theirs at the end
+        default_parameter=Parameter(negative=(), show_default=False, allow_repeating=True),
         result_action="return_value",
         exit_on_error=False,
         print_error=False,

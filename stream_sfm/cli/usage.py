@@ -9,7 +9,6 @@ from cyclopts import (
     CoercionError,
     CycloptsError,
     MissingArgumentError,
-    RepeatArgumentError,
     UnknownCommandError,
     UnknownOptionError,
     UnusedCliTokensError,
@@ -83,8 +82,6 @@ def _wrong(error: CycloptsError) -> str:
     if isinstance(error, MissingArgumentError):
         given = error.keyword or (error.argument is not None and error.argument.tokens)
         return f"{name}: a value is missing" if given else f"{name} is missing"
-    if isinstance(error, RepeatArgumentError):
-        return f"{error.token.keyword} is given twice"
     if isinstance(error, ValidationError):
         return f"{name}: {error.exception_message}"
     if isinstance(error, CoercionError):

@@ -163,7 +163,7 @@ def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, capsys: pytest.Cap
         ((good, "--set", "widow.frames=8"), 2, "widow"),
         ((good, "--calibration", "missing.toml"), 2, "missing.toml"),
         ((good, "--calibrate", "--set", "rig.exact=true"), 2, "exact"),
-        ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "not allowed with"),
+        ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "exclude each other"),
         ((tmp_path / "empty",), 3, "empty"),
     ):
         assert batch(*arguments, "--out", out) == code, arguments
