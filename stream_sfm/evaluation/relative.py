@@ -33,20 +33,8 @@ _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of th
 
 
 @dataclass(frozen=True, slots=True)
-class Exponent:
-    """The exponent p in mean squared error ∝ frames^p, with its 95 % interval; 1: random walk, 2: constant bias."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
-class Ratio:
-    """The RMS error of one method divided by that of another on the same spans, with its interval.
-
-    The intervals of position and rotation hold together in 95 % of logs (Bonferroni): each of them in 97.5 %.
-    """
+class Interval:
+    """A value and its 95 % interval."""
 
     value: float
     low: float
@@ -96,8 +84,11 @@ def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array
     return np.array([np.nanmean(p**2) for p, _ in pairs]), np.array([np.nanmean(r**2) for _, r in pairs])
 
 
-def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent] | None:
-    """Return the growth of position and rotation error with the span; None below 60 frames or without any error."""
+def growth_exponents(estimate: Array, truth: Array) -> tuple[Interval, Interval] | None:
+    """Return the exponents p in mean squared error ∝ frames^p; None below 60 frames or without any error.
+
+    Of position and of rotation; 1: a random walk, 2: a constant bias.
+    """
     spans = tested_spans(int(known_frames(truth).sum()))
     if len(spans) < _MIN_SPANS_OF_GROWTH:
         return None
@@ -107,19 +98,20 @@ def growth_exponents(estimate: Array, truth: Array) -> tuple[Exponent, Exponent]
     return _exponent(spans, [p**2 for p, _ in pairs]), _exponent(spans, [r**2 for _, r in pairs])
 
 
-def _exponent(spans: list[int], squares: list[Array]) -> Exponent:
+def _exponent(spans: list[int], squares: list[Array]) -> Interval:
     x = np.log(spans)
     design = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=1))[1]
     blocks = [_Blocks.of(s) for s in squares]
     slopes = design @ np.log(np.stack([b.means for b in blocks]))
     shares = np.mean([b.shares for b in blocks], axis=0)
-    return Exponent(*_interval(slopes, shares))
+    return _interval(slopes, shares)
 
 
-def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Ratio, Ratio] | None:
+def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interval, Interval] | None:
     """Return the ratios of the RMS relative errors of two methods, position and rotation; None below 40 frames.
 
-    Each is a geometric mean over spans that lie within a block, so that blocks share no motion.
+    Each is a geometric mean over spans that lie within a block, so that blocks share no motion. Both intervals hold
+    together in 95 % of logs (Bonferroni): each of them in 97.5 %.
     """
     known = np.flatnonzero(known_frames(truth))
     spans = [s for s in tested_spans(len(known)) if s > 1]
@@ -144,7 +136,7 @@ def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
     return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
 
 
-def _exchange_ratio(mine: Array, theirs: Array) -> Ratio:
+def _exchange_ratio(mine: Array, theirs: Array) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
     If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
@@ -161,7 +153,7 @@ def _exchange_ratio(mine: Array, theirs: Array) -> Ratio:
         return bool(np.mean(sizes >= sizes[0] * (1 - 1e-9)) > 1 - _OF_BOTH)
 
     low, high = (_end(plausible, value, sign) for sign in (-1, 1))
-    return Ratio(float(np.exp(value)), float(np.exp(low)), float(np.exp(high)))
+    return Interval(float(np.exp(value)), float(np.exp(low)), float(np.exp(high)))
 
 
 def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
@@ -191,7 +183,7 @@ class _Blocks:
         return cls(np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum())
 
 
-def _interval(estimates: Array, shares: Array) -> tuple[float, float, float]:
+def _interval(estimates: Array, shares: Array) -> Interval:
     """Return the value and the ends of its interval, from the estimate of all blocks and those without one block each.
 
     Neighbouring blocks share the spans that reach from one into the next, so their covariance is counted where it is
@@ -205,7 +197,7 @@ def _interval(estimates: Array, shares: Array) -> tuple[float, float, float]:
     std = np.sqrt((_BLOCKS - 1) / _BLOCKS * (float(off @ off) + 2 * neighbours))
     freedom = max(1 / float(shares @ shares) - 1, 1.0)
     half = stdtrit(freedom, 0.5 + _CONFIDENCE / 2) * std
-    return float(value), float(value - half), float(value + half)
+    return Interval(float(value), float(value - half), float(value + half))
 
 
 def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> NDArray[np.bool_]:

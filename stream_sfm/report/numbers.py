@@ -11,8 +11,7 @@ from ..config import config_to_toml
 from ..evaluation.association import matched, truth_of_frames
 from ..evaluation.drift import path_length_m
 from ..evaluation.relative import (
-    Exponent,
-    Ratio,
+    Interval,
     enough_known,
     growth_exponents,
     mean_squares,
@@ -121,7 +120,7 @@ def _complete(run: RunRecord, c: Comparison) -> bool:
     return 0 < len(run) == len(c.front)
 
 
-def interval(found: Exponent | Ratio) -> list[float]:
+def interval(found: Interval) -> list[float]:
     """The low and the high end of an interval."""
     return [found.low, found.high]
 

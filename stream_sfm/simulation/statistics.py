@@ -2,24 +2,13 @@
 
 from collections.abc import Callable
 
-import msgspec
 import numpy as np
 
+from ..evaluation.relative import Interval
 from ..geometry.se3 import Array
 
 _RESAMPLES = 2000  # closed form: the ends of an interval then have a σ of 1.5 % of its length
 _PERCENTILES = [2.5, 97.5]
-
-
-class Interval(msgspec.Struct, frozen=True):
-    """A value and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
 def _bootstrap(statistic: Callable[[Array], Array], weights_of: int, seed: int = 0) -> Interval:
