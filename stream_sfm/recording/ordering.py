@@ -20,7 +20,7 @@ _WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
 _MAX_OVERTAKEN = 8  # a frame that more later arrivals than this have overtaken has a wrong stamp
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
-_FEWEST = 3  # frames that show a clock set back
+_FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
 _RECENT = 32  # released stamps remembered, for the period and for repeats
 
 
@@ -102,6 +102,8 @@ class Ordering(Generic[T]):
     def _before_first(self) -> int:
         """A time before all stamps of the window but those that are far too early."""
         stamps = [frame.stamp_ns for frame in self._window]
+        if len(stamps) < _FEWEST:
+            return min(stamps) - 1
         return max(min(stamps) - 1, round(median(stamps)) - max(_FAR_NS, 2 * _spread(stamps)))
 
     def _take(self, frame: Timed[T]) -> Timed[T]:

@@ -38,7 +38,7 @@ HOMES = {
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
     "rosbags": ("recording", "results", "sources"),
-    "ruamel": ("camera", "sources"),
+    "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
@@ -47,7 +47,7 @@ HOMES = {
     "markupsafe": ("report",),
     "rich": ("cli",),
     "cyclopts": ("cli",),
-    "lz4": ("mcap_file", "sources"),
+    "lz4": ("mcap_file",),
     "zstandard": ("mcap_file", "sources"),
     "distributed": ("executors.py",),
     "threadpoolctl": ("blas.py",),

@@ -82,6 +82,12 @@ def test_a_clock_set_back_or_forth_costs_no_frame():
         assert counts.disordered == [0, 0]
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 40])
+def test_frames_that_are_minutes_apart_are_all_used(count):
+    stamps = [n * 200 * 10**9 for n in range(count)]
+    assert [left for left, _ in run_both(stamps)[0]] == stamps
+
+
 def test_a_clock_of_one_camera_set_back_leaves_its_frames_unpaired():
     stamps = [HOUR + n * PERIOD for n in range(60)]
     pairs, counts = run([(side, t - HOUR * (side and n >= 30)) for n, t in enumerate(stamps) for side in (0, 1)])
