@@ -15,11 +15,20 @@ from .errors import ConfigError
 from .inputs import parse_toml, read_small
 from .wording import expected, first_line, invalid_setting
 
-EXPERT = {"expert": True}  # a setting that few runs need, in a section such as [expert.frontend]
 _LEAST_VOXEL_M = 1e-4  # a tenth of a millimetre
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
 _FRAMES = {"world_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
+
+
+def _number(description: str, least: float, most: float) -> Meta:
+    """What a number means, and its ends, which are accepted."""
+    return Meta(description=description, ge=least, le=most)
+
+
+def _expert(description: str, least: float, most: float) -> Meta:
+    """The same of a setting that few runs need, which is printed in a section such as [expert.frontend]."""
+    return Meta(description=description, ge=least, le=most, extra={"expert": True})
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -44,170 +53,103 @@ class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 class FrontendConfig(_Section, frozen=True, kw_only=True):
     """Detection, left-right matching, tracking."""
 
-    # Chosen by hand between cost, which grows with the number, and accuracy: 240 gain little on our logs.
-    max_tracks: Annotated[int, Meta(description="points followed at the same time", ge=20, le=2000)] = 200
+    # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
+    max_tracks: Annotated[int, _number("points followed at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
     renew_fraction: Annotated[
-        float,
-        Meta(
-            description="new points are sought where this fraction of max_tracks is missing",
-            ge=0,
-            le=1,
-            extra=EXPERT,
-        ),
+        float, _expert("look for new points when this fraction of max_tracks is missing", 0, 1)
     ] = 0.05
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[
-        float, Meta(description="distance of a new corner to all other points, pixels", ge=2, le=200, extra=EXPERT)
+        float, _expert("smallest distance between a new corner and all other points, pixels", 2, 200)
     ] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
     min_corner_response: Annotated[
-        float,
-        Meta(
-            description="smallest eigenvalue of a corner's gradient matrix, OpenCV's scale",
-            ge=1e-8,
-            le=1,
-            extra=EXPERT,
-        ),
+        float, _expert("smallest eigenvalue of a corner's gradient matrix, OpenCV's scale", 1e-8, 1)
     ] = 2e-4
     # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
     # batch adjustment, 35 mm -> 2.3 mm.
-    smoothing_px: Annotated[
-        float,
-        Meta(description="σ of the Gaussian that images are smoothed with first, pixels", ge=0, le=5, extra=EXPERT),
-    ] = 1.0
+    smoothing_px: Annotated[float, _expert("σ of the Gaussian that smooths images first, pixels", 0, 5)] = 1.0
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
-    window_radius_px: Annotated[
-        int, Meta(description="half width of the tracked patch, pixels", ge=3, le=30, extra=EXPERT)
-    ] = 10
+    window_radius_px: Annotated[int, _expert("half width of the tracked patch, pixels", 3, 30)] = 10
     # Measured: starts are predicted, more levels change no figure of the logs with ground truth.
     pyramid_levels: Annotated[
-        int,
-        Meta(
-            description="how often the image is halved where flow starts; it ends at half the size",
-            ge=1,
-            le=8,
-            extra=EXPERT,
-        ),
+        int, _expert("pyramid level at which flow starts; it ends at half the image's size", 1, 8)
     ] = 2
     # Measured: where frames are far apart, starts predicted from uncertain depths are off by that much. Of a drive at
     # every fourth frame 1.5 px lost a third of the tracks (t_rel 1.8 % instead of 1.6); calm logs change nothing.
     max_realignment_px: Annotated[
-        float, Meta(description="largest step of the alignment from its start, pixels", ge=0.1, le=50, extra=EXPERT)
+        float, _expert("largest step of the alignment from its start, pixels", 0.1, 50)
     ] = 4.0
     # Twice the 0.8 px that the worst calibration met was off in the corners; what is learnt narrows it.
     max_vertical_disparity_px: Annotated[
-        float,
-        Meta(description="largest difference of rows between left and right, pixels", ge=0.1, le=50, extra=EXPERT),
+        float, _expert("largest row difference between left and right, pixels", 0.1, 50)
     ] = 1.5
     # Chosen by hand, many times a sensor's noise: it refuses patches that show something else.
     max_photometric_error: Annotated[
-        float,
-        Meta(
-            description="largest deviation of a patch from its template, grey values of 255",
-            ge=1,
-            le=255,
-            extra=EXPERT,
-        ),
+        float, _expert("largest deviation of a patch from its template, grey values of 255", 1, 255)
     ] = 20.0
     # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search costs time and finds rivals.
     max_disparity_fraction: Annotated[
-        float, Meta(description="largest disparity of a new point, fraction of the image's width", ge=0.01, le=1)
+        float, _number("largest disparity of a new point, fraction of the image's width", 0.01, 1)
     ] = 0.25
 
 
 class WindowConfig(_Section, frozen=True, kw_only=True):
     """The cross-frame estimator."""
 
-    frames: Annotated[int, Meta(description="frames in the window (the paper's batch size b)", ge=1, le=64)] = 8
-    max_iterations: Annotated[
-        int, Meta(description="Gauss-Newton steps per frame, at most", ge=1, le=50, extra=EXPERT)
-    ] = 6
+    frames: Annotated[int, _number("frames in the window (the paper's batch size b)", 1, 64)] = 8
+    max_iterations: Annotated[int, _expert("Gauss-Newton steps per frame, at most", 1, 50)] = 6
 
 
 class RobustConfig(_Section, frozen=True, kw_only=True):
     """Outliers and lost frames, for every estimator."""
 
     gate_probability: Annotated[
-        float,
-        Meta(description="share of good views that the χ² gate keeps", ge=0.5, le=0.999999999999, extra=EXPERT),
+        float, _expert("share of good views that the χ² gate keeps", 0.5, 0.999999999999)
     ] = 0.999
-    min_inliers: Annotated[int, Meta(description="with fewer accepted views a frame is lost", ge=4, le=2000)] = 8
-    degraded_inliers: Annotated[
-        int, Meta(description="with fewer accepted views a frame is degraded", ge=4, le=2000)
-    ] = 25
+    min_inliers: Annotated[int, _number("with fewer accepted views a frame is lost", 4, 2000)] = 8
+    degraded_inliers: Annotated[int, _number("with fewer accepted views a frame is degraded", 4, 2000)] = 25
 
 
 class MotionConfig(_Section, frozen=True, kw_only=True):
     """The camera's motion while tracking is lost."""
 
-    std_acceleration_m_s2: Annotated[
-        float, Meta(description="σ of the acceleration while lost, m/s²", ge=1e-3, le=1e4)
-    ] = 3.0
+    std_acceleration_m_s2: Annotated[float, _number("σ of the acceleration while lost, m/s²", 1e-3, 1e4)] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
-        float, Meta(description="σ of the angular acceleration while lost, rad/s²", ge=1e-3, le=1e4)
+        float, _number("σ of the angular acceleration while lost, rad/s²", 1e-3, 1e4)
     ] = 3.0
 
 
 class RigConfig(_Section, frozen=True, kw_only=True):
     """Errors of the calibration, and what is known of them beforehand."""
 
-    # For rendered or simulated images, and to see what an estimate would be without the attempt to calibrate.
-    exact: Annotated[bool, Meta(description="the calibration has no error")] = False
+    # For rendered or simulated images, and to compare with an estimate that does not refine the calibration.
+    exact: Annotated[bool, Meta(description="take the calibration as exact")] = False
     # Five real rigs are off by 0.05 to 1.1 px per term.
     std_disparity_px: Annotated[
-        float,
-        Meta(
-            description="σ of each term of the disparity's error at the image's edge, pixels",
-            ge=1e-3,
-            le=10,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of each term of the disparity's error at the image's edge, pixels", 1e-3, 10)
     ] = 0.4
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[
-        float,
-        Meta(
-            description="σ of each error that both lenses share, in the image's corner, pixels",
-            ge=1e-3,
-            le=50,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of each error that both lenses share, in the image's corner, pixels", 1e-3, 50)
     ] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
     std_lens_difference_px: Annotated[
-        float,
-        Meta(
-            description="σ of the difference of the lenses' radial errors in the corner, pixels",
-            ge=1e-3,
-            le=50,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of the difference of the lenses' radial errors in the corner, pixels", 1e-3, 50)
     ] = 0.5
     # Knocks are found without it. With 20 microradians a rendered rig that does not drift is known half as well.
     std_drift_rad: Annotated[
-        float,
-        Meta(
-            description="σ by which the right camera turns per frame, about each axis, radians",
-            ge=0,
-            le=0.01,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of the right camera's rotation per frame, about each axis, radians", 0, 0.01)
     ] = 0.0
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[
-        float,
-        Meta(
-            description="σ of the direction of the camera's axes, about x and about y, radians",
-            ge=0,
-            le=0.5,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of the direction of the camera's axes, about x and about y, radians", 0, 0.5)
     ] = 0.0015
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
-    std_baseline: Annotated[
-        float, Meta(description="σ of the baseline's error, as a fraction of the baseline", ge=0, le=0.5)
-    ] = 0.006
+    std_baseline: Annotated[float, _number("σ of the baseline's error, as a fraction of the baseline", 0, 0.5)] = (
+        0.006
+    )
 
 
 class RosConfig(_Section, frozen=True, kw_only=True):
@@ -228,20 +170,14 @@ class RosConfig(_Section, frozen=True, kw_only=True):
             "axes of the first camera"
         ),
     ] = False
-    camera_x_m: Annotated[float, Meta(description="the camera in base_frame: forward, metres", ge=-1e3, le=1e3)] = (
-        0.0
-    )
-    camera_y_m: Annotated[float, Meta(description="to the left, metres", ge=-1e3, le=1e3)] = 0.0
-    camera_z_m: Annotated[float, Meta(description="upwards, metres", ge=-1e3, le=1e3)] = 0.0
-    camera_roll_deg: Annotated[
-        float, Meta(description="about x, 0 where the camera is upright, degrees", ge=-360, le=360)
-    ] = 0.0
+    camera_x_m: Annotated[float, _number("the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
+    camera_y_m: Annotated[float, _number("to the left, metres", -1e3, 1e3)] = 0.0
+    camera_z_m: Annotated[float, _number("upwards, metres", -1e3, 1e3)] = 0.0
+    camera_roll_deg: Annotated[float, _number("about x, 0 where the camera is upright, degrees", -360, 360)] = 0.0
     camera_pitch_deg: Annotated[
-        float, Meta(description="about y, then, positive where it looks down, degrees", ge=-360, le=360)
+        float, _number("about y, then, positive where it looks down, degrees", -360, 360)
     ] = 0.0
-    camera_yaw_deg: Annotated[
-        float, Meta(description="about z, last, 0 where it looks along x, degrees", ge=-360, le=360)
-    ] = 0.0
+    camera_yaw_deg: Annotated[float, _number("about z, last, 0 where it looks along x, degrees", -360, 360)] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -262,71 +198,41 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
 
     # Chosen by hand: twice what points use, for surfaces close to the camera. The range is narrowed for each frame.
     max_disparity_fraction: Annotated[
-        float, Meta(description="largest disparity, fraction of the image's width", ge=0.01, le=0.9, extra=EXPERT)
+        float, _expert("largest disparity, fraction of the image's width", 0.01, 0.9)
     ] = 0.5
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
-    block_px: Annotated[
-        int, Meta(description="edge of the block that is matched, pixels, odd", ge=3, le=21, extra=EXPERT)
-    ] = 7
+    block_px: Annotated[int, _expert("edge of the matched block, pixels, odd", 3, 21)] = 7
     # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
-    uniqueness_percent: Annotated[
-        int,
-        Meta(description="how much better than its rivals a match must be, per cent", ge=0, le=50, extra=EXPERT),
-    ] = 5
+    uniqueness_percent: Annotated[int, _expert("margin by which a match must beat its rivals, per cent", 0, 50)] = 5
     # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
-    smoothing_px: Annotated[
-        float, Meta(description="σ of the Gaussian before the sub-pixel step, pixels", ge=0, le=5, extra=EXPERT)
-    ] = 1.0
+    smoothing_px: Annotated[float, _expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
     # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
-    window_radius_px: Annotated[
-        int, Meta(description="half width of the window of the sub-pixel step, pixels", ge=2, le=30, extra=EXPERT)
-    ] = 6
+    window_radius_px: Annotated[int, _expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
     # A uniform error of half a pixel has a σ of 0.29.
     std_start_px: Annotated[
-        float,
-        Meta(
-            description="σ of the disparity that the sub-pixel step starts from, pixels",
-            ge=1e-3,
-            le=1000,
-            extra=EXPERT,
-        ),
+        float, _expert("σ of the disparity that the sub-pixel step starts from, pixels", 1e-3, 1000)
     ] = 0.3
     # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
-    std_bias_px: Annotated[
-        float, Meta(description="σ of the disparity error that all frames share, pixels", ge=0, le=10, extra=EXPERT)
-    ] = 0.06
+    std_bias_px: Annotated[float, _expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
     # Chosen by hand: a less certain disparity may be a mismatch.
-    max_std_px: Annotated[
-        float,
-        Meta(description="pixels with a larger σ of disparity are left out, pixels", ge=1e-3, le=100, extra=EXPERT),
-    ] = 1.0
+    max_std_px: Annotated[float, _expert("pixels with a larger σ of disparity are left out, pixels", 1e-3, 100)] = (
+        1.0
+    )
     # Chosen by hand: beyond it, depth is too uncertain to show a shape.
     max_relative_std: Annotated[
-        float,
-        Meta(description="pixels with a larger σ of depth over depth are left out", ge=1e-4, le=1, extra=EXPERT),
+        float, _expert("pixels with a larger σ of depth over depth are left out", 1e-4, 1)
     ] = 0.05
     # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
     max_disparity_step_px: Annotated[
-        float,
-        Meta(description="largest disparity step between connected pixels, pixels", ge=0.01, le=1000, extra=EXPERT),
+        float, _expert("largest disparity step between connected pixels, pixels", 0.01, 1000)
     ] = 1.0
-    voxel_m: Annotated[
-        float, Meta(description="edge of a voxel of a fused surface, metres; 0: automatic", ge=0, le=100)
-    ] = 0.0
+    voxel_m: Annotated[float, _number("edge of a voxel of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
     max_voxels: Annotated[
-        int,
-        Meta(
-            description="largest number of voxels; beyond it their edge is doubled",
-            ge=10_000,
-            le=100_000_000,
-            extra=EXPERT,
-        ),
+        int, _expert("largest number of voxels; beyond it their edge is doubled", 10_000, 100_000_000)
     ] = 4_000_000
     # Mismatches rarely agree in three frames.
-    min_frames: Annotated[
-        int, Meta(description="number of frames that must have seen a fused surface", ge=1, le=10_000, extra=EXPERT)
-    ] = 3
+    min_frames: Annotated[int, _expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -345,12 +251,7 @@ class Config(_Section, frozen=True, kw_only=True):
     ] = False
     # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
     estimate_every: Annotated[
-        int,
-        Meta(
-            description="track every frame, estimate every k-th; those between are placed by resection",
-            ge=1,
-            le=1000,
-        ),
+        int, _number("track every frame, estimate every k-th; those between are placed by resection", 1, 1000)
     ] = 1
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
