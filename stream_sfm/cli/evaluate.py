@@ -27,14 +27,15 @@ def evaluate(
         runs: result folders: of replays, of methods of a comparison, of logs of a batch
     """
     from ..results.run_results import read_results
-    from .printing import print_json
+    from .printing import print_json, print_notes
     from .summaries import print_evaluation
 
     if not runs:
         raise ConfigError("RUN is missing: name result folders, such as runs/latest")
-    found = []
+    found, missing = [], []
     for name in runs:
         run = read_results(name)
+        missing += run.warnings
         figures = _figures(run, _truth(run, truth), truth)
         found.append(
             {"run": name, "method": run.config.method, "log": run.summary.get("log"), "ground_truth": figures}
@@ -43,7 +44,8 @@ def evaluate(
         print_json({"runs": found})
     else:
         print_evaluation(found)
-    return ExitCode.DONE
+    print_notes("warning", missing)
+    return ExitCode.INPUT if missing else ExitCode.DONE
 
 
 def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":

@@ -40,7 +40,7 @@ def view(
     options.protect([rrd], run, found.summary.get("log"))
     log, notes = _log(found)
     if not quiet:
-        print_notes("warning", notes)
+        print_notes("warning", [*found.warnings, *notes])
     truth = log.ground_truth() if log is not None and not found.config.mono else None
     name = log.path.stem if log is not None else found.folder.name
     viewer = open_viewer(recorded_rig(found.estimates_path), rrd, rrd is None, truth, name)

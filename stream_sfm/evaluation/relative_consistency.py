@@ -28,7 +28,7 @@ _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
 class Motions:
     """Motions over one span of frames that end at the frames `ends` (n,): poses (n, 4, 4) with `cov` (n, 6, 6)."""
 
-    ends: NDArray[np.intp]
+    ends: NDArray[np.int64]
     earlier_from_end: Array
     cov: Array
 
@@ -37,12 +37,13 @@ class RelativeRecord:
     """A sink's memory of relative motions: some 900 bytes per frame."""
 
     def __init__(self) -> None:
-        self._stamps_ns = array("q")
+        self._stamps_ns, self._frame_indices = array("q"), array("q")
         self._motions = {span: array("d") for span in _OF_WINDOW}
 
     def add(self, estimate: FrameEstimate) -> None:
         """Remember the motions of one estimate; NaN where it has none."""
         self._stamps_ns.append(estimate.stamp_ns)
+        self._frame_indices.append(estimate.frame_index)
         relative = None if estimate.status == Status.LOST else estimate.relative
         for span, motions in self._motions.items():
             numbers = np.full(_NUMBERS, np.nan)
@@ -72,25 +73,30 @@ class RelativeRecord:
 
     def _of_window(self, span: int, frames: int | None) -> Motions:
         numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)[:frames]
-        ends = np.flatnonzero(np.isfinite(numbers[:, 0]))
-        cov = np.zeros((len(ends), 6, 6))
-        cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[ends, 6:]
-        return Motions(ends, se3.exp(numbers[ends, :6]), cov)
+        rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
+        cov = np.zeros((len(rows), 6, 6))
+        cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[rows, 6:]
+        return Motions(self.frame_indices[rows], se3.exp(numbers[rows, :6]), cov)
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Of all frames (n,)."""
+        """The stamps of all frames (n,)."""
         return np.array(self._stamps_ns, np.int64)
+
+    @property
+    def frame_indices(self) -> NDArray[np.int64]:
+        """The indices of all frames (n,), some of which are missing where a file was damaged."""
+        return np.array(self._frame_indices, np.int64)
 
 
 def against_truth(
     record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float], frames: int | None = None
 ) -> list[dict[str, Any]]:
     """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
-    stamps_ns = record.stamps_ns[:frames]
+    stamps_ns, indices = record.stamps_ns[:frames], record.frame_indices[:frames]
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
-    at = np.full(len(stamps_ns), -1)
-    at[rows] = np.arange(len(rows))
+    at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth, by the index of the frame
+    at[indices[rows]] = np.arange(len(rows))
     cov_truth = 2 * np.diag(np.repeat(np.square(std_truth), 3))
     result = []
     for span in SPANS:

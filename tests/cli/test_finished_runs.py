@@ -1,6 +1,7 @@
 """What a finished run can be asked: its errors against ground truth, and to be shown."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -59,6 +60,17 @@ def test_a_file_is_the_truth_in_its_own_time(runs: list[Path], tmp_path: Path, c
     ignored = ["--ground-truth-offset", "1", "--ignore-ground-truth", "0:3"]
     assert main(["evaluate", str(runs[0]), *given, *ignored]) == 0
     assert json.loads(capsys.readouterr().out)["runs"][0]["ground_truth"]["frames_compared"] == FRAMES - 3
+
+
+def test_what_cannot_be_read_of_a_run_is_told(runs: list[Path], tmp_path: Path, capsys) -> None:
+    damaged = Path(shutil.copytree(runs[0], tmp_path / "damaged"))
+    content = bytearray((damaged / "estimates.mcap").read_bytes())
+    content[len(content) // 2] ^= 1  # in the chunk of the first frames or in that of the last
+    (damaged / "estimates.mcap").write_bytes(content)
+    assert main(["evaluate", str(damaged), "--json"]) == 3
+    said = capsys.readouterr()
+    assert 0 < json.loads(said.out)["runs"][0]["ground_truth"]["frames_compared"] < FRAMES
+    assert f"warning: {damaged / 'estimates.mcap'} at byte" in said.err
 
 
 def test_what_is_not_a_run_is_named(tmp_path: Path, capsys) -> None:

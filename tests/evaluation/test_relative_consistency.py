@@ -15,10 +15,12 @@ STEP = se3.exp([0.1, 0.0, 0.02, 0.0, 0.01, 0.0])
 STD = np.repeat([1e-3, 2e-4], 3)  # of one step
 
 
-def record_of(path: np.ndarray, estimated: np.ndarray, cov: np.ndarray) -> RelativeRecord:
+def record_of(
+    path: np.ndarray, estimated: np.ndarray, cov: np.ndarray, missing: range = range(0)
+) -> RelativeRecord:
     """Motions over 1 … 8 frames of an estimated path whose steps are independent, with `cov` (6, 6) each."""
     record = RelativeRecord()
-    for n in range(len(path)):
+    for n in (n for n in range(len(path)) if n not in missing):
         spans = [k for k in range(1, 9) if k <= n]
         motions, covs = [], []
         for k in spans:
@@ -52,6 +54,14 @@ def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None
         standard_error = too_small * np.sqrt(spans["frames"] / (2 * 6 * FRAMES))
         assert abs(spans["factor"] - too_small) < 4 * standard_error
         assert spans["count"] == FRAMES - spans["frames"]
+
+
+def test_frames_that_a_damaged_file_lacks_shift_nothing() -> None:
+    path = np.stack([np.linalg.matrix_power(STEP, n) for n in range(FRAMES)])
+    truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, path)
+    found = against_truth(record_of(path, path, np.diag(STD**2), range(100, 120)), truth, (0.0, 0.0))
+    assert max(spans["factor"] for spans in found) < 1e-6  # rounding: the estimates are exact
+    assert found[0]["count"] == FRAMES - 20 - 2  # nor has the first frame one, or the first one behind the gap
 
 
 def test_the_truth_s_own_error_counts() -> None:
