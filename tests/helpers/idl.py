@@ -1,7 +1,7 @@
 """ROS 2 definitions as OMG IDL, laid out as rosidl writes them and rosbag2 concatenates them (encoding ros2idl)."""
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.base import Nodetype
 
 _TYPES = {"float64": "double", "bool": "boolean"}
 # Comments and defaults as rosidl writes them: with quotes, braces and semicolons that are no syntax.

@@ -118,7 +118,7 @@ def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -
     return file
 
 
-@pytest.mark.parametrize(("profile", "encoding", "calibration"), combinations())
+@pytest.mark.parametrize(("profile", "encoding", "calibration"), list(combinations()))
 def test_every_combination_replays_to_one_trajectory(tmp_path, recorded, live, profile, encoding, calibration):
     file = write(tmp_path / "log.mcap", recorded, profile, encoding, calibration)
     outside = None
