@@ -71,6 +71,8 @@ def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[s
 def _wrong(error: CycloptsError) -> str:
     if isinstance(error, UnknownOptionError):
         name = (error.token.keyword or error.token.value).partition("=")[0]
+        if name == "-":
+            return "standard input is not read: give a file"
         return f"unknown option {name!r}{did_you_mean(name, _long(error.argument_collection))}"
     if isinstance(error, UnknownCommandError):
         name = (error.unused_tokens or [""])[0]

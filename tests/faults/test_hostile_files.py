@@ -74,9 +74,8 @@ def test_only_regular_files_are_read(kind: str, tmp_path: Path, capsys: pytest.C
 
 
 def test_standard_input_is_not_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert (
-        said(["replay", "-", "--out", tmp_path / "out"], capsys)[0] == 2
-    )  # the command line takes it for an option
+    code, error = said(["replay", "-", "--out", tmp_path / "out"], capsys)
+    assert code == 2 and "standard input is not read: give a file" in error
     with pytest.raises(sfm.LogError, match="standard input is not read: give a file"):
         sfm.open_log("-")
     with pytest.raises(OSError, match="standard input is not read"):
