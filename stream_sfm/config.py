@@ -138,6 +138,18 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     std_lens_difference_px: Annotated[
         float, _expert("σ of the difference of the lenses' radial errors in the corner, pixels", 1e-3, 50)
     ] = 0.5
+    # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
+    std_focal: Annotated[
+        float, Meta(description="σ of the common focal length's error, as a fraction of it", ge=1e-6, le=0.1)
+    ] = 0.003
+    # Cameras that are triggered by software are a few milliseconds apart.
+    std_delay_s: Annotated[
+        float, Meta(description="σ of the delay of the right camera against the left one, seconds", ge=1e-6, le=0.1)
+    ] = 0.005
+    # Rolling shutters of cheap cameras read out in 10 to 30 ms.
+    std_readout_s: Annotated[
+        float, Meta(description="σ of the readout time of the shutters, seconds", ge=1e-6, le=0.1)
+    ] = 0.02
     # Knocks are found without it. With 20 microradians a rendered rig that does not drift is known half as well.
     std_drift_rad: Annotated[
         float, _expert("σ of the right camera's rotation per frame, about each axis, radians", 0, 0.01)

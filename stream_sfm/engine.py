@@ -76,6 +76,7 @@ class Engine:
             self.observations = observed.observations
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)
+            self.observer.learn(solution)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
 
     def __getstate__(self) -> NoReturn:

@@ -59,7 +59,8 @@ class Observer:
         self._frontend: FrontEnd
         if isinstance(self.rig, StereoRig):
             valid, refinement = self.rectifier.valid, self.rig.refinement
-            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement)
+            row_of = self.rectifier.rows_of
+            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement, row_of)
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
@@ -112,6 +113,11 @@ class Observer:
         self._last_stamp_ns = frame.stamp_ns
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (observed - rectified)}
         return Observed(observations, timings_ms)
+
+    def learn(self, solution: Solution) -> None:
+        """Take in what an estimator has found out about the cameras' timing, for the frames to come."""
+        if solution.rig is not None:
+            self._frontend.learn(solution.rig)
 
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
         """Turn the solution of the latest frame, in rectified axes, into axes of the physical left camera.

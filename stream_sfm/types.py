@@ -5,7 +5,6 @@ is one short line.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -15,6 +14,8 @@ from numpy.typing import NDArray
 
 from .errors import ConfigError
 from .geometry.se3 import Array
+from .rig_model.estimate import RigEstimate
+from .rig_model.model import RigModel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
 Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
@@ -146,13 +147,11 @@ class Observations:
       from a changing direction; None where points are exact.
     - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
       track as if they were independent; None where they are.
-    - `rig_effects` (n, 4, m): what possible errors of the calibration do to the views, pixels per σ of each; None where
-      the calibration is exact. `rig_effects_at`: the same of views (k, 4) at any positions.
-    - `rig_of_disparity` (m,): which of these errors change the disparity only; None where σ is that of a refined
-      calibration, and not a guess whose size can be learnt.
+    - `rig`: what errors of the rig do to the views; None where the calibration is exact. `field_std_px`: σ of those
+      errors that no physical term follows, as the rows have it so far. `timing_px` (n, 4): what delay and readout, as
+      far as they are known, do to the views, which are as they were seen.
     - `rig_change`: the right camera has turned against the left one; the turn is taken out of the views from this frame
       on, and `rig_change_root` (m, j) is a root of the covariance of what is left, in σ of each error of the rig.
-    - `rig_drift_root` (m, j): a root of the covariance by which these errors change per frame; None where they stay.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -169,12 +168,11 @@ class Observations:
     n_new: int = 0
     std_drift_px: Array | None = None
     inflation: Array | None = None
-    rig_effects: Array | None = None
-    rig_effects_at: Callable[[Array], Array] | None = None
-    rig_of_disparity: NDArray[np.bool_] | None = None
+    rig: RigModel | None = None
+    field_std_px: float = 0.0
+    timing_px: Array | float = 0.0
     rig_change: "RigChange | None" = None
     rig_change_root: Array | None = None
-    rig_drift_root: Array | None = None
     start: MapStart | None = None
 
     def __repr__(self) -> str:
@@ -212,26 +210,6 @@ class RigChange:
 
 def _no_ids() -> NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class RigEstimate:
-    """What is known about the errors of the calibration: `mean` (m,) with covariance `cov` (m, m).
-
-    `applied`: they are significant and taken out of all views; otherwise they only count in the covariances. Of a
-    Solution in σ of what was assumed beforehand, of a FrameEstimate in pixels (`stream_sfm.frontend.rig_effects`).
-    `prior_std` (m,): σ of each before any view, as far as has been learnt. `refined` (m,): the part of `mean` that a
-    refinement of the calibration has already, and which is taken out of all views, too; None without one.
-    """
-
-    mean: Array
-    cov: Array
-    applied: bool
-    prior_std: Array | None = None
-    refined: Array | None = None
-
-    def __repr__(self) -> str:
-        return f"<RigEstimate {len(self.mean)} terms{', applied' if self.applied else ''}>"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

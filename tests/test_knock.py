@@ -35,12 +35,11 @@ def frames(turn: str) -> list[sfm.StereoFrame]:
     return [wall.frame(after if k >= KNOCK else rig(), pose, k) for k, pose in enumerate(camera_path(FRAMES))]
 
 
-@cache
-def drifting_frames(rad_per_frame: float) -> list[sfm.StereoFrame]:
-    """Frames of a wall; from `KNOCK` on the right camera turns sideways, by so much per frame."""
-    wall, path = Wall(3), camera_path(FRAMES)
-    rigs = [turned(rig(), [0, rad_per_frame * max(k - KNOCK, 0), 0]) for k in range(FRAMES)]
-    return [wall.frame(now, pose, k) for k, (now, pose) in enumerate(zip(rigs, path, strict=True))]
+def drifting_frames(std_rad: float, seed: int) -> list[sfm.StereoFrame]:
+    """Frames of a wall; the right camera turns by `std_rad` per frame about each axis, at random."""
+    wall, turns = Wall(3), std_rad * np.random.default_rng(seed).normal(size=(FRAMES, 3)).cumsum(axis=0)
+    rigs = [turned(rig(), turn - turns[0]) for turn in turns]
+    return [wall.frame(now, pose, k) for k, (now, pose) in enumerate(zip(rigs, camera_path(FRAMES), strict=True))]
 
 
 def estimated(turn: str, config: sfm.Config | None = None) -> list[sfm.FrameEstimate]:
@@ -112,17 +111,18 @@ def test_one_frame_with_a_turned_image_changes_the_map_for_no_other() -> None:
     assert apart @ np.linalg.solve(still[-1].cov_pose, apart) < 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 2])
 def test_a_drift_that_is_expected_is_covered_by_the_covariance(every: int) -> None:
+    """NEES over three random walks of the rig, each about 6: errors of a run's frames are nearly one error, so their
+    mean has a deviation of 3.5 per run and 2 for three."""
     rad = 4e-5
-    expecting = sfm.Config(rig=sfm.RigConfig(std_drift_rad=rad), estimate_every=every)
-    constant, may_drift = (
-        estimated("", config)[-1].rig for config in (sfm.Config(estimate_every=every), expecting)
-    )
-    assert constant is not None and may_drift is not None
-    assert may_drift.cov[0, 0] > 1.2 * constant.cov[0, 0]  # the disparity in the middle of the image
-    engine = sfm.Engine(rig(), expecting)
-    assert squared_errors([engine.step(frame) for frame in drifting_frames(rad)]).mean() < 12
+    config = sfm.Config(rig=sfm.RigConfig(std_drift_rad=rad), estimate_every=every)
+    squares = []
+    for seed in range(3):
+        engine = sfm.Engine(rig(), config)
+        squares.append(squared_errors([engine.step(frame) for frame in drifting_frames(rad, seed)]).mean())
+    assert np.mean(squares) < 12
 
 
 def test_an_exact_rig_does_not_drift() -> None:

@@ -79,6 +79,21 @@ class Rectifier:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
+    def rows_of(self, z_px: Array) -> Array:
+        """In which rows of the cameras' own images views (n, 4) of rectified ones are: (n, 4), −½ at the top to ½."""
+        result = np.full(z_px.shape, np.nan)
+        for side, (camera, rotation, k_rectified) in enumerate(self._sides):
+            u, v = z_px[:, 2 * side], z_px[:, 2 * side + 1]
+            rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(k_rectified).T @ rotation
+            seen = np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0)
+            fisheye, d = _distortion(camera)
+            points = rays[seen, None]
+            if len(points):
+                project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+                raw = project(points, np.zeros(3), np.zeros(3), camera.K, d)[0].reshape(-1, 2)
+                result[seen, 2 * side : 2 * side + 2] = raw[:, 1:] / (camera.height - 1) - 0.5
+        return result
+
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]
         return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)

@@ -61,7 +61,7 @@ def _found(refined: "RefinedRig", names: tuple[str, ...], out: str) -> dict[str,
     for log, estimate in zip(names, refined.estimates, strict=True):
         told: dict[str, Any] = {"text": "no frame was tracked, so nothing was learnt"}
         if estimate is not None:
-            told = describe(estimate, projection.f_px * projection.baseline_m)
+            told = describe(projection, estimate)
         logs.append({"log": log, **told})
     refinement = refined.rig.refinement
     numbers: dict[str, Any] = {}

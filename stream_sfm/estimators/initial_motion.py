@@ -22,12 +22,14 @@ def initial_motion(
     cov_points: Array,
     cam_from_previous_predicted: Array,
     weights: Array | None = None,
+    shared: Array | None = None,
 ) -> Resection | None:
     """Find cam_from_previous by robust resection of the views `rows` (n,), or None where too few of them agree.
 
     `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
     The start is the front-end's own motion, else the prediction of the motion model; where few views agree with what it
-    leads to, `resect` searches the whole space of motions. `weights` (n,): as in `resect`.
+    leads to, `resect` searches the whole space of motions. `weights` (n,) and `shared`
+    (n, 4, j): as in `resect`.
     """
     start = observations.cam_from_previous
     found = resect(
@@ -41,6 +43,7 @@ def initial_motion(
         weights,
         start_is_close=start is not None,
         find_second=start is None,
+        shared=shared,
     )
     if not found.ok or found.accepted.sum() < config.min_inliers:
         return None

@@ -1,9 +1,9 @@
 """Images to observations: detect, match left to right, track through time, reject outliers.
 
 Here: everything that looks at pixels. Not here: the estimate (`estimators/`), files (`recording/`). The front-end
-keeps its own rough motion and depths for prediction, so that what it observes does not depend on which estimator
-listens, and methods can be compared on the same observations. Equations "(n)": stream_sfm/MATHEMATICS.md,
-sections 3 and 11.
+keeps its own rough motion and depths for prediction, so that methods can be compared on the same observations; an
+estimator tells it no more than delay and readout of the cameras (`FrontEnd.learn`). Equations "(n)":
+stream_sfm/MATHEMATICS.md, sections 3 and 11.
 """
 
 from typing import TYPE_CHECKING, Protocol
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from ..geometry.se3 import Array
-    from ..types import Observations, RigEstimate
+    from ..rig_model.estimate import RigEstimate
+    from ..types import Observations
     from .prepared import Image, PreparedImages
 
 
@@ -26,6 +27,10 @@ class FrontEnd(Protocol):
 
     def step(self, frame_index: int, stamp_ns: int, images: "PreparedImages") -> "Observations":
         """Observations of the next frame; indices count the frames from 0, stamps ascend."""
+        ...
+
+    def learn(self, estimate: "RigEstimate") -> None:
+        """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         ...
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> "Array":

@@ -28,6 +28,7 @@ class Candidates:
 
     `before`: the tracks in the previous camera; `now`: the same in the new one. Alignment starts at `left_px` (n, 2)
     and in column `right_u_px` (n,), with the warps `left_warps`, `right_warps` (n, 3, 2), anchor from now.
+    `twist` (6,): how the points move in the camera, per second.
     """
 
     before: Tracks
@@ -36,6 +37,7 @@ class Candidates:
     right_u_px: Array
     left_warps: Array
     right_warps: Array
+    twist: Array
 
     def keep(self, rows: NDArray[Any] | slice) -> "Candidates":
         """The given rows (mask, indices or slice)."""
@@ -48,6 +50,7 @@ class Candidates:
             self.right_u_px[rows],
             self.left_warps[rows],
             self.right_warps[rows],
+            self.twist,
         )
 
 
@@ -60,6 +63,10 @@ class AlignedViews:
     z_px: Array
     cov_px: Array
     any_row_px: Array
+
+    def without(self, taken_px: Array) -> "AlignedViews":
+        """Without what moves them by (n, 4)."""
+        return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
 
     def left_only(self) -> "AlignedViews":
         """Without right sides."""

@@ -3,18 +3,19 @@
 The tracker is the same for both; this is all that it asks.
 """
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..config import FrontendConfig
+from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..rig_model.velocities import velocities
 from .alignment import AlignedViews, Candidates, LeftViews, TemplateAligner, TemplateAligners
 from .prepared import PreparedImages
 from .right_turn import RightTurn
+from .rows import Rows
 from .tracks import Tracks
-from .vertical_disparity import VerticalDisparity
 
 # Of the variance of inverse depth, per frame: a tenth more each time forgets depths that a wrong motion carried
 # along. Chosen by hand: less forgetting is slower to recover, more gives away what earlier views said.
@@ -33,18 +34,45 @@ class DepthSource(Protocol):
         ...
 
 
+class RowMatches(NamedTuple):
+    """New matches at `left_px` (n, 2), whose rows differ by `difference_px` (n,), of homogeneous `points` (n, 4)."""
+
+    left_px: Array
+    difference_px: Array
+    points: Array
+
+
 class StereoDepth:
     """Depths from the right image: every track is aligned in it, too, and its disparity measured in each frame."""
 
-    def __init__(self, projection: StereoProjection, config: FrontendConfig, aligners: TemplateAligners) -> None:
+    def __init__(self, projection: StereoProjection, config: Config, aligners: TemplateAligners) -> None:
         self.projection = projection
-        self.config = config
+        self.config = config.frontend
         self.aligners = aligners
-        self.vertical_disparity = VerticalDisparity(projection, config.max_vertical_disparity_px)
+        self.rows = Rows.unknown(projection, config)
         self.turn = RightTurn(projection)
+        self._at_first: RowMatches | None = None  # those of a frame whose velocity is not known yet
+
+    def learn_rows(self, matches: RowMatches, twist: Array | None) -> Rows:
+        """Learn from the matches of a frame whose points move with a twist (6,), and return what holds for them.
+
+        Without a velocity they wait for that of the next frame: a late camera would pass for rows that are off.
+        """
+        if twist is None:
+            self._at_first = matches
+            return self._learnt(matches, np.zeros(6))
+        self.rows = self._learnt(matches, twist)
+        return self.rows
+
+    def _learnt(self, matches: RowMatches, twist: Array) -> Rows:
+        speed = row_speed(self.projection, matches.points, twist)
+        return self.rows.learnt(matches.left_px, matches.difference_px, speed)
 
     def align(self, images: PreparedImages, candidates: Candidates) -> AlignedViews:
         """Find the candidates (n) in the left image, and what is found there in the right one."""
+        if self._at_first is not None:
+            self.rows = self._learnt(self._at_first, candidates.twist)
+            self._at_first = None
         n = len(candidates.now)
         found, any_row_px, cov_px = np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4))
         on_row = np.zeros(n, bool)
@@ -53,7 +81,8 @@ class StereoDepth:
             left = aligner.align_left(images, some.now.slots, some.left_warps, some.left_px)
             right_px, error_grey = self._align_right(aligner, images, some, left)
             found[rows], any_row_px[rows] = left.found, np.concatenate([left.at_px, right_px], axis=1)
-            on_row[rows] = self.vertical_disparity.agrees(left.at_px, right_px, aligner.scale)
+            speed = row_speed(self.projection, some.now.points, some.twist)
+            on_row[rows] = self.rows.agrees(left.at_px, right_px, speed, aligner.scale)
             cov_px[rows] = aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
         z_px = any_row_px.copy()
         z_px[~on_row, 2:] = np.nan
@@ -64,7 +93,7 @@ class StereoDepth:
     ) -> tuple[Array, Array]:
         """Positions (n, 2) in the right image, rows corrected, NaN where there is no match; grey deviations (n,)."""
         slots = candidates.now.slots
-        vertical_px = self.vertical_disparity.at(left.at_px)
+        vertical_px = self.rows.at(left.at_px)
         start_u = candidates.right_u_px + left.at_px[:, 0] - candidates.left_px[:, 0]
         start_px = np.stack([start_u, left.at_px[:, 1] - vertical_px], axis=1)
         slanted = np.asarray(candidates.now.slopes.any(axis=1))  # of the others left and right patch are the same
@@ -88,3 +117,8 @@ class StereoDepth:
         predicted = tracks.points[:, 3]
         updated = predicted + gain * (np.where(seen, rho, 0.0) - predicted)
         return tracks.placed(p.rays(z_px), z_px[:, :2], cov_px[:, :2, :2], updated, (1 - gain) * before)
+
+
+def row_speed(projection: StereoProjection, points: Array, twist: Array) -> Array:
+    """Return how fast (n,), px/s, homogeneous points (n, 4) that move with a twist (6,) cross the rows."""
+    return velocities(projection, points, twist)[:, 3]

@@ -5,6 +5,7 @@ Each frame: follow the points (`tracker.py`), add new ones where they are missin
 which the background is hidden: the next ones are followed from the last good frame, for a second.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,9 @@ from ..camera.refinement import Refinement
 from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..types import Observations, RigChange, RigEstimate
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import RigModel
+from ..types import Observations, RigChange
 from .alignment import TemplateAligners
 from .depth_source import StereoDepth
 from .image_checks import image_note
@@ -22,8 +25,8 @@ from .new_points import NewPoints, renews
 from .pair_check import PairCheck, PairFit
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
-from .rig_effects import RigEffects
-from .right_turn import TurnWatch, rig_change, shift_of_turn
+from .right_turn import TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
+from .timing import Timing
 from .tracker import Followed, Tracker
 
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
@@ -33,7 +36,7 @@ class StereoFrontEnd:
     """Follows points through rectified pairs.
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
-    which the observations do not have any more.
+    which the observations do not have any more. `row_of`: as in `RigModel`.
     """
 
     def __init__(
@@ -42,19 +45,21 @@ class StereoFrontEnd:
         config: Config,
         valid: NDArray[np.bool_],
         refinement: Refinement | None = None,
+        row_of: Callable[[Array], Array] | None = None,
     ) -> None:
         self.config = config.frontend
         self._min_points = config.robust.min_inliers
         self._gate_probability = config.robust.gate_probability
         self.aligners = TemplateAligners(self.config, valid)
-        self.depth = depth = StereoDepth(projection, self.config, self.aligners)
+        self.depth = depth = StereoDepth(projection, config, self.aligners)
         self.turn_watch = None if config.rig.exact else TurnWatch(projection)
-        self.tracker = Tracker(projection, config, self.aligners, depth, self.turn_watch)
+        timing = Timing.unknown(projection, config.rig, row_of)
+        self.tracker = Tracker(projection, config, self.aligners, depth, timing, self.turn_watch)
         self.new_points = NewPoints(self.tracker, self.aligners, depth)
-        self.pair_check = PairCheck(projection, depth.vertical_disparity, self.aligners.fine.noise)
+        self.pair_check = PairCheck(projection, depth, self.aligners.fine.noise)
         self.persistence = Persistence(config.estimate_every)
-        self.rig_effects = RigEffects(projection, config.rig, refinement, depth.turn)
-        self._rig_drift_root = self.rig_effects.drift()
+        self.rig = RigModel.of(projection, config.rig, refinement, row_of)
+        self._exact = config.rig.exact
 
     def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
         """Compute from rectified images (h, w) uint8 the forms that `step` needs.
@@ -74,7 +79,7 @@ class StereoFrontEnd:
         observed = self._step(frame_index, stamp_ns, images)
         if change is None:
             return observed
-        return replace(observed, rig_change=change, rig_change_root=self.rig_effects.unknown_after_turn())
+        return replace(observed, rig_change=change, rig_change_root=root_of_turn(self.rig))
 
     def _take_out_turn(self, frame_index: int) -> RigChange | None:
         """Take a turn of the right camera that the frames before have shown out of all that is measured from now on."""
@@ -150,17 +155,21 @@ class StereoFrontEnd:
             frame_index=frame_index,
             stamp_ns=stamp_ns,
             track_ids=ids,
-            z_px=self.rig_effects.corrected(z_px),
+            z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
             note=self._turn_note() or note or self.pair_check.doubt,
             doubtful=bool(self.pair_check.doubt),
             std_drift_px=np.zeros(len(z_px)),
-            rig_effects=self.rig_effects.of(z_px),
-            rig_effects_at=self.rig_effects.of,
-            rig_of_disparity=self.rig_effects.of_disparity,
-            rig_drift_root=self._rig_drift_root,
+            rig=None if self._exact else self.rig,
+            field_std_px=self.depth.rows.field_std_px,
             inflation=self.persistence.inflation(ids, z_px, cov_px),
+            timing_px=self._timing_px(len(z_px)),
         )
+
+    def _timing_px(self, n: int) -> Array:
+        """What delay and readout do, as far as they are known, to the views of the first n tracks: (n, 4) px."""
+        points, timing = self.tracker.tracks.points[:n], self.tracker.timing
+        return np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
 
     def _turn_note(self) -> str:
         """Say that the right camera seems to have turned."""
@@ -178,10 +187,17 @@ class StereoFrontEnd:
         n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
         return image_note(images, self.tracker.previous, len(z_px), n_in_both)
 
+    def learn(self, estimate: RigEstimate) -> None:
+        """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
+        self.tracker.learn(*self.rig.timing(estimate.mean, estimate.cov))
+
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
         """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""
         return self.new_points.bias.std_px(ids)
 
     def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
         """Errors of the calibration in units of their σ, in pixels."""
-        return None if estimate is None else self.rig_effects.in_px(estimate)
+        if estimate is None:
+            return None
+        found = self.rig.in_units(estimate)
+        return found if not self.depth.turn.rad.any() else with_turn(self.rig, found, self.depth.turn.rad)

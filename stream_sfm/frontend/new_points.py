@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
 from .alignment import WIDE, TemplateAligner, TemplateAligners
 from .corners import corner_strength, detect
-from .depth_source import StereoDepth
+from .depth_source import RowMatches, StereoDepth, row_speed
 from .disparity_bias import DisparityBias
 from .prepared import PreparedImages
 from .slant import disparity_slopes
@@ -75,7 +76,7 @@ class NewPoints:
     def __init__(self, tracker: Tracker, aligners: TemplateAligners, depth: StereoDepth) -> None:
         self.tracker = tracker
         self.aligners = aligners
-        self.vertical_disparity = depth.vertical_disparity
+        self.depth = depth
         self.turn = depth.turn
         self.projection = depth.projection
         self.config = depth.config
@@ -148,7 +149,7 @@ class NewPoints:
 
     def _on_row(self, left_px: NDArray[np.intp], disparity_px: Array) -> Array:
         """Where in the right image (n, 2) pixels (n, 2) of the left one are, by the disparities (n,) seen there."""
-        v = left_px[:, 1] - self.vertical_disparity.at(left_px.astype(float))
+        v = left_px[:, 1] - self.depth.rows.at(left_px.astype(float))
         right_px = np.stack([left_px[:, 0] - disparity_px, v], axis=1)
         right_px[:, 1] = self.turn.put_in(right_px)[:, 1]
         return right_px
@@ -215,17 +216,25 @@ class NewPoints:
         """
         scale = aligner.scale
         left_px, right_px = scale * m.left_px.astype(float), self.turn.taken_out(scale * m.right_px)
+        z_px = np.concatenate([left_px, right_px], axis=1)
+        points, twist = _points(self.projection, z_px), self.tracker.timing.twist
+        rows = self.depth.rows
+        speed = np.zeros(len(points)) if twist is None else row_speed(self.projection, points, twist)
         if scale == 1:
-            self.vertical_disparity.learn(left_px[m.good], (left_px - right_px)[m.good, 1])
-        right_px[:, 1] += self.vertical_disparity.at(left_px)
-        good = m.good & self.vertical_disparity.agrees(left_px, right_px, scale)
+            at = m.good
+            matches = RowMatches(left_px[at], (left_px - right_px)[at, 1], points[at])
+            rows = self.depth.learn_rows(matches, twist)
+        right_px[:, 1] += rows.at(left_px)
+        good = m.good & rows.agrees(left_px, right_px, speed, scale)
         return replace(m, left_px=left_px, right_px=right_px, apart_px=scale * m.apart_px, good=good)
 
     def _begin_tracks(self, aligner: TemplateAligner, m: _Matches) -> tuple[Array, Array]:
         """Begin tracks of the good matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
         p = self.projection
         cov_px = aligner.noise.covariance(m.gradients, m.error_grey, m.error_grey)
-        z_px = np.concatenate([m.left_px, m.right_px], axis=1)
+        seen_px = np.concatenate([m.left_px, m.right_px], axis=1)
+        taken_px = self._taken_out(seen_px)
+        z_px = seen_px - taken_px
         rho = p.inverse_depth(z_px)
         var_rho = (cov_px[:, 0, 0] + cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
         good = m.good & (rho > _MIN_INVERSE_DEPTH * np.sqrt(var_rho))
@@ -233,7 +242,25 @@ class NewPoints:
             good &= (np.diagonal(cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
         slopes = m.slopes[good] / p.baseline_m
         new = self.tracker.add(
-            m.slots[good], m.left_px[good], cov_px[good, :2, :2], rho[good], var_rho[good], slopes, aligner.scale
+            m.slots[good],
+            seen_px[good, :2],
+            cov_px[good, :2, :2],
+            rho[good],
+            var_rho[good],
+            slopes,
+            taken_px[good, :2],
+            aligner.scale,
         )
         self.bias.learn(new.ids, m.apart_px[good])
-        return z_px[good], cov_px[good]
+        return seen_px[good], cov_px[good]
+
+    def _taken_out(self, z_px: Array) -> Array:
+        """What is known of the timing of views (n, 4): (n, 4) px."""
+        timing = self.tracker.timing
+        twist = np.zeros(6) if timing.twist is None else timing.twist
+        return timing.taken_out(_points(self.projection, z_px), twist)
+
+
+def _points(projection: StereoProjection, z_px: Array) -> Array:
+    """Homogeneous points (n, 4) of views (n, 4), in the camera that saw them."""
+    return np.column_stack([projection.rays(z_px), np.ones(len(z_px)), projection.inverse_depth(z_px)])

@@ -16,10 +16,10 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
+from .depth_source import StereoDepth
 from .image_checks import frozen
 from .noise import ViewNoise
 from .prepared import PreparedImages
-from .vertical_disparity import VerticalDisparity
 
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
@@ -83,10 +83,8 @@ class PairFit:
 class PairCheck:
     """Judges frame after frame; `doubt` says what is wrong, or is empty."""
 
-    def __init__(
-        self, projection: StereoProjection, vertical_disparity: VerticalDisparity, noise: ViewNoise
-    ) -> None:
-        self.vertical_disparity = vertical_disparity
+    def __init__(self, projection: StereoProjection, depth: StereoDepth, noise: ViewNoise) -> None:
+        self.depth = depth
         self.noise = noise
         self._calibration = _resolution_problem(projection)
         self.doubt = ""
@@ -128,7 +126,7 @@ class PairCheck:
 
     def _problem(self, images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None) -> str:
         """What is wrong in this frame, with its likely cause, or nothing."""
-        rows_px, scatter_px = self.vertical_disparity.largest_px, self.vertical_disparity.scatter_px
+        rows_px, scatter_px = self.depth.rows.largest_px, self.depth.rows.scatter_px
         if rows_px > _MAX_ROWS_PX:
             return (
                 f"the rows of left and right differ by up to {rows_px:.1f} px: is the calibration of these cameras and "

@@ -18,6 +18,10 @@ from ..geometry.medians import median
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import RigModel
+from ..rig_model.terms import TERMS
+from ..rig_model.turns import effects_of_turn, far_right_px, terms_of_turn
 from ..types import RigChange
 
 # χ² of three degrees of freedom by the run's own scatter: six standard deviations of a Gaussian. Single frames of forty
@@ -39,6 +43,9 @@ _STEPS, _WORTH_A_CLOSER_LOOK = 12, 0.3
 _GATE = 0.999  # share of good views that agree
 _CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
 _MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
+# σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
+# estimator starts, and is not used a second time.
+_STD_TURN_RAD = 3e-3
 _DAMPING = 1e-9  # relative: a motion that hardly shows stays where it is
 
 
@@ -52,22 +59,6 @@ class Turn:
     rad: Array
     cov: Array
     agree: NDArray[np.bool_]
-
-
-def effects_of_turn(projection: StereoProjection, right_px: Array) -> Array:
-    """What a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian, eq. (72d)."""
-    p = projection
-    x, y = ((right_px - (p.cx_right_px, p.cy_px)) / p.f_px).T
-    effects: Array = np.empty((len(x), 2, 3))
-    effects[:, 0, 0], effects[:, 0, 1], effects[:, 0, 2] = x * y, -1 - x * x, y
-    effects[:, 1, 0], effects[:, 1, 1], effects[:, 1, 2] = 1 + y * y, -x * y, -x
-    effects *= p.f_px
-    return effects
-
-
-def far_right_px(projection: StereoProjection, left_px: Array) -> Array:
-    """Where points at infinity that are seen at left positions (n, 2) are in the right image (n, 2)."""
-    return np.asarray(left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0]))
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
@@ -87,6 +78,20 @@ def _over_image(projection: StereoProjection, rad: Array) -> Array:
     u, v = np.linspace(0, projection.width - 1, 9), np.linspace(0, projection.height - 1, 9)
     places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
     return np.asarray(effects_of_turn(projection, far_right_px(projection, places_px)) @ rad)
+
+
+def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
+    """An estimate in units of the terms, with a turn (3,) that has been taken out of the views."""
+    turned = np.zeros(len(rig))
+    turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
+    return replace(
+        estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0
+    )
+
+
+def root_of_turn(rig: RigModel) -> Array:
+    """What is not known about a knock, a root (m, 3) of its covariance in amplitudes of the rig's errors."""
+    return rig.root_of_turn(_STD_TURN_RAD)
 
 
 class RightTurn:
@@ -149,12 +154,19 @@ class TurnWatch:
         self._seen = []
 
     def judge(
-        self, points: Array, cov_points: Array, z_px: Array, cov_px: Array, cam_from_previous: Array
+        self,
+        points: Array,
+        cov_points: Array,
+        z_px: Array,
+        cov_px: Array,
+        cam_from_previous: Array,
+        by_delay_rad: Array,
     ) -> Turn | None:
         """Return the turn that a frame shows if it is unusual.
 
         Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
+        `by_delay_rad` (3,): the turn that a delay of the right camera may look like, σ.
         """
         seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
         if len(seen) < _MIN_VIEWS:
@@ -162,18 +174,18 @@ class TurnWatch:
             return None
         views = PointViews(self._projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = _fitted(views, cam_from_previous, 1)
-        if self._chi2(turn) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
+        if self._chi2(turn, by_delay_rad) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
             turn = _fitted(views, cam_from_previous, _STEPS)
-        if not self._is_unusual(turn):
+        if not self._is_unusual(turn, by_delay_rad):
             return None
         self._seen.append(turn)
         agree = np.zeros(len(z_px), bool)
         agree[seen] = turn.agree
         return replace(turn, agree=agree)
 
-    def _is_unusual(self, turn: Turn) -> bool:
+    def _is_unusual(self, turn: Turn, by_delay_rad: Array) -> bool:
         """Whether a turn is so by those of the frames before; otherwise learn from it what is usual."""
-        chi2 = self._chi2(turn)
+        chi2 = self._chi2(turn, by_delay_rad)
         px = self._projection.f_px * float(np.linalg.norm(turn.rad))
         if chi2 > _UNUSUAL and px < _MAX_TURN_PX and turn.agree.mean() > _AGREE:
             if len(self._seen) < _PATIENCE_FRAMES:
@@ -186,8 +198,9 @@ class TurnWatch:
         self.forget()
         return False
 
-    def _chi2(self, turn: Turn) -> float:
-        return float(turn.rad @ np.linalg.solve(turn.cov + self._usual, turn.rad))
+    def _chi2(self, turn: Turn, by_delay_rad: Array) -> float:
+        cov = turn.cov + self._usual + np.outer(by_delay_rad, by_delay_rad)
+        return float(turn.rad @ np.linalg.solve(cov, turn.rad))
 
 
 def _fitted(views: PointViews, cam_from_previous: Array, steps: int) -> Turn:

@@ -23,6 +23,7 @@ from .pair_check import Found
 from .prepared import PreparedImages
 from .right_turn import Turn, TurnWatch
 from .rough_motion import RoughMotion, RoughMotionFinder
+from .timing import Timing
 from .tracks import Tracks
 from .warps import anchor_from_now
 
@@ -69,11 +70,12 @@ class Followed:
 @dataclass(frozen=True, slots=True)
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
-    their points; `weight`: of all tracks that should have been found."""
+    their points; `weight`: of all tracks that should have been found; `unknown_px` (n, 4, j): as `Timing.unknowns`."""
 
     before: Tracks
     cov_points: Array
     weight: float
+    unknown_px: Array | None = None
 
 
 class Tracker:
@@ -88,9 +90,11 @@ class Tracker:
         config: Config,
         aligners: TemplateAligners,
         depth: DepthSource,
+        timing: Timing,
         turn_watch: TurnWatch | None = None,
     ) -> None:
         """`turn_watch`: of the right camera, where it may turn against the left one."""
+        self.timing = timing
         self.projection = projection
         self.config = config.frontend
         self.aligners = aligners
@@ -122,11 +126,15 @@ class Tracker:
         rough = self._find_rough_motion(images, dt_s)
         if rough is None:
             return None
-        candidates = self._predict_patches(rough)
-        views = self.depth.align(images, candidates)
+        twist = self._twist_now(rough.cam_from_previous, dt_s)
+        candidates = self._predict_patches(rough, twist)
+        taken_px = self.timing.taken_out(candidates.now.points, twist)
+        views = self.depth.align(images, candidates).without(taken_px)
         known = self._known_of(candidates, views, rough.cam_from_previous)
+        known = replace(known, unknown_px=self._unknown_of(candidates, views, twist, dt_s))
         motion = self._resect_jointly(known, views, rough.cam_from_previous, dt_s)
-        turn = self._judge_turn(known, views, rough.cam_from_previous if motion is None else motion.cam_from_ref)
+        start = rough.cam_from_previous if motion is None else motion.cam_from_ref
+        turn = self._judge_turn(known, views, start, twist)
         if turn is not None:
             views = views.left_only()
             motion = self._resect_jointly(known, views, rough.cam_from_previous, dt_s)
@@ -134,8 +142,18 @@ class Tracker:
             return None
         seen = views.found
         self.aligners.learn(motion, candidates.now.scale[seen], views.z_px[seen])
-        followed = self._advance(candidates, views, motion, dt_s)
+        self.timing = self.timing.moved(twist)
+        followed = self._advance(candidates, views, taken_px, motion, dt_s)
         return followed if turn is None else followed.with_right_turned_back(views, turn)
+
+    def learn(self, mean: Array, cov: Array) -> None:
+        """Take in that delay and readout are N(`mean` (2,), `cov` (2, 2)), seconds, and place the tracks anew by it."""
+        before, self.timing = self.timing, self.timing.told(mean, cov)
+        twist = self.timing.twist
+        if twist is not None and (before.mean != self.timing.mean).any():
+            points = self.tracks.points
+            change_px = self.timing.taken_out(points, twist) - before.taken_out(points, twist)
+            self.tracks = self.tracks.shifted(self.projection, change_px)
 
     def remember(self, images: PreparedImages, stamp_ns: int) -> None:
         """End the frame: the next one is followed from these images."""
@@ -161,7 +179,19 @@ class Tracker:
         predicted, known = se3.exp(self.velocity * dt_s), bool(self.velocity.any())
         return self.rough_motion.find(self.previous, images, self.tracks, predicted, known)
 
-    def _predict_patches(self, rough: RoughMotion) -> Candidates:
+    def _twist_now(self, cam_from_previous: Array, dt_s: float) -> Array:
+        """How the points move at the end of the interval from the previous frame, per second."""
+        if dt_s <= 0:
+            return np.zeros(6)
+        between = se3.log(cam_from_previous) / dt_s
+        return between + 0.5 * (between - self.velocity) if self.velocity.any() else between
+
+    def _unknown_of(self, candidates: Candidates, views: AlignedViews, twist: Array, dt_s: float) -> Array | None:
+        """What is not known of the timing of the views found: (n, 4, j) px."""
+        before, now = candidates.before.points[views.found], candidates.now.points[views.found]
+        return self.timing.unknowns(before, now, twist, np.repeat(self._std_acceleration, 3) * dt_s)
+
+    def _predict_patches(self, rough: RoughMotion, twist: Array) -> Candidates:
         """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""
         now = self.tracks.moved(rough.cam_from_previous)
         expected = self.projection.project_homogeneous(now.points)
@@ -170,7 +200,7 @@ class Tracker:
         )  # what flow lost, the motion may find
         right_u_px = left_px[:, 0] - expected[:, 0] + expected[:, 2]
         warps = anchor_from_now(now, rough.cam_from_previous @ self.cam_from_start, self.projection)
-        return self.aligners.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps))
+        return self.aligners.visible(Candidates(self.tracks, now, left_px, right_u_px, *warps, twist))
 
     def _known_of(self, candidates: Candidates, views: AlignedViews, motion: Array) -> _Known:
         """What is known of the tracks that were found, for a motion (4, 4) near the true one."""
@@ -190,6 +220,7 @@ class Tracker:
             start,
             self._gate_probability,
             before.weights,
+            shared=known.unknown_px,
         )
         enough = _MIN_AGREEMENT * known.weight
         agree = motion.ok and before.weights[motion.accepted].sum() >= enough
@@ -197,12 +228,17 @@ class Tracker:
         self.background_hidden = hidden or (self.background_hidden and not agree)
         return motion if agree and not hidden else None
 
-    def _judge_turn(self, known: _Known, views: AlignedViews, cam_from_previous: Array) -> Turn | None:
+    def _judge_turn(
+        self, known: _Known, views: AlignedViews, cam_from_previous: Array, twist: Array
+    ) -> Turn | None:
         """The turn of the right camera that the frame shows, if it is an unusual one."""
         if self.turn_watch is None:
             return None
         z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
-        return self.turn_watch.judge(known.before.points, known.cov_points, z_px, cov_px, cam_from_previous)
+        by_delay_rad = np.sqrt(self.timing.cov[0, 0]) * twist[3:]
+        return self.turn_watch.judge(
+            known.before.points, known.cov_points, z_px, cov_px, cam_from_previous, by_delay_rad
+        )
 
     def _is_background_hidden(self, found: Tracks, motion: Resection, dt_s: float) -> bool:
         """Whether the tracks found (n,) are mostly of things that move by themselves, and so is their motion."""
@@ -221,9 +257,12 @@ class Tracker:
         apart = np.abs(se3.log(se3.exp(-self.velocity * dt_s) @ cam_from_previous)).reshape(2, 3).max(axis=1)
         return bool((apart > _JUMP * self._std_acceleration * dt_s**2).any())
 
-    def _advance(self, candidates: Candidates, views: AlignedViews, motion: Resection, dt_s: float) -> Followed:
+    def _advance(
+        self, candidates: Candidates, views: AlignedViews, taken_px: Array, motion: Resection, dt_s: float
+    ) -> Followed:
         """Move on to this frame, each track put where it was seen: with the accepted ones, and with suspects.
 
+        `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen.
         Where many disagree with the motion, they may be right another time, and in any case no new tracks are wanted
         beside them: they live on as suspects.
         """
@@ -239,9 +278,11 @@ class Tracker:
         z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
         now = candidates.before.keep(rows).moved(motion.cam_from_ref)
         now = self.depth.update(now, z_px, cov_px, self.cam_from_start)
+        now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
         rival = self.contest.judge(motion)
         self.tracks = now.judged(motion.accepted[kept], contested=rival is not None)
-        return Followed(motion.cam_from_ref, z_px, cov_px, self._found(candidates, views, motion), rival)
+        found = self._found(candidates, views, motion)
+        return Followed(motion.cam_from_ref, z_px + taken_px[rows], cov_px, found, rival)
 
     def _found(self, candidates: Candidates, views: AlignedViews, motion: Resection) -> Found:
         """The tracks found, as they were before the frame."""
@@ -278,12 +319,13 @@ class Tracker:
         rho: Array,
         var_rho: Array,
         slopes: Array,
+        taken_px: Array,
         scale: int = 1,
     ) -> Tracks:
         """Begin tracks at left positions (n, 2) with covariances (n, 2, 2), templates in `slots` (n,), inverse depths
-        (n,) with variances, and slopes (n, 2)."""
+        (n,) with variances, and slopes (n, 2); `taken_px` (n, 2) is taken out of the positions to get the rays."""
         n = len(slots)
-        rays = self.projection.rays(left_px)
+        rays = self.projection.rays(left_px - taken_px)
         new = Tracks(
             ids=self.next_id + np.arange(n, dtype=np.int64),
             slots=slots,

@@ -102,6 +102,13 @@ class Tracks:
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
+    def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
+        """Points as they are if their views are without a further (n, 4) px; `left_px` stays what was last measured."""
+        points = self.points.copy()
+        points[:, :2] -= px[:, :2] / projection.f_px
+        points[:, 3] += (px[:, 2] - px[:, 0]) / (projection.f_px * projection.baseline_m)
+        return replace(self, points=points)
+
     def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""
         points = np.concatenate([rays, np.ones((len(rays), 1)), rho[:, None]], axis=1)

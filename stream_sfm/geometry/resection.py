@@ -7,7 +7,8 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,7 @@ class Resection:
     `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
     expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
     all views, whitened. `share`: of the weight that the accepted views have; `second`: what others agree on.
+    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j).
     """
 
     cam_from_ref: Array
@@ -92,11 +94,20 @@ class Resection:
     squared_residuals: Array
     share: float = 0.0
     second: SecondMotion | None = None
+    amplitudes: Array = field(default_factory=lambda: np.zeros(0))
+    cov_amplitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def rival(self) -> SecondMotion | None:
         """The second motion where the views cannot tell which of the two is that of the background."""
         return self.second if self.second and self.second.is_rival else None
+
+
+class _Motion(NamedTuple):
+    """A motion `cam_from_ref` (4, 4), and the `amplitudes` (j,) of errors that all views share."""
+
+    cam_from_ref: Array
+    amplitudes: Array
 
 
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
@@ -120,6 +131,7 @@ def resect(
     weights: Array | None = None,
     start_is_close: bool = False,
     find_second: bool = True,
+    shared: Array | None = None,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
@@ -128,7 +140,8 @@ def resect(
     each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
     only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
     of any; where nearly all of them do, neither another start nor annealing is needed. `find_second`: whether a second
-    motion is looked for.
+    motion is looked for. `shared` (n, 4, j): what errors of σ = 1 that all views share do to them; they are estimated
+    with the motion.
     """
     n = len(z_px)
     if n < MIN_VIEWS:
@@ -136,23 +149,24 @@ def resect(
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
-    views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability)
+    views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
     weights = np.ones(len(views)) if weights is None else weights
+    start = _Motion(cam_from_ref_start, np.zeros(views.shared.shape[2]))
     if start_is_close:
-        found = _least_squares(views, weights, cam_from_ref_start, *views.linearise(cam_from_ref_start))
+        found = _least_squares(views, weights, start, *views.linearise(cam_from_ref_start))
         if found.ok and _agrees_with_nearly_all(views, found, weights):
             return found
-    found = _solve(views, cam_from_ref_start, weights)
+    found = _solve(views, start, weights)
     if found.share < _CALM_SHARE:
-        other = _search(views, cam_from_ref_start, weights)
-        if other.ok and _support(views, other.cam_from_ref, weights) > _support(views, found.cam_from_ref, weights):
+        other = _search(views, start, weights)
+        if other.ok and _support(views, other, weights) > _support(views, found, weights):
             found = other
     return _with_second_motion(views, found, weights) if find_second else found
 
 
-def _solve(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
+def _solve(views: PointViews, start: _Motion, weights: Array) -> Resection:
     """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
-    return _least_squares(views, weights, *_robust_fit(views, cam_from_ref))
+    return _least_squares(views, weights, *_robust_fit(views, start))
 
 
 def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array) -> bool:
@@ -161,76 +175,79 @@ def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array)
     return bool(weights[agree].sum() >= _CALM_SHARE * weights.sum())
 
 
-def _search(views: PointViews, cam_from_ref: Array, weights: Array) -> Resection:
+def _search(views: PointViews, start: _Motion, weights: Array) -> Resection:
     """Search for the motion of largest support, and finish it with plain least squares.
 
     No annealing: among many views that move together even small weights would lead away from it.
     """
-    motion = search_motion(views, cam_from_ref, weights)
-    return _least_squares(views, weights, motion, *views.linearise(motion))
+    motion = search_motion(views, start.cam_from_ref, weights)
+    return _least_squares(views, weights, _Motion(motion, start.amplitudes), *views.linearise(motion))
 
 
-def _support(views: PointViews, cam_from_ref: Array, weights: Array) -> float:
+def _support(views: PointViews, found: Resection, weights: Array) -> float:
     """Return the support of one motion, whitened where it is."""
-    root, _ = views.linearise(cam_from_ref)
-    return float(support(views, cam_from_ref[None], root, weights)[0])
+    root, _ = views.linearise(found.cam_from_ref)
+    return float(support(views.without_shared(found.amplitudes), found.cam_from_ref[None], root, weights)[0])
 
 
 def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> Resection:
     """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
 
     Many views may agree with both motions; they say nothing about which of the two is that of the background.
+    Errors that all views share are the same for both.
     """
     off = found.squared_residuals > _RIVAL_BEYOND * views.gate
     if not found.ok or off.sum() < _MIN_RIVAL_VIEWS:
         return found
-    start = search_motion(views.select(off), found.cam_from_ref, weights[off], _MIN_RIVAL_VIEWS)
-    other = _least_squares(views, weights, start, *views.linearise(start))
+    seen = views.without_shared(found.amplitudes)
+    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_RIVAL_VIEWS)
+    other = _least_squares(seen, weights, _Motion(start, np.zeros(0)), *seen.linearise(start))
     only_other = off & other.accepted
     if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS:
         return found
     only_found = found.accepted & (other.squared_residuals > _RIVAL_BEYOND * views.gate)
     odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
     if odds > 1 / _RIVAL_SHARE:
-        return replace(other, second=SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds))
+        second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
+        return replace(other, second=second, amplitudes=found.amplitudes, cov_amplitudes=found.cov_amplitudes)
     return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))
 
 
-def _robust_fit(views: PointViews, cam_from_ref: Array) -> tuple[Array, Array, Array]:
+def _robust_fit(views: PointViews, at: _Motion) -> tuple[_Motion, Array, Array]:
     """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
 
     Returns the motion, and roots and Jacobian as `PointViews.linearise` has them.
     """
-    root, j = views.linearise(cam_from_ref)
-    r, s2 = views.residuals(cam_from_ref, root)
+    root, j = views.linearise(at.cam_from_ref)
+    r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
     for k in range(_MAX_ROBUST_STEPS):
         spread = _spread(s2)
         width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
-        cam_from_ref, moved, _ = _step(cam_from_ref, j, r, 1 / (1 + s2 / width))
+        at, moved, _ = _step(at, j, r, 1 / (1 + s2 / width))
         if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
             break
         if (k + 1) % _RELINEARISE_EVERY == 0:
-            root, j = views.linearise(cam_from_ref)
-        r, s2 = views.residuals(cam_from_ref, root)
+            root, j = views.linearise(at.cam_from_ref)
+        r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
     if k >= _RELINEARISE_EVERY:  # fewer steps come from a start that is good enough to be linearised at
-        root, j = views.linearise(cam_from_ref)
-    return cam_from_ref, root, j
+        root, j = views.linearise(at.cam_from_ref)
+    return at, root, j
 
 
-def _least_squares(views: PointViews, weights: Array, cam_from_ref: Array, root: Array, j: Array) -> Resection:
+def _least_squares(views: PointViews, weights: Array, at: _Motion, root: Array, j: Array) -> Resection:
     """Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step."""
-    r, s2 = views.residuals(cam_from_ref, root)
+    r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
     accepted = s2 < views.gate
     for _ in range(_MAX_FINAL_STEPS):
-        cam_from_ref, moved, information = _step(cam_from_ref, j, r, accepted.astype(float))
-        r, s2 = views.residuals(cam_from_ref, root)
+        at, moved, information = _step(at, j, r, accepted.astype(float))
+        r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
         before, accepted = accepted, s2 < views.gate
         if moved < _FINAL_CONVERGED and (before == accepted).all():
             break
     cov = scaled_inverse(information)
     return Resection(
-        cam_from_ref=se3.orthonormalise(cam_from_ref),
-        cov_pose=np.full((6, 6), np.inf) if cov is None else cov,
+        cam_from_ref=se3.orthonormalise(at.cam_from_ref),
+        cov_pose=np.full((6, 6), np.inf) if cov is None else cov[:6, :6],
         accepted=accepted,
         chi2=float(s2[accepted].sum()),
         dof=int(views.sides[accepted].sum()) - 6,
@@ -238,18 +255,27 @@ def _least_squares(views: PointViews, weights: Array, cam_from_ref: Array, root:
         ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
         squared_residuals=s2,
         share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
+        amplitudes=at.amplitudes,
+        cov_amplitudes=np.eye(len(at.amplitudes)) if cov is None else cov[6:, 6:],
     )
 
 
-def _step(cam_from_ref: Array, j: Array, r: Array, weight: Array) -> tuple[Array, float, Array]:
-    """Take one weighted Gauss-Newton step: the new pose, the squared length in deviations, the information (6, 6)."""
-    weighted = (j * weight[:, None, None]).reshape(-1, 6).T
-    h, g = weighted @ j.reshape(-1, 6), weighted @ r.ravel()
+def _step(at: _Motion, j: Array, r: Array, weight: Array) -> tuple[_Motion, float, Array]:
+    """Take one weighted Gauss-Newton step.
+
+    Returns the motion, the squared length of the step in deviations, and the information (6 + j, 6 + j).
+    """
+    size = j.shape[2]
+    weighted = (j * weight[:, None, None]).reshape(-1, size).T
+    h, g = weighted @ j.reshape(-1, size), weighted @ r.ravel()
+    h[6:, 6:] += np.eye(size - 6)
+    g[6:] -= at.amplitudes
     delta = damped_solve(h, g)
-    angle = math.sqrt(delta[3:] @ delta[3:])
+    angle = math.sqrt(delta[3:6] @ delta[3:6])
     if angle > _MAX_ROTATION_STEP_RAD:
         delta *= _MAX_ROTATION_STEP_RAD / angle
-    return se3.exp(delta) @ cam_from_ref, float(delta @ h @ delta), h
+    moved = _Motion(se3.exp(delta[:6]) @ at.cam_from_ref, at.amplitudes + delta[6:])
+    return moved, float(delta @ h @ delta), h
 
 
 def _spread(s2: Array) -> float:

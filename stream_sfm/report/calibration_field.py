@@ -7,10 +7,11 @@ import numpy as np
 from markupsafe import Markup
 
 from ..camera.refinement import TERMS, disparity_rms_px
-from ..frontend.rig_effects import disparity_over_image
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..types import RigEstimate
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import disparity_over_image
+from ..rig_model.terms import DELAY, FOCAL, READOUT
 from .svg import WIDTH
 
 _ROWS, _COLUMNS = 5, 9  # of the places in the image where the pages give the error of the disparity
@@ -36,37 +37,42 @@ def calibration_error(projection: StereoProjection, estimate: RigEstimate | None
     if estimate is None:
         return None
     error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
-    return CalibrationError(describe(estimate, projection.f_px * projection.baseline_m), error_px, std_px)
+    return CalibrationError(describe(projection, estimate), error_px, std_px)
 
 
-def describe(estimate: RigEstimate, disparity_at_1m_px: float) -> dict[str, Any]:
-    """The section `rig` of summary.json: errors of the calibration in pixels, and what they mean."""
-    refined, rms_px = estimate.refined, disparity_rms_px(estimate.mean)
+def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
+    """The section `rig` of summary.json: errors of the calibration, and what they mean."""
+    error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
+    refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
     if estimate.applied and refined is not None:
         text = (
             f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
             f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
         )
     elif estimate.applied:
-        far_m = _TELLING * disparity_at_1m_px / max(rms_px, 1e-9)
+        far_m = _TELLING * projection.f_px * projection.baseline_m / max(rms_px, 1e-9)
         text = (
             f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
             "would be off by 10 % and more"
         )
     else:
-        root = np.linalg.cholesky(estimate.cov)
-        within_px = float(np.sqrt(sum(disparity_rms_px(column) ** 2 for column in root.T)))  # σ, RMS over the image
+        within_px = float(np.sqrt((error_px**2 + std_px**2).mean()))  # RMS over the image
         text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
         if refined is not None:
             text = (
                 f"refined by {rms_px:.2f} px of disparity, with which the images agree; "
                 f"right within {within_px:.2f} px"
             )
+    text = "; ".join([text, *estimate.findings()])
     return {
         "applied": estimate.applied,
+        "probability_wrong": estimate.p_wrong,
         "terms": list(TERMS),
-        "error_px": estimate.mean.tolist(),
-        "std_px": np.sqrt(np.diag(estimate.cov)).tolist(),
+        "error_px": estimate.mean[: len(TERMS)].tolist(),
+        "std_px": np.sqrt(np.diag(estimate.cov))[: len(TERMS)].tolist(),
+        "delay_s": estimate.term(DELAY),
+        "readout_s": estimate.term(READOUT),
+        "focal_length": estimate.term(FOCAL),
         "disparity_rms_px": rms_px,
         "text": text,
     }

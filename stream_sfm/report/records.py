@@ -16,7 +16,8 @@ from ..evaluation import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..geometry.se3 import Array
-from ..types import FrameEstimate, RigChange, RigEstimate, Status, Trajectory
+from ..rig_model.estimate import RigEstimate
+from ..types import FrameEstimate, RigChange, Status, Trajectory
 from .calibration_field import CalibrationError
 from .front_record import FrontRecord
 

@@ -10,7 +10,8 @@ from ..errors import LogError
 from ..geometry import se3
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
-from ..types import FrameEstimate, RelativeMotions, RigEstimate, Status
+from ..rig_model.estimate import RigEstimate
+from ..types import FrameEstimate, RelativeMotions, Status
 from .estimates_reader import Cloud, read_clouds, read_estimates
 from .schema import EstimateRecord
 
@@ -41,6 +42,17 @@ def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
     raise LogError(f"{path} holds no calibration: replay the log again")
 
 
+def _rig(record: EstimateRecord) -> RigEstimate:
+    """The errors of the rig as far as they are recorded: without the field, and without what they were before."""
+    times = [record.rig_focal_length, record.rig_delay_s, record.rig_readout_s]
+    times = [pair or [0.0, 0.0] for pair in times]  # older files have none
+    mean = np.array([*record.rig_error_px, *(value for value, _ in times)])
+    n = len(record.rig_error_px)
+    cov = np.diag([0.0] * n + [std**2 for _, std in times])
+    cov[:n, :n] = record.rig_cov_px2[0]
+    return RigEstimate(mean, cov, float(record.rig_applied), mean, cov, np.full(len(mean), np.nan))
+
+
 def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
     world_from_cam = np.array(record.world_from_cam)
     points = np.empty((0, 3)) if cloud is None else cloud.points.astype(float)
@@ -52,7 +64,7 @@ def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
             np.array(record.relative_cov),
         )
     if record.rig_error_px:
-        rig = RigEstimate(np.array(record.rig_error_px), np.array(record.rig_cov_px2[0]), record.rig_applied)
+        rig = _rig(record)
     return FrameEstimate(
         frame_index=record.frame_index,
         stamp_ns=record.stamp_ns,

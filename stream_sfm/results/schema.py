@@ -6,7 +6,9 @@ import msgspec
 from msgspec import Meta
 
 from ..camera.refinement import TERMS
-from ..types import FrameEstimate, RelativeMotions, RigEstimate
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.terms import DELAY, FOCAL, READOUT
+from ..types import FrameEstimate, RelativeMotions
 
 SCHEMA_VERSION = 2
 Matrix = list[list[float]]
@@ -53,7 +55,19 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
         Meta(description="errors of the calibration as known now, px; empty where it is taken for exact"),
     ] = []
     rig_cov_px2: Annotated[list[RigCovariance], Meta(description="their covariance, one matrix, or empty")] = []
-    rig_applied: Annotated[bool, Meta(description="whether they are taken out of the views")] = False
+    rig_delay_s: Annotated[
+        list[float], Meta(description="delay of the right camera and its σ, seconds, or empty")
+    ] = []
+    rig_readout_s: Annotated[
+        list[float],
+        Meta(description="readout time of the shutters, from the top down, and its σ, seconds, or empty"),
+    ] = []
+    rig_focal_length: Annotated[
+        list[float], Meta(description="error of the common focal length as a share of it, and its σ, or empty")
+    ] = []
+    rig_applied: Annotated[bool, Meta(description="whether the calibration is more probably wrong than right")] = (
+        False
+    )
     unscaled: Annotated[
         bool, Meta(description="with one camera: lengths are in units of the first baseline, not in metres")
     ] = False
@@ -125,4 +139,12 @@ def _relative(relative: RelativeMotions | None) -> dict[str, Any]:
 def _rig(rig: RigEstimate | None) -> dict[str, Any]:
     if rig is None:
         return {}
-    return {"rig_error_px": rig.mean.tolist(), "rig_cov_px2": [rig.cov.tolist()], "rig_applied": rig.applied}
+    n = len(TERMS)
+    return {
+        "rig_error_px": rig.mean[:n].tolist(),
+        "rig_cov_px2": [rig.cov[:n, :n].tolist()],
+        "rig_applied": rig.applied,
+        "rig_delay_s": list(rig.term(DELAY)),
+        "rig_readout_s": list(rig.term(READOUT)),
+        "rig_focal_length": list(rig.term(FOCAL)),
+    }

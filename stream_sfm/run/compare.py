@@ -22,7 +22,8 @@ from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
 from ..report.records import Comparison, Truth
-from ..types import RigEstimate, Selection, Sink
+from ..rig_model.estimate import RigEstimate
+from ..types import Selection, Sink
 from .depth import TrueDepth
 from .lane import Lane
 from .loop import Course, run

@@ -15,7 +15,8 @@ from ..observer import Observed, Observer
 from ..recording import RecordedFrame
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..types import FrameEstimate, Observations, RigEstimate, Solution
+from ..rig_model.estimate import RigEstimate
+from ..types import FrameEstimate, Observations, Solution
 from .depth import TrueDepth
 
 
@@ -44,6 +45,7 @@ class Lane:
             return None
         solution, estimate = solved
         self.rig = solution.rig or self.rig
+        self.observer.learn(solution)
         began_s = time.perf_counter()
         if self.folder is not None:
             self.folder.write(estimate, frame)
@@ -100,8 +102,8 @@ def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) ->
     """The observations as a lane gets them: without the errors of the rig that another one finds, unless it finds them
     itself; so methods are compared, and not calibrations."""
     learnt = next((other.rig for other in lanes if other.rig is not None), None)
-    effects = observed.observations.rig_effects
-    if lane.rig is not None or learnt is None or not learnt.applied or effects is None:
+    seen = observed.observations
+    if lane.rig is not None or learnt is None or seen.rig is None:
         return observed
-    z_px = observed.observations.z_px - effects @ learnt.mean
-    return replace(observed, observations=replace(observed.observations, z_px=z_px))
+    z_px = seen.z_px - seen.timing_px - seen.rig.effects(seen.z_px) @ learnt.mean
+    return replace(observed, observations=replace(seen, z_px=z_px))

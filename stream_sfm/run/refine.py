@@ -8,15 +8,16 @@ import numpy as np
 
 from ..blas import one_thread
 from ..camera.calibration.read import Where
-from ..camera.refinement import Refinement, combine
+from ..camera.refinement import TERMS, Refinement, combine
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
-from ..frontend.rig_effects import prior_std_px
 from ..interrupts import Interruption
 from ..observer import Observer
 from ..recording import StereoLog, open_log
-from ..types import Frame, FrameEstimate, RigEstimate, Selection
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.terms import prior_std
+from ..types import Frame, FrameEstimate, Selection
 from .calibration import CalibrationSink
 from .lane import Lane
 from .loop import Enough, run
@@ -63,8 +64,9 @@ def calibrate(
     known = [e for e in estimates if e is not None]
     if not known:
         return RefinedRig(rig, estimates)
-    priors_px = np.array([e.prior_std for e in known])
-    refinement = combine([Refinement(e.mean, e.cov) for e in known], priors_px, prior_std_px(config.rig))
+    n = len(TERMS)
+    priors_px = np.array([e.prior_std[:n] for e in known])
+    refinement = combine([e.refinement for e in known], priors_px, prior_std(config.rig)[:n])
     return RefinedRig(replace(rig, refinement=refinement), estimates)
 
 
@@ -78,7 +80,10 @@ def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> 
     estimate = learnt.latest
     if learnt.problems or estimate is None or not estimate.applied:
         return log.stereo_rig
-    return replace(log.stereo_rig, refinement=Refinement(estimate.mean, _USED_AGAIN**2 * estimate.cov))
+    return replace(
+        log.stereo_rig,
+        refinement=Refinement(estimate.refinement.error_px, _USED_AGAIN**2 * estimate.refinement.cov_px2),
+    )
 
 
 def check_calibrates(config: Config) -> None:

@@ -83,5 +83,4 @@ def _part(observations: Observations, rows: Mask) -> Observations:
         n_new=int(np.count_nonzero(rows[n_old:])),
         std_drift_px=None if o.std_drift_px is None else o.std_drift_px[rows],
         inflation=None if o.inflation is None else o.inflation[rows],
-        rig_effects=None if o.rig_effects is None else o.rig_effects[rows],
     )

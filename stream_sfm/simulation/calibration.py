@@ -15,8 +15,8 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.calibration_bound import bound_with_rig
 from ..frontend.persistence import Persistence
-from ..frontend.rig_effects import RigEffects
 from ..geometry.se3 import Array
+from ..rig_model.model import RigModel
 from ..types import Observations, Solution
 from .measure import bound_variances, errors, followed
 from .scenes import Scene, Sequence
@@ -41,8 +41,7 @@ class Window:
         """Return the observations with the knowledge that this window has."""
         return replace(
             observations,
-            rig_effects=observations.rig_effects if self.rig else None,
-            rig_effects_at=observations.rig_effects_at if self.rig else None,
+            rig=observations.rig if self.rig else None,
             inflation=observations.inflation if self.lasting else None,
         )
 
@@ -83,24 +82,15 @@ CONDITIONS = {
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
     """Return the observations by a rig with errors (m,), in σ of its prior, with everything that a front-end adds."""
-    model = RigEffects(sequence.projection, Config().rig, None)
+    model = RigModel.of(sequence.projection, Config().rig)
     persistence, result = Persistence(), []
+    amplitudes = np.concatenate([error, np.zeros(len(model) - len(error))])
     for o in sequence.observations:
         z_px = o.z_px
         for _ in range(_STEPS if error.any() else 0):
-            z_px = o.z_px + model.of(z_px) @ error
+            z_px = o.z_px + model.effects(z_px) @ amplitudes
         inflation = persistence.inflation(o.track_ids, z_px, o.cov_px)
-        effects = model.of(z_px)
-        result.append(
-            replace(
-                o,
-                z_px=z_px,
-                rig_effects=effects,
-                rig_effects_at=model.of,
-                rig_of_disparity=model.of_disparity,
-                inflation=inflation,
-            )
-        )
+        result.append(replace(o, z_px=z_px, rig=model, inflation=inflation))
     return tuple(result)
 
 
@@ -122,7 +112,7 @@ def measure(seed: np.random.SeedSequence, condition: Condition) -> Measured:
         estimator = make_estimator("cross-frame", sequence.projection, Config())
         told = [window.told(o) for o in observations]
         result[window.label] = followed(estimator, told, condition.frames, tuple(EXPECTED), figures)
-    known = observations if condition.wrong_rig else tuple(replace(o, rig_effects=None) for o in observations)
+    known = observations if condition.wrong_rig else tuple(replace(o, rig=None) for o in observations)
     rho, truth = condition.scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
     bounds = [bound_with_rig(sequence.projection, known, *truth, n, rho) for n in condition.frames]
     result["bound"] = {q: v for q, v in bound_variances(bounds).items() if q in QUANTITIES}
@@ -133,8 +123,9 @@ def _nees_rig(solution: Solution, error: Array) -> float:
     """Return the normalised squared error of the estimated rig; NaN where none was estimated."""
     if solution.rig is None:
         return np.nan
-    away = solution.rig.mean - error
-    return float(away @ np.linalg.solve(solution.rig.cov, away))
+    n = len(error)
+    away = solution.rig.mean_if_wrong[:n] - error
+    return float(away @ np.linalg.solve(solution.rig.cov_if_wrong[:n, :n], away))
 
 
 def _jobs() -> dict[str, Job]:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
-from ..frontend.rig_effects import disparity_error, disparity_over_image
 from ..geometry.se3 import Array
 from ..report.calibration_field import describe
-from ..types import FrameEstimate, RigEstimate
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import disparity_error, disparity_over_image
+from ..types import FrameEstimate
 from . import layout
 
 _CELL_PX = 8  # of the picture: the field is smooth
@@ -50,7 +51,7 @@ class CalibrationField:
             self._show(self._latest.rig, self._latest.frame_index, stream)
         if self._latest.rig.applied or self._latest.rig.refined is not None:
             p = self._projection
-            text = describe(self._latest.rig, p.f_px * p.baseline_m)["text"]
+            text = describe(p, self._latest.rig)["text"]
             stream.log(layout.STATUS, rr.TextLog(f"calibration: {text}", level="INFO"))
 
     def _show(self, rig: RigEstimate, frame_index: int, stream: rr.RecordingStream) -> None:

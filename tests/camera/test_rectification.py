@@ -46,6 +46,22 @@ def test_rectified_rays_agree_with_the_physical_cameras() -> None:
             assert np.allclose(centre, (ru, rv), atol=0.15)
 
 
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_rows_of_views_are_those_of_the_cameras_own_images(model: str) -> None:
+    """Of images whose grey values are their rows, rectified; NaN where a side is not seen."""
+    stereo = rig(vergence_rad=0.06)
+    bent = Camera(320, 240, stereo.left.K, (-0.05, 0.01, 0.002, -0.001), model)
+    rectifier = Rectifier(StereoRig(bent, bent, stereo.right_from_left))
+    own = np.repeat(np.arange(240, dtype=np.uint8)[:, None], 320, axis=1)
+    left, right = rectifier.rectify(own, own)
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(60, 260, 9), np.arange(60, 180, 9)))
+    rows = rectifier.rows_of(np.stack([u, v, u, v], axis=1).astype(float))
+    expected = np.stack([left[v, u], left[v, u], right[v, u], right[v, u]], axis=1) / 239 - 0.5
+    assert np.abs(rows - expected).max() < 0.51 / 239  # grey values are whole rows
+    one_side = rectifier.rows_of(np.array([[80.0, 90.0, np.nan, np.nan]]))
+    assert np.isnan(one_side[0]).tolist() == [False, False, True, True]
+
+
 def test_exchanged_cameras_are_refused_with_a_cure() -> None:
     stereo = rig()
     with pytest.raises(ConfigError, match="exchange left and right"):

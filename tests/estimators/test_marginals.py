@@ -51,7 +51,7 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
         modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),
         world_from_ref=world,
         world_modes=1e-2 * rng.normal(size=(6, MODES)),
-        rig=RigKnowledge.unknown(0),
+        rig=RigKnowledge.unknown(np.zeros(0)),
     )
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])

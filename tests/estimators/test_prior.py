@@ -44,7 +44,12 @@ def prior() -> Prior:
         modes=1e-3 * rng.normal(size=(N, 3, K)),
         world_from_ref=se3.exp(rng.normal(size=6)),
         world_modes=1e-3 * rng.normal(size=(6, K)),
-        rig=RigKnowledge(rng.normal(size=M), np.array([[0.7, 0.2], [0, 0.4]]), np.zeros(M), estimated=True),
+        rig=replace(
+            RigKnowledge.unknown(np.ones(M)),
+            mean=rng.normal(size=M),
+            root=np.array([[0.7, 0.2], [0, 0.4]]),
+            size=np.ones(M),
+        ),
     )
 
 
@@ -56,6 +61,12 @@ def dense(prior: Prior) -> np.ndarray:
     for i, block in enumerate(prior.cov):
         cov[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += block
     return cov
+
+
+def _estimated(prior: Prior) -> np.ndarray:
+    """By how much the mean of all q, of ω and of the rig's errors is off the linearisation point."""
+    modes = np.concatenate([prior.modes[..., -M:].reshape(-1, M), prior.world_modes[:, -M:], prior.rig.root])
+    return np.asarray(modes @ prior.rig.offset)
 
 
 def blocks_of(rng) -> NormalBlocks:
@@ -103,14 +114,10 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
     return away + cov @ (right - info @ away), cov
 
 
-@pytest.mark.parametrize("estimated", [True, False])
-def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior, estimated) -> None:
-    """Errors of the rig are estimated with the rest, or held: then the rest is what it is given that they are zero."""
+def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> None:
+    """What views say about errors of the rig is kept; the rest is what it is with these where they are held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
-    if not estimated:
-        prior = replace(prior, rig=replace(prior.rig, estimated=False))
-        y[-M:] = 0
     q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
     blocks = blocks_of(rng)
     mean, cov = absorbed_densely(prior, y, x, q, blocks)
@@ -119,9 +126,8 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior, estima
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4
     rig_error = after.rig.mean + after.rig.root @ after.rig.offset - prior.rig.at(y[-M:])
     assert rig_error == pytest.approx(mean[-M:], abs=1e-3 * scale[-M:].min())
-    if not estimated:
-        assert (after.rig.mean == prior.rig.mean).all()
-        mean = mean - cov[:, -M:] @ np.linalg.solve(cov[-M:, -M:], mean[-M:])
+    assert after.rig.mean == pytest.approx(prior.rig.at(y[-M:]), rel=1e-12)
+    mean = mean - cov[:, -M:] @ np.linalg.solve(cov[-M:, -M:], mean[-M:])
     assert np.abs((after.mean - q).ravel() - mean[: 3 * N]).max() < 1e-3 * scale[: 3 * N].min()
     centre = prior.world(y) @ se3.inverse(x)
     moved = se3.log(se3.inverse(centre) @ after.world_from_ref)
@@ -146,15 +152,15 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     assert difference.max() < 1e-3
 
 
-@pytest.mark.parametrize("size", [0.2, 2.0])
-def test_errors_of_another_size_are_more_or_less_information_about_them(prior, size) -> None:
-    """As a measurement of them that says zero; with negative information where they may be larger than was assumed."""
+def test_errors_of_another_size_are_more_or_less_information_about_them(prior) -> None:
+    """As a measurement of each that says zero; with negative information where it may be larger than was assumed."""
+    size = np.array([0.2, 2.0])
     prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
     of_rig = np.concatenate([np.zeros((M, K - M)), prior.rig.root], axis=1)
     modes = np.concatenate([prior.modes.reshape(3 * N, -1), prior.world_modes, of_rig])
     mean = np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + modes[:, -M:] @ prior.rig.offset
     before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:]
-    gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.eye(M) / (size**-2 - 1))
+    gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / (size**-2.0 - prior.rig.size**-2.0)))
     cov, mean = before - gain @ h @ before, mean - gain @ h @ mean
 
     after, u = prior.with_rig_size(size)
@@ -169,6 +175,7 @@ def test_errors_of_another_size_are_more_or_less_information_about_them(prior, s
         ]
     )
     assert np.abs((found - mean) / scale).max() < 1e-9
+    assert (after.rig.size == size).all()
     amplitudes = np.array([0.4, 1.1])  # of what the window has now
     assert np.allclose(prior.rig.at(u @ amplitudes), after.rig.at(amplitudes), rtol=0, atol=1e-12)
 
@@ -179,30 +186,27 @@ def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, offset) -> None:
 
     Of an estimate that is held back, what the new errors do not carry any more counts as covariance.
     """
-    prior = replace(prior, rig=replace(prior.rig, offset=np.array(offset), estimated=not any(offset)))
+    prior = replace(prior, rig=replace(prior.rig, offset=np.array(offset)))
     change = np.array([[0.5, 0.1, -0.3], [0.2, -0.7, 0.4]])
     expected = dense(prior)
     expected[-M:, -M:] += change @ change.T
     after = prior.with_rig_change(change)
-
-    def held_back(p: Prior) -> np.ndarray:
-        modes = np.concatenate([p.modes[..., -M:].reshape(3 * N, M), p.world_modes[:, -M:], p.rig.root])
-        return np.asarray(modes @ p.rig.offset)
-
-    lost = held_back(prior) - held_back(after)
+    lost = _estimated(prior) - _estimated(after)
     scale = np.sqrt(np.diag(expected))
     assert np.abs((dense(after) - expected - np.outer(lost, lost)) / np.outer(scale, scale)).max() < 1e-12
     assert np.abs(lost[-M:]).max() < 1e-12  # the errors themselves keep their estimate
     assert (np.abs(lost).max() > 0) == any(offset)
     assert (after.mean == prior.mean).all() and (after.world_from_ref == prior.world_from_ref).all()
-    assert after.rig.of_disparity is None and after.rig.estimated == prior.rig.estimated
+    assert not after.rig.steady
 
 
-@pytest.mark.parametrize("estimated", [True, False])
-def test_system_is_the_dense_solution(prior, estimated) -> None:
-    """Errors of the rig are estimated with the rest, or held at zero; how far they are from there is then an error."""
+@pytest.mark.parametrize("own", [True, False])
+def test_system_is_the_dense_solution(prior, own) -> None:
+    """Errors c of the rig are held at their estimate or elsewhere, and count with what views say or a covariance of
+    their `own`, eq. (72): Σ = Σ_x|c + K Σ_held Kᵀ."""
     rng = np.random.default_rng(8)
-    prior = replace(prior, rig=replace(prior.rig, estimated=estimated))
+    held = prior.rig.mean + rng.normal(size=M)
+    prior = replace(prior, rig=replace(prior.rig, held=held, offset=rng.normal(size=M)))
     frames, total = 2, N + 3  # three points that the prior does not know
     cams = se3.exp(0.05 * rng.normal(size=(frames, 6)))
     anchors = np.concatenate([prior.ref_from_anchor, np.broadcast_to(np.eye(4), (3, 4, 4))])
@@ -234,14 +238,23 @@ def test_system_is_the_dense_solution(prior, estimated) -> None:
     h[a : a + b, -M:] = lin.rig_point.reshape(b, M)
     h[-M:, a : a + b] = h[a : a + b, -M:].T
     with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])
-    h[np.ix_(with_prior, with_prior)] += np.linalg.inv(dense(prior))
+    information = np.linalg.inv(dense(prior))
+    h[np.ix_(with_prior, with_prior)] += information
     g = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), np.zeros(6), lin.g_rig])
+    g[with_prior] += information @ _estimated(prior)
     cov = np.linalg.inv(h)
     delta = cov @ g
-    if not estimated:
-        by_rig = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
-        apart, delta = by_rig @ delta[-M:], delta - by_rig @ delta[-M:]
-        cov = cov + np.outer(apart, apart)
+    gain = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
+    mean, of_views = system.rig_errors(held)
+    assert mean == pytest.approx(prior.rig.mean + delta[-M:], rel=1e-6)
+    assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
+    away = held - mean
+    assert system.rig_distance2(held, mean) == pytest.approx(away @ np.linalg.solve(of_views, away), rel=1e-9)
+    delta = delta + gain @ away
+    if own:
+        cov_held = spd(rng, 1, M, 0.05)[0]
+        system.count_rig_errors(cov_held)
+        cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, prior.rig.root @ dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from stream_sfm.config import Config
+from stream_sfm.frontend.alignment import TemplateAligners
+from stream_sfm.frontend.depth_source import RowMatches, StereoDepth
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.pair_check import PairCheck, PairFit
 from stream_sfm.frontend.prepared import PreparedImages
-from stream_sfm.frontend.vertical_disparity import VerticalDisparity
 from stream_sfm.geometry.stereo import StereoProjection
 
 PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
@@ -27,11 +29,17 @@ def fit(first_id: int, left: int, both: int, n: int = 100) -> PairFit:
 class Run:
     """A check that is shown frame after frame, each with images of its own."""
 
-    def __init__(self) -> None:
-        self.vertical = VerticalDisparity(PROJECTION, 1.5)
+    def __init__(self, projection: StereoProjection = PROJECTION) -> None:
+        aligners = TemplateAligners(Config().frontend, np.ones((240, 320), bool))
+        self.depth = StereoDepth(projection, Config(), aligners)
         self.noise = ViewNoise(1.0, 10)
-        self.check = PairCheck(PROJECTION, self.vertical, self.noise)
+        self.check = PairCheck(projection, self.depth, self.noise)
         self.frame = 0
+
+    def learn_rows(self, at_px: np.ndarray, difference_px: np.ndarray) -> None:
+        """Of points far away, whose rows do not move."""
+        points = np.tile([0.0, 0.0, 1.0, 0.0], (len(at_px), 1))
+        self.depth.learn_rows(RowMatches(at_px, difference_px, points), np.zeros(6))
 
     def show(self, fitting: PairFit | None, next_id: int = 1000) -> bool:
         self.frame += 1
@@ -91,8 +99,8 @@ def test_rows_that_no_calibration_has_wrong_are_a_doubt():
     x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
     at = np.stack([x.ravel(), y.ravel()], axis=1)
     for _ in range(10):
-        run.vertical.learn(at, 0.02 * (at[:, 0] - 160))
-    assert 3.0 < run.vertical.largest_px < 3.4
+        run.learn_rows(at, 0.02 * (at[:, 0] - 160))
+    assert 3.0 < run.depth.rows.largest_px < 3.4
     run.show(fit(0, 95, 95))
     assert "the rows of left and right differ" in run.check.doubt
 
@@ -101,7 +109,7 @@ def test_rows_that_scatter_are_a_doubt():
     run = Run()
     at = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
     for seed in range(40):
-        run.vertical.learn(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
+        run.learn_rows(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
     run.show(fit(0, 95, 95))
     assert "not of one moment" in run.check.doubt
 
@@ -125,6 +133,6 @@ def test_a_calibration_of_another_resolution_is_a_doubt_from_the_first_frame(fac
         p.width,
         p.height,
     )
-    check = PairCheck(wrong, VerticalDisparity(wrong, 1.5), ViewNoise(1.0, 10))
+    check = Run(wrong).check
     check.judge(images(1), None, None, 0)
     assert f"images of {name} the size" in check.doubt

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.refinement import TERMS
 from stream_sfm.config import RigConfig
-from stream_sfm.frontend.rig_effects import RigEffects
-from stream_sfm.frontend.right_turn import RightTurn, TurnWatch, effects_of_turn
+from stream_sfm.frontend.right_turn import RightTurn, TurnWatch, with_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.types import RigEstimate
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.model import RigModel, disparity_error
+from stream_sfm.rig_model.turns import effects_of_turn
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 N, STD_PX = 150, 0.08
 YAW = np.array([0.0, 1e-3, 0.0])
+NONE = np.zeros(3)
 
 
 def points(rng: np.random.Generator) -> np.ndarray:
@@ -45,12 +46,14 @@ def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tupl
     return p_known, cov_points, z, np.tile(STD_PX**2 * np.eye(4), (N, 1, 1)), nearly
 
 
-def watched(turns: list[np.ndarray], seed: int = 0) -> tuple[TurnWatch, list[bool], list[np.ndarray]]:
+def watched(
+    turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = NONE
+) -> tuple[TurnWatch, list[bool], list[np.ndarray]]:
     """A watch after frames with these turns, which of them were unusual, and how large these were."""
     rng, watch = np.random.default_rng(seed), TurnWatch(P)
     unusual, measured = [], []
     for rad in turns:
-        turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])))
+        turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), by_delay_rad)
         unusual.append(turn is not None)
         if turn is not None:
             measured.append(turn.rad)
@@ -76,17 +79,16 @@ def test_a_turn_taken_out_and_put_in_again_is_none() -> None:
 
 def test_a_turn_is_part_of_the_calibrations_error() -> None:
     """For points far away it is just a field of the disparity."""
-    turn = RightTurn(P)
-    turn.add(np.array([2e-4, 1e-3, -5e-4]))
-    nothing = RigEstimate(np.zeros(len(TERMS)), np.eye(len(TERMS)), False)
-    model = RigEffects(P, RigConfig(), None, turn)
-    estimate = model.in_px(nothing)
+    rad = np.array([2e-4, 1e-3, -5e-4])
+    model = RigModel.of(P, RigConfig())
+    zero, cov = np.zeros(len(model)), 1e-6 * np.eye(len(model))
+    estimate = with_turn(model, RigEstimate(zero, cov, 0.0, zero, cov, np.ones(len(model))), rad)
     assert estimate.applied
     p = points(np.random.default_rng(3))
     p[:, 3] = 0
     left_px = P.project_homogeneous(p)[:, :2]
-    moved_px = right_view(p, turn.rad) - right_view(p, np.zeros(3))
-    assert model.disparity(estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
+    moved_px = right_view(p, rad) - right_view(p, np.zeros(3))
+    assert disparity_error(P, estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -124,10 +126,18 @@ def test_a_run_with_large_turns_needs_a_larger_one() -> None:
     assert watched([np.zeros(3)] * 30 + [YAW])[1][-1]
 
 
+def test_what_a_late_camera_may_have_done_is_no_knock() -> None:
+    """A delay of 8 ms makes a turn at 0.2 rad/s about y look like one of 1.6 mrad."""
+    delayed = [NONE] * 12 + [YAW] * 3
+    assert watched(delayed)[1][-3:] == [True] * 3
+    assert not any(watched(delayed, by_delay_rad=1.6 * YAW)[1])
+    assert watched([NONE] * 12 + [YAW[[1, 0, 2]]], by_delay_rad=1.6 * YAW)[1][-1]  # about x it did not
+
+
 def test_few_views_and_impossible_turns_tell_nothing() -> None:
     rng, watch = np.random.default_rng(5), TurnWatch(P)
     known, cov_points, z, cov_px, motion = frame(rng, YAW, np.eye(4))
     z[25:, 2:] = np.nan
-    assert watch.judge(known, cov_points, z, cov_px, motion) is None
+    assert watch.judge(known, cov_points, z, cov_px, motion, NONE) is None
     known, cov_points, z, cov_px, motion = frame(rng, 20 * YAW, np.eye(4))
-    assert watch.judge(known, cov_points, z, cov_px, motion) is None
+    assert watch.judge(known, cov_points, z, cov_px, motion, NONE) is None

@@ -43,6 +43,58 @@ def test_covariance_is_consistent(mono: float) -> None:
     assert low * 0.95 < np.mean(squares) < high * 1.05
 
 
+def with_shared_errors(seed: int, n: int) -> tuple:
+    """A problem whose views have two errors in common: one of the right side, as a delay, and one like a turn."""
+    truth, points, cov_points, z, cov, _ = problem(seed, n)
+    shared = np.zeros((n, 4, 2))
+    shared[:, 2, 0] = 1.5
+    shared[:, 0, 1] = shared[:, 2, 1] = 0.01 * (z[:, 0] - 255)
+    amplitudes = np.random.default_rng(seed + 1000).normal(size=2)
+    return truth, amplitudes, (points, cov_points, z + shared @ amplitudes, cov), shared
+
+
+def test_shared_errors_are_estimated_with_the_motion() -> None:
+    """Poses and amplitudes are as good as their covariances say, within the percentiles of χ²."""
+    trials, of_pose, of_amplitudes = 150, [], []
+    for seed in range(trials):
+        truth, amplitudes, views, shared = with_shared_errors(seed, 60)
+        found = resect(P, *views, np.eye(4), shared=shared)
+        error = se3.log(truth @ se3.inverse(found.cam_from_ref))
+        of_pose.append(error @ np.linalg.solve(found.cov_pose, error))
+        away = found.amplitudes - amplitudes
+        of_amplitudes.append(away @ np.linalg.solve(found.cov_amplitudes, away))
+    for values, dof in ((of_pose, 6), (of_amplitudes, 2)):
+        low, high = chi2.ppf([5e-4, 1 - 5e-4], dof * trials) / trials
+        # the gate and the linearisation, as without shared errors
+        assert low * 0.95 < np.mean(values) < high * 1.05
+
+
+def test_shared_errors_are_columns_of_one_least_squares_problem() -> None:
+    """At the motion found, gradient and covariance are those of all views with a prior of σ = 1, written out."""
+    _, _, views, shared = with_shared_errors(3, 60)
+    found = resect(P, *views, np.eye(4), shared=shared)
+    points, cov_points, z, cov = (x[found.accepted] for x in views)
+    r = found.cam_from_ref[:3, :3]
+    in_cam = se3.transform(found.cam_from_ref, points)
+    by_point = P.jacobian(in_cam) @ r
+    roots = np.linalg.inv(np.linalg.cholesky(cov + by_point @ cov_points @ np.swapaxes(by_point, 1, 2)))
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        moved = P.project(se3.transform(se3.exp(x[:6]) @ found.cam_from_ref, points))
+        a = found.amplitudes + x[6:]
+        off = z - moved - shared[found.accepted] @ a
+        return np.concatenate([(roots @ off[..., None]).ravel(), -a])
+
+    j = np.stack([(residual(-h) - residual(h)) / 2e-6 for h in 1e-6 * np.eye(8)], axis=1)
+    joint = np.linalg.inv(j.T @ j)
+    scale = np.sqrt(np.diag(joint))
+    step = joint @ j.T @ residual(np.zeros(8))
+    assert np.abs(step / scale).max() < 0.1  # iterations end at a tenth of σ
+    # of ref_from_cam on the right: the same as of cam_from_ref on the left, but for the sign
+    assert np.abs((found.cov_pose - joint[:6, :6]) / np.outer(scale[:6], scale[:6])).max() < 1e-2
+    assert np.abs((found.cov_amplitudes - joint[6:, 6:]) / np.outer(scale[6:], scale[6:])).max() < 1e-2
+
+
 @pytest.mark.parametrize("outliers", [0.2, 0.5])
 def test_outliers_are_found_and_do_no_harm(outliers: float) -> None:
     for seed in range(20):

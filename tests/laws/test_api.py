@@ -35,6 +35,7 @@ OF_COMMAND = {
 }
 # Parameters that are results of another public name, and need not be named.
 HANDED_ON = {
+    "RigModel": "Observations.rig",
     "PreparedImages": "of Engine.prepare",
     "Mesh": "Surface.mesh",
     "StructureComparison": "of the local structure, filled during a replay",

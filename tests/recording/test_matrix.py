@@ -62,6 +62,7 @@ def recorded():
 def live(recorded):
     """encoding -> the poses (n, 4, 4) that the live engine finds for images that went through it."""
     stereo, frames = recorded
+    frames = [replace(f, stamp_ns=START_NS + i * PERIOD_NS) for i, f in enumerate(frames)]  # those of the logs
     known: dict[str, np.ndarray] = {}
 
     def poses(encoding: str) -> np.ndarray:

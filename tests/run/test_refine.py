@@ -11,7 +11,7 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.cli.main import main
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
-from stream_sfm.frontend.rig_effects import prior_std_px
+from stream_sfm.rig_model.terms import prior_std
 from stream_sfm.run.refine import calibrate
 from stream_sfm.run.replay import replay
 from tests.helpers.wall_log import write_wall_log
@@ -27,7 +27,7 @@ def test_an_exact_calibration_stays_as_it_is_within_its_uncertainty(log: Path) -
     refinement = refined.rig.refinement
     assert refinement is not None
     assert refinement.error_px @ np.linalg.solve(refinement.cov_px2, refinement.error_px) < 42  # χ² of 13, 1e-4
-    assert (refinement.std_px <= prior_std_px(RigConfig())).all()
+    assert (refinement.std_px <= prior_std(RigConfig())[: len(TERMS)]).all()
 
 
 def test_several_logs_tell_more_than_one(log: Path) -> None:

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.refinement import TERMS
 from stream_sfm.report.records import RunRecord
-from stream_sfm.types import RigEstimate
 from tests.helpers.wall import Wall, camera_path, rig
 
 _ONE_AFTER_ANOTHER = """
@@ -35,11 +33,13 @@ def test_the_memory_of_a_run_is_its_own_and_not_that_of_the_process_that_started
 @pytest.mark.parametrize(("first", "said"), [(2, False), (12, True)])
 def test_a_correction_on_the_way_says_from_which_frame_on_and_what_it_means(first: int, said: bool):
     engine, statistics = sfm.Engine(rig()), RunRecord("cross-frame", disparity_at_1m_px=60.0)
-    error_px = np.zeros(len(TERMS))
-    error_px[0] = 0.3
     for frame in Wall(1).frames(rig(), camera_path(14)):
         estimate = engine.step(frame)
-        found = RigEstimate(error_px, 1e-4 * np.eye(len(TERMS)), estimate.frame_index >= first)
+        found = estimate.rig
+        if found is not None:
+            mean = np.zeros(len(found.mean))
+            mean[0] = 0.3
+            found = replace(found, mean=mean, p_wrong=float(estimate.frame_index >= first))
         statistics.add(replace(estimate, rig=found))
     warnings = statistics.warnings()
     assert len(warnings) == said

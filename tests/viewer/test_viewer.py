@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.refinement import TERMS, Refinement
 from stream_sfm.cli.main import main
-from stream_sfm.types import RigEstimate
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.model import RigModel
 from tests.helpers.places import ROOM
 
 rr = pytest.importorskip("rerun")
@@ -82,9 +84,10 @@ class Logged:
 
 def _with_rig(n, error_px):
     estimate = sfm.Engine(_rig()).step(sfm.StereoFrame(1, *_images(0)))
-    mean, m = np.zeros(len(TERMS)), len(TERMS)
+    m = len(RigModel.of(Rectifier(_rig()).projection, sfm.RigConfig()))
+    mean, cov = np.zeros(m), 1e-4 * np.eye(m)
     mean[0] = error_px  # the right image is too far right: less disparity
-    return dataclasses.replace(estimate, frame_index=n, rig=RigEstimate(mean, 1e-4 * np.eye(m), True))
+    return dataclasses.replace(estimate, frame_index=n, rig=RigEstimate(mean, cov, 1.0, mean, cov, np.ones(m)))
 
 
 def test_the_error_of_the_calibration_is_shown_now_and_then_and_at_the_end():

@@ -2,7 +2,7 @@
 
 An error that follows e_n = ρ e_n−1 + noise in units of its σ, eq. (76), is white again in the differences of successive
 views of a track, eq. (77); these couple the poses of two neighbouring frames. The rig's errors c ~ N(0, I) move all
-views by `Observations.rig_effects`.
+views by `Observations.rig`.
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.refinement import TERMS
 from ...geometry import se3
 from ...geometry.linear import symmetric, symmetric_inverse
 from ...geometry.se3 import Array
@@ -64,8 +65,9 @@ def bound_with_rig(
 
 
 def _effects(observations: Observations) -> Array:
-    effects = observations.rig_effects
-    return np.zeros((len(observations.track_ids), 4, 0)) if effects is None else effects
+    if observations.rig is None:
+        return np.zeros((len(observations.track_ids), 4, 0))
+    return observations.rig.effects(observations.z_px)[..., : len(TERMS)]
 
 
 class _System:

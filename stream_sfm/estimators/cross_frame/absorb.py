@@ -15,10 +15,10 @@ from .window_frame import WindowFrame
 def absorb_oldest_frame(current: Map) -> None:
     """Marginalise the oldest frame, eqs. (31)–(36): all that frames outside the window say is in the prior again."""
     frame = current.frames.pop(0)
-    current.reference_index = frame.index
+    current.forget_first()
+    current.reference_index, current.reference_ns = frame.index, frame.stamp_ns
     # a point enters the prior with a stereo view: one side alone would leave its depth open
     frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
-    current.refine_rig_effects(frame)
     seen = frame.ids[frame.used]
     seen_later = union(*([f.ids[f.used] for f in current.frames] or [seen]))
     current.ref_from_anchor = se3.orthonormalise(frame.cam_from_ref @ current.ref_from_anchor)  # the new reference
@@ -34,8 +34,8 @@ def absorb_oldest_frame(current: Map) -> None:
     mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
     prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
     prior = prior.select(among(prior.ids, seen_later))
-    if frame.rig_drift_root is not None:
-        prior = prior.with_rig_change(frame.rig_drift_root)
+    if frame.rig is not None and frame.rig.drift is not None:
+        prior = prior.with_rig_change(frame.rig.drift)
     current.prior = prior.truncate_modes()
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
 

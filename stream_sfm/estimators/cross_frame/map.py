@@ -14,15 +14,27 @@ from ...geometry.linear import matvec, scaled_cholesky, symmetric_inverse
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
-from ...types import RigEstimate, Solution
+from ...rig_model.estimate import RigEstimate
+from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities, velocities_by_twist
+from ...types import Solution
 from ..ids import among, union
-from .inverse_depth import WhitenedViews, in_reference, linearise, q_of_views, whitened_residuals
+from .inverse_depth import (
+    WhitenedViews,
+    homogeneous_from_q,
+    in_reference,
+    linearise,
+    q_of_views,
+)
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
-from .rig_knowledge import RigKnowledge, followed_by_most
+from .rig_knowledge import RigKnowledge
+from .twist_error import TwistError, cov_of_pose
 from .window_frame import WindowFrame
+
+_RIG_MOVED = 1e-2  # a tenth of a standard deviation
+_TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
 
 
 class Map:
@@ -43,7 +55,9 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
-        self.reference_index = frame.index
+        self._twist_error = TwistError()
+        self._first: WindowFrame | None = frame  # until another one is absorbed
+        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_in_doubt = 0
@@ -85,6 +99,10 @@ class Map:
     def views(self) -> WhitenedViews:
         """Return the used views of the window."""
         return WhitenedViews.concatenate([f.views(self.ids, row) for row, f in enumerate(self.frames)])
+
+    def forget_first(self) -> None:
+        """Leave the first frame's views as they are in the prior."""
+        self._first = None
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
@@ -187,42 +205,104 @@ class Map:
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
         return decrease
 
-    def refine_rig_effects(self, frame: WindowFrame) -> None:
-        """Take what errors of the rig do to the used views of a frame where the present estimate expects them."""
-        at = np.searchsorted(self.ids, frame.ids[frame.used])
-        in_cam = matvec(frame.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at]))
-        expected_px = self.projection.project_homogeneous(clamp_depth(in_cam))
-        frame.refine_rig_effects(expected_px + frame.rig_effects[frame.used] @ self.rig_error)
+    def expect(
+        self,
+        frame: WindowFrame,
+        rows: NDArray[np.intp],
+        points: Array,
+        cam_from_previous: Array,
+        std_acceleration: Array,
+    ) -> Array | None:
+        """Take what errors of the rig do to views `rows` of a frame to come, as they move there.
 
-    def rig_estimate(self) -> RigEstimate | None:
-        """Return what the latest system says about the rig's errors; None where none are possible."""
-        rig, root = self.prior.rig, self.system.chol.root[self.system.rig, self.system.rig]
-        if not len(rig):
+        Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns what is not known
+        of the timing of the views, with accelerations of σ (6,): (n, 4, j) px of σ = 1; None where nothing is.
+        """
+        if frame.rig is None:
             return None
-        root = rig.root @ root
-        mean = self.rig_error + root @ self.system.rig_offset
-        return RigEstimate(mean, root @ root.T, rig.estimated, np.full(len(rig), rig.size))
+        poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
+        stamps = [self.reference_ns, *(f.stamp_ns for f in self.frames), frame.stamp_ns]
+        *_, before, now = twists(
+            np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
+        )
+        moved = clamp_depth(points @ cam_from_previous.T)
+        frame.take_effects(rows, frame.rig.effects(frame.seen_px(rows), velocities(self.projection, moved, now)))
+        then = TimedViews(self.projection, points, before, frame.rig.row_of)
+        views = TimedViews(self.projection, moved, now, frame.rig.row_of)
+        timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        return timing_unknowns(then, views, *timing, std_acceleration * (stamps[-1] - stamps[-2]) / 1e9)
 
-    def judge_rig(self) -> None:
-        """Let the rig's errors be estimated from now on if they have become significant, and most tracks follow."""
-        self.prior = replace(self.prior, rig=self.prior.rig.judge(self.system.rig_offset, self._rig_followed))
+    def renew_rig_effects(self) -> None:
+        """Take what errors of the rig do to the used views of the window where they are expected now, and as they move.
 
-    def _rig_followed(self) -> float:
-        """Return how far most tracks go with the step to the estimate of the rig's errors, eq. (72c)."""
-        views = self.views()
-        cams, anchors, rig_error = self.cams_from_ref(), self.ref_from_anchor, self.rig_error
-        dx, dq, dc = self.system.step_of_rig()
-        _, held = whitened_residuals(self.projection, cams, anchors, self.q, rig_error, views)
-        cams, q, rig_error = se3.exp(dx) @ cams, self.q + dq, rig_error + dc
-        _, left = whitened_residuals(self.projection, cams, anchors, q, rig_error, views)
-        return followed_by_most(views.point, held, held - left)
+        What a delay or a readout does depends on the camera's velocity, which later frames tell better.
+        """
+        poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
+        by_frame = twists(np.stack(poses), [self.reference_ns, *(f.stamp_ns for f in self.frames)])
+        if self._first is not None:
+            self._renew_first(self._first, by_frame[0])
+        for frame, twist in zip(self.frames, by_frame[1:], strict=True):
+            at = np.searchsorted(self.ids, frame.ids[frame.used])
+            in_cam = clamp_depth(matvec(frame.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at])))
+            frame.renew_rig_effects(self.projection, in_cam, twist, self.rig_error)
 
-    def resize_rig(self, estimate: RigEstimate | None) -> None:
-        """Let the prior of the rig's errors have from now on the size that its `rig_estimate` makes likely."""
+    def cov_of_timing(self, std_acceleration: Array) -> Array:
+        """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
+        newest = self.frames[-1]
+        if newest.rig is None or not newest.used.any():
+            return np.zeros((6, 6))
+        stamps = [self.reference_ns, *(f.stamp_ns for f in self.frames)]
+        poses = np.stack([np.eye(4), *(f.cam_from_ref for f in self.frames)])
+        indices = [self.reference_index, *(f.index for f in self.frames)]
+        self._twist_error.add(indices, twists(poses, stamps))
+        mean, cov = newest.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        at = np.searchsorted(self.ids, newest.ids[newest.used])
+        in_cam = clamp_depth(matvec(newest.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at])))
+        views = TimedViews(self.projection, in_cam, np.zeros(6), newest.rig.row_of)
+        cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
+        size = np.sqrt(mean**2 + np.diag(cov))
+        return cov_of_pose(views, velocities_by_twist(self.projection, in_cam), size, cov_twist)
+
+    def _renew_first(self, frame: WindowFrame, twist: Array) -> None:
+        """Begin the prior again with the first frame's views as they moved, which later frames tell better.
+
+        Possible as long as nothing else is in the prior.
+        """
+        at = np.searchsorted(self.ids, self.prior.ids)
+        frame.used = among(frame.ids, self.prior.ids)
+        q, anchors = self.q[at], self.ref_from_anchor[at]
+        frame.renew_rig_effects(self.projection, homogeneous_from_q(q), twist, self.rig_error)
+        views = frame.views(self.prior.ids, 0)
+        blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
+        cov = symmetric_inverse(blocks.v)
+        by_rig = -cov @ blocks.rig_point
+        mean = q + matvec(cov, blocks.g_point) + by_rig @ (self.prior.rig.mean - self.rig_error)
+        self.prior = self.prior.with_first_views(mean, cov, by_rig)
+
+    def judge_rig(self, doubtful: bool) -> RigEstimate | None:
+        """Return what the latest system says about the rig's errors, which are held there; None for an exact rig.
+
+        `doubtful`: as in `Observations`.
+        """
+        if not len(self.prior.rig):
+            return None
+        mean, cov = self.system.rig_errors(self.rig_error)
+        rig, found = self.prior.rig.judged(mean, cov, doubtful)
+        self.prior = replace(self.prior, rig=rig)
+        self.system.count_rig_errors(found.cov)
+        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size)
+
+    def rig_has_moved(self) -> bool:
+        """Return whether the rig's errors are held elsewhere since the latest step, by more than hardly shows."""
+        return self.system.rig_distance2(self.prior.rig.held, self.rig_error) > _RIG_MOVED
+
+    def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
+        """Let the prior of the rig's errors have from now on the sizes that their estimate makes likely."""
         rig = self.prior.rig
-        if estimate is None or rig.of_disparity is None:
+        if estimate is None or not rig.steady:
             return
-        self.prior, u = self.prior.with_rig_size(rig.likely_size(estimate))
+        size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
+        self.prior, u = self.prior.with_rig_size(size)
         own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 

@@ -64,12 +64,14 @@ class System:
         h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(symmetric(h))
         self.rig_offset = np.zeros(len(prior.rig))
+        self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]  # of the errors' own covariance
+        self._counted = np.eye(len(prior.rig))
 
     def step(self, blocks: NormalBlocks, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
         """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
 
-        `blocks` has the right-hand sides of the views alone, at q (P, 3) and `amplitudes` (k,). Errors of the rig that
-        are only considered do not move; `rig_offset` is then their whitened estimate.
+        `blocks` has the right-hand sides of the views alone, at q (P, 3) and `amplitudes` (k,). Errors of the rig move
+        to where they are held; `rig_offset` is how far their whitened estimate is from there.
         """
         away = q[self.known] - self.prior.points(amplitudes)
         g_point = blocks.g_point.copy()
@@ -78,33 +80,38 @@ class System:
         g[self.rig] += self.prior.rig.root.T @ blocks.g_rig + self.prior.rig.offset
         given = matvec(np.swapaxes(self.std_given, 1, 2), g_point)
         whitened = self.chol.root.T @ (g - _flat(self.reach).T @ given.ravel())
-        if not self.prior.rig.estimated:
-            self.rig_offset = whitened[self.rig].copy()
-            whitened[self.rig] = 0.0
+        rig = self.prior.rig
+        to_held = np.linalg.solve(self._rig_root, rig.held - rig.at(amplitudes[len(amplitudes) - len(rig) :]))
+        self.rig_offset = whitened[self.rig] - to_held
+        whitened[self.rig] = to_held
         delta = self.chol.root @ whitened
         dq = matvec(self.std_given, given - self.reach @ delta)
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
-    def step_of_rig(self) -> tuple[Array, Array, Array]:
-        """Return by how much poses (F, 6), points (P, 3) and errors of the rig (m,) moved if these were estimated."""
-        delta = self.chol.root[:, self.rig] @ self.rig_offset
-        dq = -matvec(self.std_given, self.reach @ delta)
-        return delta[: self.poses].reshape(-1, 6), dq, self.prior.rig.root @ delta[self.rig]
+    def rig_errors(self, held: Array) -> tuple[Array, Array]:
+        """Return mean (m,) and covariance (m, m) of the rig's errors by all views, where they are `held` (m,)."""
+        root = self._rig_root
+        return held + root @ self.rig_offset, symmetric(root @ root.T)
+
+    def rig_distance2(self, held: Array, mean: Array) -> float:
+        """Return how far apart (m,) and (m,) errors of the rig are, in squared standard deviations of what is known."""
+        apart = np.linalg.solve(self._rig_root, held - mean)
+        return float(apart @ apart)
+
+    def count_rig_errors(self, cov: Array) -> None:
+        """Let the rig's errors count in all covariances with a covariance (m, m) of their own, eq. (72)."""
+        values, axes = np.linalg.eigh(cov)
+        self._counted = np.linalg.solve(self._rig_root, axes * np.sqrt(np.maximum(values, 0.0)))
 
     def covariance(self) -> Array:
-        """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72).
-
-        Errors of the rig that are held at zero although their estimate is `rig_offset` count as if they were that
-        much larger.
-        """
+        """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72)."""
         root = self._root()
         return np.asarray(root @ root.T)
 
     def _root(self) -> Array:
-        """Return a root of `covariance`, with one column more than rows."""
-        held = self.chol.root[:, self.rig] @ self.rig_offset
-        return np.column_stack([self.chol.root, held])
+        """Return a root of `covariance`; the last columns are those of the rig's errors."""
+        return np.column_stack([self.chol.root[:, : self.rig.start], self.chol.root[:, self.rig] @ self._counted])
 
     def covariances(self, frame: int) -> JointCovariance:
         """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""
@@ -120,7 +127,6 @@ class System:
         )
         with_both = -self.std_given @ (through @ both)
         cov_both = both.T @ both
-        of_rig = slice(self.rig.start, None)  # columns of the root, the last of which is what is held
         return JointCovariance(
             qq=cov_q,
             qx=with_both[..., :6],
@@ -128,8 +134,8 @@ class System:
             xx=cov_both[:6, :6],
             ww=cov_both[6:, 6:],
             xw=cov_both[:6, 6:],
-            q_by_rig=-self.std_given @ through[..., of_rig],
-            x_by_rig=both[of_rig, :6].T,
+            q_by_rig=-self.std_given @ through[..., self.rig],
+            x_by_rig=both[self.rig, :6].T,
         )
 
 

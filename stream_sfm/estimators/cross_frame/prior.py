@@ -75,6 +75,16 @@ class Prior:
         world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
         return cls(ids, anchors, mean, cov, modes, world_from_ref, world_modes, rig)
 
+    def with_first_views(self, mean: Array, cov: Array, by_rig: Array) -> "Prior":
+        """Return the prior of a map with the views of its first frame linearised anew; nothing else is in it yet.
+
+        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_rig` as in
+        `from_first_frame`.
+        """
+        modes = self.modes.copy()
+        modes[..., modes.shape[2] - len(self.rig) :] = by_rig @ self.rig.root
+        return replace(self, mean=mean, cov=cov, modes=modes)
+
     def points(self, amplitudes: Array) -> Array:
         """Return q (N, 3) at the given amplitudes (k,) of the modes."""
         return self.mean + self.modes @ amplitudes
@@ -138,8 +148,7 @@ class Prior:
         chol = Cholesky(symmetric(s))
         whitened = chol.root.T @ right
         updated_rig = self.rig.after(amplitudes[k:], chol.root[rig, rig], whitened[rig].copy())
-        if not self.rig.estimated:
-            whitened[rig] = 0.0
+        whitened[rig] = 0.0  # held, and moved by the window
         step = chol.root @ whitened
         modes = cov @ reach
         return Prior(
@@ -165,8 +174,8 @@ class Prior:
             world_modes=np.concatenate([modes, self.world_modes], axis=1),
         )
 
-    def with_rig_size(self, size: float) -> tuple["Prior", Array]:
-        """Return the prior as if errors of the rig had been of that size from the start, eq. (72b).
+    def with_rig_size(self, size: Array) -> tuple["Prior", Array]:
+        """Return the prior as if errors of the rig had been of these sizes (m,) from the start, eq. (72b).
 
         And U (m, m): the amplitudes a of their modes are now a', with a = U a'.
         """

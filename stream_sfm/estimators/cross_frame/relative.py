@@ -12,8 +12,11 @@ from ...types import RelativeMotions
 from .map import Map
 
 
-def relative_motions(current: Map) -> RelativeMotions:
-    """Return the motions from the newest frame to the reference camera and to every other frame of the window."""
+def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
+    """Return the motions from the newest frame to the reference camera and to every other frame of the window.
+
+    `cov_newest` (6, 6): what only the newest pose does not know.
+    """
     frames = current.frames
     cams = np.concatenate([np.eye(4)[None], current.cams_from_ref()[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
@@ -26,7 +29,7 @@ def relative_motions(current: Map) -> RelativeMotions:
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _doubts(current),
+        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _doubts(current) + cov_newest,
     )
 
 

@@ -25,7 +25,7 @@ from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
 from .relative import relative_motions
-from .rig_knowledge import RigKnowledge, disputed, impossible
+from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame
 
 _NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
@@ -47,6 +47,9 @@ class CrossFrame:
         self.map: Map | None = None
         self.rig: RigKnowledge | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
+        self._std_acceleration = np.repeat(
+            [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2], 3
+        )
         self._rig_doubt = ""  # why the calibration cannot be right; once said, it stays
 
     def step(self, observations: Observations) -> Solution:
@@ -72,7 +75,7 @@ class CrossFrame:
         self.waiting = False
         rig = self.rig
         if rig is None:
-            rig = RigKnowledge.unknown(frame.rig_effects.shape[2], observations.rig_of_disparity)
+            rig = _unknown_rig(observations)
         corrected = _corrected(observations, frame, rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
@@ -89,8 +92,8 @@ class CrossFrame:
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, rejected, contested=motion.rival is not None)
         current.doubt(motion)
+        current.renew_rig_effects()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
-        current.refine_rig_effects(frame)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, root: Array) -> None:
@@ -143,15 +146,20 @@ class CrossFrame:
         if len(frame.var_drift):
             cov[:, Q_COLUMNS, Q_COLUMNS] += frame.var_drift[rows]
         predicted, _ = self.motion.predict(observations.stamp_ns)
+        start = se3.inverse(predicted) @ previous.world_from_cam
+        points = homogeneous_from_q(previous.q_in_cam[known])
+        moved = start if observations.cam_from_previous is None else observations.cam_from_previous
+        unknown_px = current.expect(frame, rows, points, moved, self._std_acceleration)
         found = initial_motion(
             self.projection,
             robust,
             _corrected(observations, frame, current.rig_error),
             rows,
-            homogeneous_from_q(previous.q_in_cam[known]),
+            points,
             cov,
-            se3.inverse(predicted) @ previous.world_from_cam,
+            start,
             _NO_HISTORY + current.frames_agreed(previous.ids[known]).astype(float),
+            unknown_px,
         )
         if found is None:
             raise _LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
@@ -159,11 +167,15 @@ class CrossFrame:
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
+        rig = current.judge_rig(observations.doubtful)
+        if current.rig_has_moved():
+            current.renew_rig_effects()
+            iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
+            rig = current.judge_rig(observations.doubtful)
         before, now = current.marginals, current.update_marginals()
-        current.judge_rig()
-        rig = current.rig_estimate()
+        cov_timing = current.cov_of_timing(self._std_acceleration)
         self._rig_doubt = self._rig_doubt or impossible(rig)
-        observations = _with_doubt(observations, self._rig_doubt or disputed(current.prior.rig))
+        observations = _with_doubt(observations, self._rig_doubt)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
@@ -173,7 +185,7 @@ class CrossFrame:
             status=status,
             reason=reason,
             world_from_cam=now.world_from_cam,
-            cov_pose=now.cov_pose,
+            cov_pose=now.cov_pose + cov_timing,
             track_ids=now.ids[shown],
             points_in_cam=now.points_in_cam[shown],
             cov_points=now.cov_points[shown],
@@ -189,9 +201,9 @@ class CrossFrame:
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(current),
+            relative=relative_motions(current, cov_timing),
         )
-        current.resize_rig(rig)
+        current.resize_rig(rig, observations.field_std_px)
         return recorded(self.motion, observations, solution)
 
 
@@ -202,6 +214,13 @@ def _with_doubt(observations: Observations, doubt: str) -> Observations:
     return replace(
         observations, doubtful=True, note=f"{observations.note}; {doubt}" if observations.note else doubt
     )
+
+
+def _unknown_rig(observations: Observations) -> RigKnowledge:
+    """Return what is known about the rig before any view."""
+    if observations.rig is None:
+        return RigKnowledge.unknown(np.zeros(0))
+    return RigKnowledge.unknown(np.ones(len(observations.rig)), not observations.rig.refined)
 
 
 def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:

@@ -1,6 +1,5 @@
 """One frame of the window: its views, which of them count, and its pose."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +7,8 @@ from numpy.typing import NDArray
 
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, whitening_of_views
+from ...rig_model.model import RigModel
+from ...rig_model.velocities import velocities
 from ...types import Observations
 from .inverse_depth import WhitenedViews
 
@@ -20,7 +21,7 @@ class WindowFrame:
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
     `rig_effects` (n, 4, m): px per unit of the rig's errors. `doubt` (6, k): by what else the motion from the frame
     before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
-    alone. `rig_drift_root` (m, j): by how much the rig's errors change up to the next frame; None where they stay.
+    alone.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
     """
 
@@ -30,13 +31,13 @@ class WindowFrame:
     root: Array
     weight: Array
     rig_effects: Array
-    rig_effects_at: Callable[[Array], Array] | None
+    rig: RigModel | None
+    stamp_ns: int
     stereo: NDArray[np.bool_]
     used: NDArray[np.bool_]
     var_drift: Array
     cam_from_ref: Array
     doubt: Array
-    rig_drift_root: Array | None = None
 
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
@@ -49,28 +50,44 @@ class WindowFrame:
             root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
             rig_effects=effects_of(observations),
-            rig_effects_at=observations.rig_effects_at,
+            rig=observations.rig,
+            stamp_ns=observations.stamp_ns,
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
             used=np.ones(len(observations.track_ids), bool),
             var_drift=_drift_variances(observations, projection),
             cam_from_ref=np.eye(4),
             doubt=np.zeros((6, 0)),
-            rig_drift_root=observations.rig_drift_root,
         )
 
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (n, 4) without errors (m,) of the rig."""
         return np.asarray(self.z_px - self.rig_effects @ rig_error)
 
-    def refine_rig_effects(self, expected_px: Array) -> None:
-        """Take the effects of the used views where they are expected, (k, 4), instead of where they were measured.
+    def renew_rig_effects(
+        self, projection: StereoProjection, in_cam: Array, twist: Array, rig_error: Array
+    ) -> None:
+        """Take the effects of the used views where points (k, 4) with a `twist` (6,) are expected, not where measured.
 
         The noise of a view moves it to where an error of the rig does something else, by a fixed amount for noise of a
         given variance. That is not averaged out: errors of the rig that hardly show are estimated wrongly.
         """
-        if self.rig_effects_at is not None:
-            self.rig_effects = self.rig_effects.copy()
-            self.rig_effects[self.used] = self.rig_effects_at(expected_px)
+        if self.rig is None:
+            return
+        z_px = projection.project_homogeneous(in_cam) + self.rig_effects[self.used] @ rig_error
+        z_px[~self.stereo[self.used], 2:] = np.nan
+        self.rig_effects = self.rig_effects.copy()
+        self.rig_effects[self.used] = self.rig.effects(z_px, velocities(projection, in_cam, twist))
+
+    def seen_px(self, rows: NDArray[np.intp]) -> Array:
+        """Return the views (k, 4) of `rows` (k,), NaN for a side that was not seen."""
+        z_px = self.z_px[rows].copy()
+        z_px[~self.stereo[rows], 2:] = np.nan
+        return z_px
+
+    def take_effects(self, rows: NDArray[np.intp], effects: Array) -> None:
+        """Let errors of the rig do (k, 4, m) to the views `rows` (k,)."""
+        self.rig_effects = self.rig_effects.copy()
+        self.rig_effects[rows] = effects
 
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
@@ -83,9 +100,10 @@ class WindowFrame:
 
 
 def effects_of(observations: Observations) -> Array:
-    """Return what errors of the rig do to the views (n, 4, m), px; m is 0 where none are possible."""
-    effects = observations.rig_effects
-    return np.zeros((len(observations.track_ids), 4, 0)) if effects is None else effects
+    """Return what errors of the rig do to the views (n, 4, m), px, at rest; m is 0 where none are possible."""
+    if observations.rig is None:
+        return np.zeros((len(observations.track_ids), 4, 0))
+    return observations.rig.effects(observations.z_px)
 
 
 def _weights(observations: Observations) -> Array:

@@ -9,14 +9,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config
+from ...config import Config, RigConfig
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...types import MapStart, Observations, RigEstimate
+from ...rig_model.estimate import RigEstimate
+from ...types import MapStart, Observations
 from ..alignment import TemplateAligners
 from ..image_checks import image_note
 from ..prepared import Image, PreparedImages
+from ..timing import Timing
 from ..tracker import Followed, Tracker
 from .map_start import MIN_TRACKS, MapStartFinder
 from .parallax import ParallaxDepth
@@ -38,7 +40,8 @@ class MonoFrontEnd:
         aligners = TemplateAligners(self.config, valid, scales=(1,))
         self.aligner = aligners.fine
         depth = ParallaxDepth(projection, self.aligner)
-        self.tracker = Tracker(projection, config, aligners, depth)
+        timing = Timing.unknown(projection, RigConfig(exact=True), None)  # one camera has no right one that is late
+        self.tracker = Tracker(projection, config, aligners, depth, timing)
         self.map_start = MapStartFinder(self.tracker, self.aligner)
         self.mapped = False
         self.first_unseen_id = 0  # ids from here on have not been handed out
@@ -67,6 +70,9 @@ class MonoFrontEnd:
         note = image_note(images, tracker.previous, n, n)
         tracker.remember(images, stamp_ns)
         return replace(observed, note=note or ("" if self.mapped else self.map_start.waiting))
+
+    def learn(self, estimate: RigEstimate) -> None:
+        """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
 
     def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
         """As `StereoFrontEnd.std_bias_px`: zero, because there is no other patch."""
@@ -139,6 +145,7 @@ class MonoFrontEnd:
             self.aligner.noise.typical_cov(n),
             rho,
             (UNKNOWN_DEPTH_STD * rho) ** 2,
+            np.zeros((n, 2)),
             np.zeros((n, 2)),
         )
         if not self.mapped:

@@ -1,0 +1,50 @@
+"""What the newest pose does not know because the velocity is not known yet: it turns delay and readout into errors.
+
+The velocity at the newest frame is an extrapolation. By how much twists change once later frames are known is learnt
+during the run; what that does to the views, by delay and readout as they are known, moves the newest pose, eq. (70b).
+"""
+
+import numpy as np
+
+from ...geometry.se3 import Array
+from ...rig_model.velocities import TimedViews
+
+_LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
+_MEMORY_FRAMES = 20.0  # over which its changes are averaged, chosen by hand: a second at 20 frames per second
+
+
+class TwistError:
+    """Learns the covariance `cov` (6, 6) of the newest twist of a map, from how twists change."""
+
+    def __init__(self) -> None:
+        self._first: dict[int, Array] = {}
+        self._cov = np.zeros((6, 6))
+        self._frames = 0
+
+    def add(self, indices: list[int], twists: Array) -> None:
+        """Take the twists (n, 6) of frames as they are known with the newest one."""
+        if len(indices) <= _LATER or not twists.any():
+            return
+        self._first[indices[-1]] = twists[-1]
+        before = self._first.pop(indices[-1 - _LATER], None)
+        if before is not None:
+            change = twists[-1 - _LATER] - before
+            self._frames += 1
+            self._cov += (np.outer(change, change) - self._cov) / min(self._frames, _MEMORY_FRAMES)
+
+    def cov(self, std_acceleration: Array, dt_s: float) -> Array:
+        """Return the covariance (6, 6); before anything is learnt that of an acceleration of σ (6,) during `dt_s`."""
+        assumed = np.diag((std_acceleration * dt_s) ** 2)
+        weight = min(self._frames / _LATER, 1.0)
+        return weight * self._cov + (1 - weight) * assumed
+
+
+def cov_of_pose(views: TimedViews, by_pose: Array, size: Array, cov_twist: Array) -> Array:
+    """Return the covariance (6, 6) of a pose by a twist of covariance (6, 6), eq. (70b).
+
+    `by_pose` (n, 4, 6): how views move with the pose; `size` (2,): delay and readout, root mean squares, seconds.
+    """
+    moved = size[0] * views.by_delay, size[1] * views.by_readout
+    j = by_pose.reshape(-1, 6)
+    gains = [np.linalg.lstsq(j, m.reshape(-1, 6), rcond=None)[0] for m in moved]
+    return np.asarray(sum(g @ cov_twist @ g.T for g in gains))

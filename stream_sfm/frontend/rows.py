@@ -1,0 +1,142 @@
+"""Rows: by how much v_left − v_right of correct matches differs over the image, learnt from the matches, eq. (19).
+
+After rectification a point lies on one row in both images. Real calibrations miss that by tenths of a pixel: by a
+polynomial of second order, for the cameras' relative rotation and their lenses, by a smooth field, for what these do
+not follow, and by how far the row moves while the right camera is late. Row differences depend on neither depth nor
+motion, so all of that is one linear Gaussian filter, and the size of the field follows from its marginal likelihood.
+Only new matches count: a point's later views repeat its first error.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..geometry.linear import symmetric, symmetric_inverse
+from ..geometry.medians import median
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..rig_model.field import field_over
+
+_PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
+_STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
+_STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
+_MEMORY_FRAMES = 20.0  # over which that scatter is averaged, chosen by hand: a second at 20 frames per second
+_CAUCHY = 2.4  # width of the robust weights in standard deviations: 95 % efficiency on Gaussian noise
+_REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
+_GATE = 4.0  # standard deviations that a match may be off: one good match in 16 000 is lost
+# Three times the scatter of good matches; below, few matches that agree by chance set the gate.
+_LEAST_GATE_PX = 0.3
+_MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
+_POLYNOMIAL = 6  # coefficients
+# σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
+# probable as all others together.
+_FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
+_LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
+
+    `scatter_px`: σ of new matches around it, over the last `frames`. `field_std_px`: σ of the field.
+    """
+
+    projection: StereoProjection
+    max_px: float
+    std_delay_s: float
+    mean: Array
+    cov: Array
+    scatter_px: float = _STD_MATCH_PX
+    frames: int = 0
+    field_std_px: float = _LEAST_FIELD_PX
+
+    @classmethod
+    def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
+        """Return the prior."""
+        std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
+        n_field = len(field_over(projection.width, projection.height))
+        std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
+        max_px = config.frontend.max_vertical_disparity_px
+        return cls(projection, max_px, std_delay_s, np.zeros(len(std)), np.diag(std**2))
+
+    @property
+    def largest_px(self) -> float:
+        """The largest v_left − v_right of correct matches at rest, anywhere in the image."""
+        p = self.projection
+        u, v = np.meshgrid(np.linspace(0, p.width - 1, 5), np.linspace(0, p.height - 1, 5))
+        return float(np.abs(self.at(np.stack([u.ravel(), v.ravel()], axis=1))).max())
+
+    def at(self, left_px: Array) -> Array:
+        """Return v_left − v_right (n,) of correct matches at left positions (n, 2) of a camera at rest, px."""
+        return self._terms(left_px, np.zeros(len(left_px))) @ self.mean
+
+    def variance(self, left_px: Array) -> Array:
+        """Return the variance (n,) of `at`, px²."""
+        terms = self._terms(left_px, np.zeros(len(left_px)))
+        return np.asarray(((terms @ self.cov) * terms).sum(axis=1))
+
+    def agrees(
+        self, left_px: Array, right_px: Array, row_speed_px_s: Array | float = 0.0, scale: int = 1
+    ) -> NDArray[np.bool_]:
+        """Return whether left and right positions (n, 2), the right ones corrected by `at`, lie on one row.
+
+        `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference. `scale`:
+        the gate is so much wider, for matches of reduced images.
+        """
+        speed = np.broadcast_to(row_speed_px_s, (len(left_px),))
+        late = np.abs(speed) * np.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL])
+        gate_px = np.clip(_GATE * np.hypot(self.scatter_px, late), _LEAST_GATE_PX, self.max_px + _GATE * late)
+        off_px = right_px[:, 1] - left_px[:, 1] - speed * self.mean[_POLYNOMIAL]
+        return np.asarray(np.abs(off_px) < scale * gate_px)
+
+    def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
+        """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
+        if len(left_px) < _POLYNOMIAL:
+            return self
+        terms = self._terms(left_px, row_speed_px_s)
+        cov = self.cov.copy()
+        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += _STEP_PX**2
+        before = symmetric_inverse(cov)
+        mean: Array = self.mean
+        for _ in range(_REWEIGHTINGS):  # what earlier frames said keeps its weight
+            residual = (difference_px - terms @ mean) / self.scatter_px
+            weight = 1 / (1 + (residual / _CAUCHY) ** 2) / self.scatter_px**2
+            information = before + (terms.T * weight) @ terms
+            right = before @ self.mean + (terms.T * weight) @ difference_px
+            mean = np.asarray(np.linalg.solve(information, right), np.float64)
+        frames = self.frames + 1
+        scatter = _MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
+        scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, _MEMORY_FRAMES)
+        learnt = replace(
+            self, mean=mean, cov=symmetric_inverse(information), scatter_px=float(scatter_px), frames=frames
+        )
+        return learnt._with_likely_field()
+
+    def _with_likely_field(self) -> "Rows":
+        """Return the same with a prior of the field whose σ the matches make likely, eq. (19a)."""
+        field = slice(_POLYNOMIAL + 1, None)
+        information = symmetric_inverse(self.cov)
+        own = symmetric_inverse(self.cov[field, field])
+        values, axes = np.linalg.eigh(own - np.eye(len(own)) / self.field_std_px**2)
+        weighted2 = (axes.T @ (own @ self.mean[field])) ** 2
+        ratio = np.maximum(values, 0.0) * (_FIELD_STD_PX**2)[:, None]
+        gain = (_FIELD_STD_PX**2)[:, None] * weighted2 / (1 + ratio)
+        log_likelihood = 0.5 * (gain - np.log1p(ratio)).sum(axis=1)
+        largest = max(0.0, float(log_likelihood.max()))
+        weight = np.exp(log_likelihood - largest) / len(_FIELD_STD_PX)
+        std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
+        std_px = max(float(std_px), _LEAST_FIELD_PX)
+        weighted = information @ self.mean
+        information[field, field] += np.eye(len(own)) * (std_px**-2 - self.field_std_px**-2)
+        cov = symmetric_inverse(symmetric(information))
+        return replace(self, mean=cov @ weighted, cov=cov, field_std_px=std_px)
+
+    def _terms(self, left_px: Array, row_speed_px_s: Array) -> Array:
+        """Return what amplitudes of 1 do to v_left − v_right (n, k)."""
+        p = self.projection
+        centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
+        x, y = ((left_px - centre) / centre.max()).T
+        polynomial = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, -row_speed_px_s], axis=1)
+        return np.concatenate([polynomial, field_over(p.width, p.height).at(left_px)], axis=1)

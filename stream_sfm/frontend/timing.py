@@ -1,0 +1,78 @@
+"""What a late right camera and a rolling shutter do to the views of a frame, as far as the front-end knows.
+
+Both move a view along its velocity, eq. (70a). From frame to frame only the change of that shows: a constant part
+is in the points already. So a resection has two more unknowns, the delay and the readout; what it finds is kept for the
+next frames, and taken out of the views before any motion is sought. Estimators get the views as they were seen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..config import RigConfig
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from ..rig_model.velocities import TimedViews, timing_unknowns
+
+_STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
+_MAX_ODDS = 500.0  # log odds: exp stays finite
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Delay and readout: `mean` (2,) s with `cov` (2, 2); `std` (2,): what is assumed of them beforehand.
+
+    `row_of`: in which rows of the cameras' images views are exposed. `twist` (6,) of the points in the last frame;
+    None before there was a motion.
+    """
+
+    projection: StereoProjection
+    row_of: Callable[[Array], Array] | None
+    std: Array
+    mean: Array
+    cov: Array
+    twist: Array | None = None
+
+    @classmethod
+    def unknown(
+        cls, projection: StereoProjection, config: RigConfig, row_of: Callable[[Array], Array] | None
+    ) -> "Timing":
+        """Return the prior; nothing is unknown of an exact rig."""
+        std = np.zeros(2) if config.exact else np.array([config.std_delay_s, config.std_readout_s])
+        return cls(projection, row_of, std, np.zeros(2), np.diag(std**2))
+
+    def taken_out(self, points: Array, twist: Array) -> Array:
+        """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""
+        if not self.mean.any():
+            return np.zeros((len(points), 4))
+        return np.asarray(TimedViews(self.projection, points, twist, self.row_of).columns @ self.mean)
+
+    def unknowns(self, before: Array, now: Array, twist: Array, std_twist: Array) -> Array | None:
+        """Return what is not known of the change from points `before` (n, 4) to `now` (n, 4): (n, 4, j) px of σ = 1.
+
+        `std_twist` (6,): how far off the twist may be.
+        """
+        if not self.std.any():
+            return None
+        at_first = twist if self.twist is None else self.twist  # of the first frame nothing better is known
+        then = TimedViews(self.projection, before, at_first, self.row_of)
+        views = TimedViews(self.projection, now, twist, self.row_of)
+        return timing_unknowns(then, views, self.mean, self.cov, std_twist)
+
+    def moved(self, twist: Array) -> "Timing":
+        """Return the same after a frame with a twist (6,)."""
+        return replace(self, twist=twist)
+
+    def told(self, mean: Array, cov: Array) -> "Timing":
+        """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
+
+        As far as it is probable that they are not zero: what is near it is not worth a correction.
+        """
+        if not self.std.any():
+            return self
+        var = np.diag(cov)
+        gain = np.maximum(self.std**2 / var - 1, 0.0)
+        log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
+        p = 1 / (1 + np.exp(-np.clip(log_odds, -_MAX_ODDS, _MAX_ODDS)))
+        return replace(self, mean=p * mean, cov=cov + np.diag((_STEP * self.std) ** 2))

@@ -1,0 +1,123 @@
+"""The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera.refinement import Refinement
+from ..config import RigConfig
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from .estimate import RigEstimate
+from .field import Field, field_over
+from .terms import DELAY, READOUT, TERMS, columns, prior_std
+from .turns import terms_of_turn
+
+_LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigModel:
+    """Errors of a rig as amplitudes (m,): those of the `TERMS` first, then those of the field of disparity, px.
+
+    `root` (t, t): amplitudes of σ = 1 to units of the terms; `known` (t,): errors that are taken out of all views
+    already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which row of
+    the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle. `drift`
+    (m, 3): a root of the covariance by which amplitudes change per frame; None where they stay.
+    """
+
+    projection: StereoProjection
+    root: Array
+    known: Array
+    refined: bool
+    row_of: Callable[[Array], Array] | None = None
+    drift: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        projection: StereoProjection,
+        config: RigConfig,
+        refinement: Refinement | None = None,
+        row_of: Callable[[Array], Array] | None = None,
+    ) -> "RigModel":
+        """Return the model of a rig with the σ of its settings, or of a refinement of its calibration."""
+        std, known = prior_std(config), np.zeros(len(TERMS))
+        root = np.diag(std)
+        if refinement is not None:
+            n = len(refinement.error_px)
+            known[:n] = refinement.error_px
+            root[:n, :n] = np.linalg.cholesky(refinement.cov_px2)
+        model = cls(projection, root, known, refinement is not None, row_of)
+        return replace(model, drift=model.root_of_turn(config.std_drift_rad)) if config.std_drift_rad else model
+
+    def __len__(self) -> int:
+        return len(TERMS) + len(self._field)
+
+    @property
+    def _field(self) -> Field:
+        return field_over(self.projection.width, self.projection.height)
+
+    def effects(self, z_px: Array, velocity_px_s: Array | None = None) -> Array:
+        """Return what amplitudes of 1 do to views (n, 4) that move with (n, 4): (n, 4, m) px; 0 for a missing side."""
+        t = len(TERMS)
+        row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
+        effects = np.zeros((len(z_px), 4, len(self)))
+        effects[..., :t] = columns(self.projection, z_px, velocity_px_s, row) @ self.root
+        effects[:, 2, t:] = self._field.at(z_px[:, :2])
+        effects[~np.isfinite(z_px)] = 0.0
+        return effects
+
+    def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
+        """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
+        at = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
+        unit = self.root[at, at]
+        return unit @ mean[at], unit @ (cov[at, at] + _LEAST_VARIANCE * np.eye(2)) @ unit.T
+
+    def root_of_turn(self, std_rad: float) -> Array:
+        """Return a root (m, 3) of the covariance of amplitudes by a turn of the right camera, σ about each axis."""
+        root = np.zeros((len(self), 3))
+        root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
+        return root
+
+    def corrected(self, z_px: Array) -> Array:
+        """Return views (n, 4) without the errors that are known."""
+        return z_px - columns(self.projection, z_px, None, None) @ self.known if self.known.any() else z_px
+
+    def in_units(self, estimate: RigEstimate) -> RigEstimate:
+        """Return an estimate of amplitudes as the whole error of the calibration, in the units of its terms and px."""
+        t = len(TERMS)
+        root = np.eye(len(self))
+        root[:t, :t] = self.root
+        known = np.concatenate([self.known, np.zeros(len(self) - t)])
+        return replace(
+            estimate,
+            mean=known + root @ estimate.mean,
+            cov=root @ estimate.cov @ root.T,
+            mean_if_wrong=known + root @ estimate.mean_if_wrong,
+            cov_if_wrong=root @ estimate.cov_if_wrong @ root.T,
+            prior_std=np.linalg.norm(root * estimate.prior_std, axis=1),
+            refined=known if self.refined else None,
+        )
+
+
+def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
+    """Return the error (n,) of far points' disparity at left positions (n, 2), by an estimate in px, and its σ; px."""
+    p = projection
+    far = np.tile(left_px, 2) + np.array([0.0, 0.0, p.cx_right_px - p.cx_left_px, 0.0])
+    effects = columns(p, far, None, None)
+    by_term = effects[:, 0] - effects[:, 2]
+    if len(estimate.mean) > len(TERMS):  # files of a run do not have the field
+        by_term = np.concatenate([by_term, -field_over(p.width, p.height).at(left_px)], axis=1)
+    return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
+
+
+def disparity_over_image(
+    projection: StereoProjection, estimate: RigEstimate, shape: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Return the error of the disparity at (rows, columns) = `shape` places all over the left image, and its σ; px."""
+    u, v = np.linspace(0, projection.width - 1, shape[1]), np.linspace(0, projection.height - 1, shape[0])
+    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+    error_px, std_px = disparity_error(projection, estimate, places_px)
+    return error_px.reshape(shape), std_px.reshape(shape)

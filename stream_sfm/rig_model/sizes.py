@@ -1,0 +1,127 @@
+"""How large the errors of a rig are, by marginal likelihood, and how probable it is that there are none.
+
+The joint posterior N(ĉ, C) of the errors under a working prior N(0, diag(s²)) says what all views said: their
+likelihood is a Gaussian of information Λ = C⁻¹ − diag(s⁻²) and weighted sum η = C⁻¹ĉ. With it any other prior can be
+compared, without looking at a view again.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.linear import symmetric, symmetric_inverse
+from ..geometry.se3 import Array
+from .terms import FOCAL, TERMS
+
+# Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
+_SIZES = np.geomspace(0.025, 3.0, 41)
+_LENS = slice(0, TERMS.index(FOCAL))  # what calibrations have wrong together, or have not
+_FOCAL = TERMS.index(FOCAL)
+_CONSIDERED = range(_FOCAL, len(TERMS))  # focal length, delay, readout: what noise shows of them is considered only
+# Beforehand: of twenty rigs one has a wrong focal length, one a delay, and one a rolling shutter.
+_LOG_ODDS_CONSIDERED = float(np.log(0.05))
+_ALONE = 0.05  # of wrong calibrations are wrong in one term only
+_MAX_ODDS = 500.0  # log odds: exp stays finite
+
+
+@dataclass(frozen=True, slots=True)
+class Mixture:
+    """Errors c as a mixture over what may be exactly zero: `mean` (m,), `cov` (m, m) and `p_wrong`, that c is not 0."""
+
+    mean: Array
+    cov: Array
+    p_wrong: float
+
+
+def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
+    """Return the size of each physical term that views make likely, from N(`mean`, `cov`) with sizes so far, eq. (72a).
+
+    Each by itself: a readout of 20 ms says nothing about lenses. The focal length keeps its own.
+    """
+    var = np.diag(cov)[: len(TERMS)]
+    information = np.maximum(1 / var - size[: len(TERMS)] ** -2.0, 0.0)
+    weighted = mean[: len(TERMS)] / var
+    s2 = (_SIZES**2)[:, None]
+    ratio = s2 * information
+    log_likelihood = 0.5 * (s2 * weighted**2 / (1 + ratio) - np.log1p(ratio))
+    weight = np.exp(log_likelihood - log_likelihood.max(axis=0))
+    result = size.copy()
+    result[: len(TERMS)] = np.sqrt((weight * s2).sum(axis=0) / weight.sum(axis=0))
+    result[_FOCAL] = size[_FOCAL]
+    return result
+
+
+def log_odds_wrong(mean: Array, cov: Array, size: Array, which: slice) -> float:
+    """Return the log odds that the errors `which` are N(0, 1) each rather than all 0.
+
+    Both are equally probable beforehand. By the ratio of densities at zero, posterior and prior (Dickey 1971).
+    """
+    own, var = mean[which], cov[which, which]
+    information = symmetric_inverse(var)
+    views = symmetric(information - np.diag(size[which] ** -2.0))
+    values, axes = np.linalg.eigh(views)
+    values = np.maximum(values, 0.0)
+    weighted = axes.T @ (information @ own)
+    return float(0.5 * (weighted**2 / (1 + values) - np.log1p(values)).sum())
+
+
+def log_odds_lenses(mean: Array, cov: Array, size: Array) -> float:
+    """Return the log odds that lenses have errors rather than none: in all their terms, or in any one of them alone.
+
+    One wrong calibration in twenty has one wrong term, as where the right camera has been turned.
+    """
+    information = symmetric_inverse(cov[_LENS, _LENS])
+    views = np.maximum(np.diag(information) - size[_LENS] ** -2.0, 0.0)
+    weighted = information @ mean[_LENS]
+    alone = 0.5 * (weighted**2 / (1 + views) - np.log1p(views))
+    together = log_odds_wrong(mean, cov, size, _LENS)
+    largest = max(together, float(alone.max()))
+    likelihoods = (1 - _ALONE) * np.exp(together - largest) + _ALONE * np.exp(alone - largest).mean()
+    return largest + float(np.log(likelihoods))
+
+
+def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> Mixture:
+    """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
+
+    What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
+    covariance in full.
+    """
+    lens = np.r_[_LENS, len(TERMS) : len(mean)]
+    p_wrong = _probability(log_odds_lenses(mean, cov, size))
+    wrong = _considering(mean, cov, size)
+    if known_wrong:
+        return Mixture(*wrong, 1.0)
+    right = _considering(*_without(mean, cov, lens), size)
+    return Mixture(*_either(p_wrong, wrong, right), p_wrong)
+
+
+def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
+    """Return mean and covariance of errors where focal length, delay and readout are as wrong as is probable.
+
+    They count in full in the covariance.
+    """
+    for term in _CONSIDERED:
+        p = _probability(log_odds_wrong(mean, cov, size, slice(term, term + 1)) + _LOG_ODDS_CONSIDERED)
+        away = (1 - p) * cov[:, term] * mean[term] / cov[term, term]
+        mean, cov = mean - away, cov + np.outer(away, away)
+    return mean, cov
+
+
+def _without(mean: Array, cov: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return mean and covariance of errors, given that those of `which` are 0."""
+    gain = np.linalg.solve(cov[np.ix_(which, which)], cov[which]).T
+    mean, cov = mean - gain @ mean[which], symmetric(cov - gain @ cov[which])
+    mean[which] = cov[which] = cov[:, which] = 0.0  # not rounding, which would leave variances below 0
+    return mean, cov
+
+
+def _either(p: float, one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return mean and covariance of a mixture of two Gaussians, the first with probability p."""
+    apart = one[0] - other[0]
+    cov = p * one[1] + (1 - p) * other[1] + p * (1 - p) * np.outer(apart, apart)
+    return p * one[0] + (1 - p) * other[0], cov
+
+
+def _probability(log_odds: float) -> float:
+    return float(1 / (1 + np.exp(-np.clip(log_odds, -_MAX_ODDS, _MAX_ODDS))))

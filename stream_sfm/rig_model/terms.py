@@ -1,0 +1,76 @@
+"""The physical terms of a rig's errors: their names, the σ that is assumed for each, and what each does to a view.
+
+Relative rotation, principal points, focal lengths and distortion of the two cameras err together; what they do to the
+disparity is a polynomial of the place in the image, and the difference of two radial distortions. What both lenses have
+wrong alike moves both sides of a view. Rows are not told apart: what left and right row differ by is measured directly
+(`frontend/rows.py`) and taken out of the right row, which then errs with the left one. A principal point that is off
+by δ moves all of the image, which is a rotation of the camera's axes by δ/f: no view shows that
+(`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y, is a term here.
+"""
+
+import numpy as np
+
+from ..camera.refinement import TERMS as LENS_TERMS
+from ..config import RigConfig
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+
+FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
+TERMS = (*LENS_TERMS, FOCAL, DELAY, READOUT)
+DISPARITY = slice(0, 6)  # the polynomial of the disparity
+
+
+def prior_std(config: RigConfig) -> Array:
+    """Return σ (t,) of each term: px, the focal length as a share of itself, delay and readout in seconds."""
+    std = dict.fromkeys(LENS_TERMS, config.std_lens_px) | dict.fromkeys(LENS_TERMS[:6], config.std_disparity_px)
+    std |= {"radial difference": config.std_lens_difference_px, FOCAL: config.std_focal}
+    std |= {DELAY: config.std_delay_s, READOUT: config.std_readout_s}
+    return np.array([std[term] for term in TERMS])
+
+
+def columns(projection: StereoProjection, z_px: Array, velocity_px_s: Array | None, row: Array | None) -> Array:
+    """Return what one unit of each term does to views (n, 4): (n, 4, t), eq. (70).
+
+    `velocity_px_s` (n, 4): how the views move, and `row` (n, 4): in which row of the camera's own image each side was
+    exposed, as a share of the height from the middle; None where neither is known, and then delay and readout do
+    nothing.
+    """
+    p = projection
+    centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
+    x, y = ((z_px[:, :2] - centre) / centre).T
+    effects = np.zeros((len(z_px), 4, len(TERMS)))
+    effects[:, 2, DISPARITY] = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    from_centre_px = z_px - (p.cx_left_px, p.cy_px, p.cx_right_px, p.cy_px)
+    rays, corner = from_centre_px / p.f_px, _corner(p)
+    for side in (0, 2):
+        ray = rays[:, side : side + 2]
+        effects[:, side : side + 2, 6:12] = _of_lens(ray / corner)
+        effects[:, side : side + 2, 8:10] = -ray[:, :, None] * rays[:, None, :2]
+    effects[:, 2, 12] = effects[:, 2, 6]
+    effects[:, 3] = effects[:, 1]
+    effects[:, :, 13] = from_centre_px
+    if velocity_px_s is not None and row is not None:
+        effects[:, 2:, 14] = velocity_px_s[:, 2:]
+        effects[:, :, 15] = velocity_px_s * row
+    return effects
+
+
+def _corner(p: StereoProjection) -> float:
+    """Return the slope of the ray to the corner that is farthest from the lens's middle."""
+    across = max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)
+    return float(np.hypot(*across) / p.f_px)
+
+
+def _of_lens(rays: Array) -> Array:
+    """Return (n, 2, 6) px per pixel of each error of a lens, for rays (n, 2) in units of the corner's slope.
+
+    Those of the principal point are left 0: they depend on the other side, too.
+    """
+    x, y = rays.T
+    squared = x * x + y * y
+    effects = np.zeros((len(rays), 2, 6))
+    effects[..., 0] = rays * squared[:, None]
+    effects[..., 1] = effects[..., 0] * squared[:, None]
+    effects[:, 0, 4], effects[:, 1, 4] = (squared + 2 * x * x) / 3, 2 * x * y / 3  # 1 px in the corner's direction
+    effects[:, 0, 5], effects[:, 1, 5] = 2 * x * y / 3, (squared + 2 * y * y) / 3
+    return effects

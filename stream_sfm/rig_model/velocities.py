@@ -1,0 +1,92 @@
+"""How views move while the camera does: what a late camera and a rolling shutter turn into errors, eq. (70a)."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..geometry import se3
+from ..geometry.linear import matvec
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection, clamp_depth
+
+_REACH = (
+    2  # frames on either side from which a velocity is taken: a polynomial of fourth order inside, third at the end
+)
+_NODES = 4  # frames at least, as far as there are any
+
+
+def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
+    """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
+
+    `cams_from_ref` (n, 4, 4) at ascending stamps; from polynomials through the poses of the frames around each.
+    Zero while there are too few: a velocity that is wrong does more harm than none.
+    """
+    n = len(stamps_ns)
+    if n < _NODES:
+        return np.zeros((n, 6))
+    t = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
+    result = np.empty((n, 6))
+    for k in range(n):
+        first, last = max(0, k - _REACH), min(n, k + _REACH + 1)
+        first, last = max(0, min(first, last - _NODES)), min(n, max(last, first + _NODES))
+        near = se3.log(cams_from_ref[first:last] @ se3.inverse(cams_from_ref[k]))
+        result[k] = _slopes(t[first:last] - t[k]) @ near
+    return result
+
+
+def _slopes(t: Array) -> Array:
+    """Return weights (n,) of values at times (n,) that give the slope at 0 of the polynomial through them."""
+    powers = np.vander(t, increasing=True).T
+    scale = np.abs(t).max()
+    powers = powers / scale ** np.arange(len(t))[:, None]
+    unit = np.zeros(len(t))
+    unit[1] = 1.0
+    return np.asarray(np.linalg.solve(powers, unit) / scale)
+
+
+def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> Array:
+    """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
+    points = clamp_depth(points_in_cam)
+    a = projection.jacobian_homogeneous(points)[..., :3]
+    return np.concatenate([a * points[:, None, 3:], -a @ se3.skew(points[:, :3])], axis=2)
+
+
+def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
+    """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) that move with a twist (6,)."""
+    return matvec(velocities_by_twist(projection, points_in_cam), np.broadcast_to(twist, (len(points_in_cam), 6)))
+
+
+class TimedViews:
+    """Views of homogeneous points (n, 4) that move with a twist (6,), as delay and readout see them.
+
+    `row_of`: as in `RigModel`; None: the readout does nothing. `by_delay`, `by_readout` (n, 4, 6): px per second and
+    unit of the twist; `columns` (n, 4, 2): px per second of delay and of readout.
+    """
+
+    def __init__(
+        self,
+        projection: StereoProjection,
+        points_in_cam: Array,
+        twist: Array,
+        row_of: Callable[[Array], Array] | None,
+    ) -> None:
+        by_twist = velocities_by_twist(projection, points_in_cam)
+        self.by_delay = by_twist * np.array([0.0, 0.0, 1.0, 1.0])[:, None]
+        row = np.zeros((len(points_in_cam), 4))
+        if row_of is not None:
+            row = np.nan_to_num(row_of(projection.project_homogeneous(clamp_depth(points_in_cam))))
+        self.by_readout = by_twist * row[:, :, None]
+        self.columns = np.stack([self.by_delay @ twist, self.by_readout @ twist], axis=2)
+
+
+def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array, std_twist: Array) -> Array:
+    """Return what is not known of how views have changed, with delay and readout N(`mean` (2,), `cov` (2, 2)), seconds.
+
+    (n, 4, j) px, each of σ = 1: a constant delay or readout shows where the velocity has changed; and what either of
+    them does shows where the velocity is not known, by `std_twist` (6,).
+    """
+    of_time = (now.columns - before.columns) @ np.linalg.cholesky(cov)
+    size = np.sqrt(mean**2 + np.diag(cov))
+    return np.concatenate(
+        [of_time, size[0] * std_twist * now.by_delay, size[1] * std_twist * now.by_readout], axis=2
+    )

@@ -1,0 +1,148 @@
+"""Rows of left and right: what is learnt about their differences, from matches of which some are wrong."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config, RigConfig
+from stream_sfm.frontend import rows as rows_of
+from stream_sfm.frontend.rows import Rows
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.rig_model.field import field_over
+
+P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
+STD_PX = 0.1  # of a match
+N = 40  # matches per frame
+GRID = np.stack(np.meshgrid(np.linspace(30, 610, 12), np.linspace(30, 450, 9)), axis=2).reshape(-1, 2)
+
+
+def places(rng: np.random.Generator, n: int = N) -> np.ndarray:
+    return rng.uniform((0, 0), (639, 479), (n, 2))
+
+
+def smooth(left_px: np.ndarray) -> np.ndarray:
+    """What a calibration leaves: a polynomial."""
+    x, y = ((left_px - (319.5, 239.5)) / 319.5).T
+    return 0.3 - 0.2 * x + 0.1 * y - 0.5 * x * y
+
+
+def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
+    return field_over(P.width, P.height).at(left_px) @ amplitudes
+
+
+def learnt(
+    rng: np.random.Generator, frames: int, amplitudes: np.ndarray, wrong: float = 0.0, delay_s: float = 0.0
+) -> Rows:
+    """Rows after frames of a rig with that field and delay, the camera nodding at up to 60 px/s."""
+    rows = Rows.unknown(P, Config())
+    for _ in range(frames):
+        at = places(rng)
+        speed = np.full(len(at), 60 * rng.normal()) + 10 * rng.normal(size=len(at))  # all alike, and by depth
+        seen = smooth(at) + field(at, amplitudes) - delay_s * speed + STD_PX * rng.normal(size=len(at))
+        bad = rng.random(len(at)) < wrong
+        seen[bad] += rng.uniform(-5, 5, int(bad.sum()))
+        rows = rows.learnt(at, seen, speed)
+    return rows
+
+
+NO_FIELD = np.zeros(len(field_over(P.width, P.height)))
+
+
+def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without robust weights and steps it is least squares over all matches at once."""
+    monkeypatch.setattr(rows_of, "_CAUCHY", 1e9)
+    monkeypatch.setattr(rows_of, "_STEP_PX", 0.0)
+    monkeypatch.setattr(Rows, "_with_likely_field", lambda self: self)
+    rng = np.random.default_rng(1)
+    prior = Rows.unknown(P, Config())
+    at, speed = places(rng, 60), 30 * rng.normal(size=60)
+    seen = smooth(at) + STD_PX * rng.normal(size=60)
+    rows = prior.learnt(at, seen, speed)
+
+    design = np.concatenate([polynomial(at), -speed[:, None], field_over(P.width, P.height).at(at)], axis=1)
+    cov_seen = design @ prior.cov @ design.T + prior.scatter_px**2 * np.eye(60)
+    gain = np.linalg.solve(cov_seen, design @ prior.cov).T
+    cov = prior.cov - gain @ design @ prior.cov
+    there = np.concatenate([polynomial(GRID), np.zeros((len(GRID), 1)), field_over(640, 480).at(GRID)], axis=1)
+    assert rows.at(GRID) == pytest.approx(there @ gain @ seen, abs=1e-9)
+    assert rows.variance(GRID) == pytest.approx(np.einsum("ni,ij,nj->n", there, cov, there), rel=1e-6)
+
+
+def polynomial(left_px: np.ndarray) -> np.ndarray:
+    x, y = ((left_px - (319.5, 239.5)) / 319.5).T
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.2])
+def test_smooth_differences_are_learnt(wrong: float) -> None:
+    rows = learnt(np.random.default_rng(2), 20, NO_FIELD, wrong)
+    # six coefficients from 800 matches: STD_PX √(6/800) on average, twice that in the corners; and the share of wrong
+    # matches that no robust weight tells from good ones
+    assert np.abs(rows.at(GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(6 / 800)
+    # the median deviation takes wrong matches, symmetric about it, for a third more of scatter
+    assert 0.8 * STD_PX < rows.scatter_px < 1.5 * STD_PX
+    down = np.array([0.0, 1.0])
+    assert rows.agrees(GRID, GRID + (rows.at(GRID) - smooth(GRID))[:, None] * down).all()
+    assert not rows.agrees(GRID, GRID + 6 * rows.scatter_px * down).any()
+
+
+def test_nothing_is_claimed_before_anything_is_seen() -> None:
+    rows = Rows.unknown(P, Config())
+    assert (rows.at(GRID) == 0).all()
+    few = rows.learnt(GRID[:3], np.ones(3), np.zeros(3))  # too few to tell a surface from noise
+    assert (few.at(GRID) == 0).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_field_is_seen_where_there_is_none(seed: int) -> None:
+    """Rendered rigs have none: a field of 10 mpx would cost them more than it gives."""
+    assert learnt(np.random.default_rng(seed), 60, NO_FIELD).field_std_px < 5e-3
+
+
+@pytest.mark.parametrize("std_px", [0.05, 0.15])
+def test_the_size_of_a_field_is_learnt(std_px: float) -> None:
+    """The amplitudes have σ = 1 each, K of them: what they show of it scatters by 1/√(2K) at the best."""
+    ratios, off2, said2 = [], [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        amplitudes = std_px * rng.normal(size=len(NO_FIELD))
+        rows = learnt(rng, 60, amplitudes)
+        ratios.append(rows.field_std_px / std_px)
+        off2.append(((rows.at(GRID) - smooth(GRID) - field(GRID, amplitudes)) ** 2).mean())
+        said2.append(rows.variance(GRID).mean())
+    scatter = 1 / np.sqrt(2 * len(NO_FIELD))
+    assert np.mean(ratios) == pytest.approx(1, abs=3 * scatter)
+    assert np.sqrt(np.mean(off2)) < 0.6 * std_px  # most of it is known
+    assert 0.7 < np.sqrt(np.mean(off2) / np.mean(said2)) < 1.4  # and what is not, is said
+
+
+def test_rows_that_drift_are_followed() -> None:
+    """By 2 px in 1200 frames, as lenses that warm up: the last frames' rows are right."""
+    rng, rows, off = np.random.default_rng(3), Rows.unknown(P, Config()), []
+    for frame in range(1200):
+        at = places(rng, 12)  # new tracks per frame of a calm run
+        drifted = 2 * frame / 1200
+        off.append(np.abs(rows.at(GRID[::7]) - drifted).max())
+        rows = rows.learnt(at, drifted + STD_PX * rng.normal(size=len(at)), np.zeros(len(at)))
+    # a filter that lags by τ frames is off by τ · 2/1200; with 12 matches of 0.1 px and steps of 2 mpx τ is some 15
+    assert max(off[50:]) < 3 * STD_PX
+    assert rows.scatter_px < 1.3 * STD_PX
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 2e-3, -8e-3])
+def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> None:
+    rows = learnt(np.random.default_rng(4), 30, NO_FIELD, delay_s=delay_s)
+    assert np.abs(rows.at(GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(7 / 1200)
+    at = rows_of._POLYNOMIAL
+    mean, std = rows.mean[at], np.sqrt(rows.cov[at, at])
+    assert abs(mean - delay_s) < 3 * std and std < 1e-3
+    speed = np.full(len(GRID), 100.0)  # a match that has moved as far as the delay lets it agrees
+    seen = GRID + np.stack([np.zeros(len(GRID)), delay_s * speed], axis=1)
+    assert rows.agrees(GRID, seen, speed).all()
+
+
+def test_a_delay_that_is_not_possible_is_not_found() -> None:
+    rng, rows = np.random.default_rng(5), Rows.unknown(P, Config(rig=RigConfig(exact=True)))
+    for _ in range(20):
+        at, speed = places(rng), np.full(N, 60 * rng.normal())
+        rows = rows.learnt(at, -8e-3 * speed + STD_PX * rng.normal(size=N), speed)
+    assert abs(rows.mean[rows_of._POLYNOMIAL]) < 1e-8

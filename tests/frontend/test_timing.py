@@ -1,0 +1,119 @@
+"""Delay and readout in the front-end: what an estimator tells of them, and where tracks are with that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.config import Config, RigConfig
+from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.frontend.timing import Timing
+from stream_sfm.frontend.tracks import Tracks
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.stereo import StereoProjection
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+
+P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
+TWIST = np.array([0.5, 0.1, -1.0, 0.3, 0.6, -0.2])  # per second
+
+
+def row_of(z_px: np.ndarray) -> np.ndarray:
+    """Of cameras that are rectified already: as shares of the height from the middle."""
+    return np.repeat(z_px[:, [1, 3]] / P.height - 0.5, 2, axis=1)
+
+
+def points(n: int = 60) -> np.ndarray:
+    """Homogeneous points (n, 4) all over the image, 2 to 20 m away."""
+    rng = np.random.default_rng(1)
+    rays = np.stack([rng.uniform(-0.5, 0.5, n), rng.uniform(-0.4, 0.4, n), np.ones(n)], axis=1)
+    return np.concatenate([rays, 1 / rng.uniform(2, 20, (n, 1))], axis=1)
+
+
+def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
+    prior = Timing.unknown(P, RigConfig(), row_of)
+    return prior.told(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
+
+
+def triangulated(z_px: np.ndarray) -> np.ndarray:
+    return np.column_stack([P.rays(z_px), np.ones(len(z_px)), P.inverse_depth(z_px)])
+
+
+def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
+    assert told(8e-3, 20e-3).mean == pytest.approx([8e-3, 20e-3], rel=1e-6)
+    near = told(1e-4, -2e-4)  # half a σ and one
+    assert (np.abs(near.mean) < 0.2 * np.array([1e-4, 2e-4])).all()
+    shares = [told(mean_s, 0.0).mean[0] / mean_s for mean_s in (1e-4, 4e-4, 6e-4, 8e-4, 2e-3)]
+    assert shares == sorted(shares) and shares[0] < 0.2 and shares[-1] > 0.99
+    # an estimator that knows no more than the prior has found nothing
+    assert np.abs(told(5e-3, 0.0, std_s=5e-3).mean[0]) <= 0.5 * 5e-3
+    assert (np.diag(told(8e-3, 0.0).cov) >= 2e-4**2).all()
+
+
+def test_an_exact_rig_takes_nothing_in() -> None:
+    exact = Timing.unknown(P, RigConfig(exact=True), row_of)
+    assert exact.told(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
+    assert (exact.taken_out(points(), TWIST) == 0).all()
+    assert exact.unknowns(points(), points(), TWIST, np.ones(6)) is None
+
+
+def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
+    """The right side was seen a delay later, each side by its row's share of the readout later."""
+    delay_s, readout_s, p = 1e-4, 3e-4, points()
+
+    def seen(seconds: np.ndarray) -> np.ndarray:
+        """Views (n, 4) at times (n, 4) after the frame's."""
+        moved = [se3.exp(TWIST * s) for s in seconds.ravel()]
+        views = [P.project_homogeneous((np.repeat(p, 4, axis=0)[k] @ m.T)[None])[0] for k, m in enumerate(moved)]
+        return np.array(views).reshape(len(p), 4, 4)[:, range(4), range(4)]
+
+    still = P.project_homogeneous(p)
+    seconds = readout_s * row_of(still) + delay_s * np.array([0, 0, 1, 1])
+    timing = replace(told(8e-3, 20e-3), mean=np.array([delay_s, readout_s]))
+    expected = seen(seconds) - still
+    # of second order in the time
+    assert timing.taken_out(p, TWIST) == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
+
+
+def test_tracks_are_where_corrected_views_put_them() -> None:
+    """`Tracks.shifted` against triangulating the views anew."""
+    p = points()
+    z_px = P.project_homogeneous(p)
+    change_px = told(8e-3, 20e-3).taken_out(p, TWIST)
+    assert np.abs(change_px).max() > 1
+    tracks = replace(Tracks.none(), points=p).shifted(P, change_px)
+    assert tracks.points == pytest.approx(triangulated(z_px - change_px), abs=1e-12)
+
+
+def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
+    """And what is told a second time changes nothing more: no part of it is taken out twice."""
+    stereo = rig()
+    rectifier = Rectifier(stereo)
+    front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid, row_of=rectifier.rows_of)
+    *frames, later = Wall(2).frames(stereo, camera_path(5))
+    for index, frame in enumerate(frames):
+        front.step(index, index * PERIOD_NS, front.prepare(*frame.images))
+    tracker = front.tracker
+    before, twist = tracker.tracks, tracker.timing.twist
+    assert twist is not None and len(before) > 100
+    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
+    placed = tracker.tracks.points
+    expected = before.shifted(tracker.projection, tracker.timing.taken_out(before.points, twist)).points
+    assert placed == pytest.approx(expected, abs=1e-12)
+    assert np.abs(placed - before.points).max() > 1e-3
+    assert (tracker.tracks.left_px == before.left_px).all()  # it was seen there
+
+    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
+    assert (tracker.tracks.points == placed).all()
+    tracker.learn(np.zeros(2), 1e-8 * np.eye(2))
+    # taken back, but for what the columns change over the few mrad by which the points were moved
+    assert np.abs(tracker.tracks.points - before.points).max() < 0.05 * np.abs(placed - before.points).max()
+
+    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
+    observed = front.step(4, 4 * PERIOD_NS, front.prepare(*later.images))
+    assert np.abs(observed.timing_px).max() > 0.2
+    without = (
+        observed.z_px - observed.timing_px
+    )  # views are handed out as they were seen; tracks are where they would be
+    off = (tracker.projection.project_homogeneous(tracker.tracks.points) - without)[:, :2]
+    assert np.abs(off).max() < 0.05 * np.abs(observed.timing_px).max()

@@ -1,0 +1,217 @@
+"""What errors of a rig do to views of a moving camera: every column against differences of views that are really so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import RigConfig
+from stream_sfm.estimators.cross_frame.twist_error import TwistError, cov_of_pose
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.se3 import Array
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.model import RigModel, disparity_over_image
+from stream_sfm.rig_model.terms import DELAY, FOCAL, READOUT, TERMS, columns, prior_std
+from stream_sfm.rig_model.turns import terms_of_turn
+from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns, twists, velocities, velocities_by_twist
+
+P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
+RNG = np.random.default_rng(3)
+POINTS = np.c_[RNG.uniform(-1, 1, (60, 2)), RNG.uniform(2, 8, 60), RNG.uniform(0.2, 2, 60)]
+TWIST = np.array([0.4, -0.2, 0.9, 0.3, -0.5, 0.2])  # m/s and rad/s
+Z_PX = P.project_homogeneous(POINTS)
+
+
+def row_of(z_px: Array) -> Array:
+    """Rows of images that are those of the rectified pair."""
+    return np.repeat(z_px[:, 1::2] / (P.height - 1) - 0.5, 2, axis=1)
+
+
+def seen_after(seconds: Array, twist: Array = TWIST) -> Array:
+    """Views (n, 4) of points that move with a twist, each coordinate after its time: (n, 4) seconds."""
+    result = np.empty(Z_PX.shape)
+    for k in range(4):
+        moved = se3.exp(twist * seconds[:, k : k + 1]) @ POINTS[..., None]
+        result[:, k] = P.project_homogeneous(moved[..., 0])[:, k]
+    return result
+
+
+def per_second(times: Array, twist: Array = TWIST) -> Array:
+    """What a delay of `times` (n, 4), per second of an error of timing, does to views: by central differences."""
+    step = 1e-5
+    return (seen_after(step * times, twist) - seen_after(-step * times, twist)) / (2 * step)
+
+
+LATE = np.broadcast_to([0.0, 0.0, 1.0, 1.0], Z_PX.shape)
+ROWS = row_of(Z_PX)
+
+
+def test_velocities_are_those_of_moving_points() -> None:
+    expected = per_second(np.ones(Z_PX.shape))
+    assert np.abs(velocities(P, POINTS, TWIST) - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("term", "times"), [(DELAY, LATE), (READOUT, ROWS)])
+def test_columns_of_timing_are_views_taken_at_other_times(term: str, times: Array) -> None:
+    expected = per_second(times)
+    found = columns(P, Z_PX, velocities(P, POINTS, TWIST), ROWS)[:, :, TERMS.index(term)]
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+    views, at = TimedViews(P, POINTS, TWIST, row_of), [DELAY, READOUT].index(term)
+    assert np.abs(views.columns[:, :, at] - expected).max() < 1e-6 * np.abs(expected).max()
+    by_twist = (views.by_delay, views.by_readout)[at]
+    for k, unit in enumerate(np.eye(6)):
+        expected = per_second(times, unit)
+        assert np.abs(by_twist[:, :, k] - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_the_focal_length_is_that_of_both_cameras() -> None:
+    step = 1e-4
+    longer, shorter = (replace(P, f_px=P.f_px * (1 + s)).project_homogeneous(POINTS) for s in (step, -step))
+    found = columns(P, Z_PX, None, None)[:, :, TERMS.index(FOCAL)]
+    assert np.abs(found - (longer - shorter) / (2 * step)).max() < 1e-6 * np.abs(found).max()
+
+
+def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_no_error() -> None:
+    model = RigModel.of(P, RigConfig(), row_of=row_of)
+    timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
+    assert not model.effects(Z_PX)[..., timing].any()
+    moving = velocities(P, POINTS, TWIST)
+    assert not replace(model, row_of=None).effects(Z_PX, moving)[..., timing].any()
+    z_px = Z_PX.copy()
+    z_px[0, 2:] = np.nan
+    effects = model.effects(z_px, moving)
+    assert not effects[0, 2:].any() and effects[0, :2].any() and np.isfinite(effects).all()
+
+
+def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_for_the_rest() -> None:
+    """Principal points that are off by δ make the views of a camera that is turned by δ/f, plus δ times the term."""
+    delta, points = 0.01, POINTS[:, :3] / POINTS[:, 3:]
+    for axis, term in ((1, "centre x"), (0, "centre y")):
+        shift = delta * np.array([axis == 1, axis == 0] * 2, float)
+        turn = np.zeros(6)
+        turn[3 + axis] = (delta if axis == 1 else -delta) / P.f_px
+        turned = P.project(se3.transform(se3.exp(turn), points))
+        effects = columns(P, Z_PX, None, None)[:, :, TERMS.index(term)]
+        left = Z_PX + shift - turned - delta * effects
+        # the right row errs with the left one, as rows are measured; δ² is a ten-thousandth
+        assert np.abs(left[:, :3]).max() < 1e-2 * np.abs(delta * effects).max()
+
+
+def test_a_lens_has_its_error_in_the_corner_and_the_disparity_at_the_edge() -> None:
+    u, v = P.width - 1.0, P.height - 1.0
+    effects = columns(P, np.array([[u, v, u, v]]), None, None)[0]
+    assert effects[2, :6] == pytest.approx(1) and not effects[[0, 1, 3], :6].any()
+    corner = np.array([[P.width, 0.0, P.width, 0.0]])  # the farthest from (250, 240)
+    radial = columns(P, corner, None, None)[0, :2, TERMS.index("radial 3")]
+    assert np.linalg.norm(radial) == pytest.approx(1, rel=1e-9)
+
+
+def test_terms_of_a_turn_move_far_points_like_the_turn() -> None:
+    turn, far = np.array([1e-5, -2e-5, 3e-5]), np.c_[POINTS[:, :3], np.zeros(60)]
+    z_px = P.project_homogeneous(far)
+    turned = P.project_homogeneous(far @ se3.exp(np.r_[0, 0, 0, -turn]).T)  # the camera turns, points the other way
+    found = columns(P, z_px, None, None)[:, 2] @ terms_of_turn(P) @ turn
+    assert np.abs(found - (turned - z_px)[:, 2]).max() < 1e-3 * np.abs(found).max()  # θ² is beyond the linear model
+
+
+def test_a_field_has_the_covariance_of_its_process() -> None:
+    """exp(−d²/(2ℓ²)) with ℓ of a tenth of the width; what a grid of 1.6 ℓ cannot follow is missing."""
+    at_px = np.random.default_rng(1).uniform([0, 0], [P.width, P.height], (80, 2))
+    basis = RigModel.of(P, RigConfig()).effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
+    assert not basis[:, [0, 1, 3]].any()
+    apart = np.linalg.norm(at_px[:, None] - at_px, axis=2)
+    expected = np.exp(-0.5 * (apart / (0.1 * P.width)) ** 2)
+    inside = ((at_px > 40) & (at_px < np.array([P.width, P.height]) - 40)).all(axis=1)
+    off = (basis[:, 2] @ basis[:, 2].T - expected)[np.ix_(inside, inside)]
+    assert np.linalg.eigvalsh(off).max() < 1e-9 and -np.diag(off).mean() < 0.2
+
+
+def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
+    """Also those of a map of the disparity over the image, to the last view."""
+    model = RigModel.of(P, RigConfig(std_drift_rad=1e-5))
+    rng, t = np.random.default_rng(2), len(TERMS)
+    mean, root = rng.normal(size=len(model)), rng.normal(size=(len(model), len(model)))
+    cov = root @ root.T
+    found = model.in_units(RigEstimate(mean, cov, 0.9, mean, cov, np.ones(len(model))))
+    assert found.prior_std[:t] == pytest.approx(prior_std(RigConfig())) and found.refined is None
+    far = Z_PX.copy()
+    far[:, 2:] = far[:, :2] + [P.cx_right_px - P.cx_left_px, 0]
+    error = model.effects(far) @ mean
+    assert error[:, :2] == pytest.approx((columns(P, far, None, None) @ found.mean[:t])[:, :2])
+    error_px, std_px = disparity_over_image(P, found, (5, 7))
+    u, v = np.meshgrid(np.linspace(0, P.width - 1, 7), np.linspace(0, P.height - 1, 5))
+    grid = np.stack([u.ravel(), v.ravel(), u.ravel() + 12.0, v.ravel()], axis=1)
+    of_disparity = model.effects(grid)[:, 0] - model.effects(grid)[:, 2]
+    assert error_px.ravel() == pytest.approx(of_disparity @ mean, rel=1e-9)
+    assert std_px.ravel() == pytest.approx(np.linalg.norm(of_disparity @ root, axis=1), rel=1e-9)
+    timing, cov_timing = model.timing(mean, cov)
+    k = TERMS.index(DELAY)
+    assert timing == pytest.approx(found.mean[k : k + 2])
+    assert cov_timing == pytest.approx(found.cov[k : k + 2, k : k + 2], rel=1e-6)
+    assert model.drift is not None
+    assert found.mean[0] == pytest.approx(mean[0] * RigConfig().std_disparity_px)
+    assert model.root[:6, :6] @ model.drift[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
+
+
+STAMPS = [0, 90_000_000, 210_000_000, 300_000_000, 380_000_000, 520_000_000]
+
+
+def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities() -> None:
+    t = np.array(STAMPS) / 1e9
+    steady = se3.exp(TWIST * t[:, None]) @ se3.exp(np.array([0.3, 1, 2, 0.1, 0.2, 0.3]))
+    assert twists(steady, STAMPS) == pytest.approx(np.tile(TWIST, (6, 1)), abs=1e-9)
+    cubic = np.tile(np.eye(4), (6, 1, 1))
+    cubic[:, 0, 3], cubic[:, 1, 3] = 2 * t**3 - t, t**2
+    found = twists(cubic, STAMPS)
+    assert found[:, 0] == pytest.approx(6 * t**2 - 1, abs=1e-9)
+    assert found[:, 1] == pytest.approx(2 * t, abs=1e-9)
+    assert not twists(cubic[:3], STAMPS[:3]).any()  # too few
+
+
+@pytest.mark.parametrize("mean", [(0.004, 0.0), (0.0, 0.02)])
+def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tuple[float, float]) -> None:
+    """Monte Carlo of delays and readouts that stay from one frame to the next, and of a velocity that is off."""
+    rng, draws = np.random.default_rng(4), 40_000
+    cov, std_twist = np.diag([1e-3, 5e-3]) ** 2, np.repeat([0.3, 0.1], 3)
+    before, now = (TimedViews(P, POINTS[:5], twist, row_of) for twist in (TWIST, 0.5 * TWIST))
+    unknown = timing_unknowns(before, now, np.array(mean), cov, std_twist).reshape(20, -1)
+    timing = mean + rng.normal(size=(draws, 2)) @ np.sqrt(cov)
+    off = rng.normal(size=(draws, 6)) * std_twist
+    by_time = (now.columns - before.columns).reshape(20, 2)
+    moved = (timing - mean) @ by_time.T
+    for k, by_twist in enumerate((now.by_delay, now.by_readout)):
+        moved += timing[:, k : k + 1] * (off @ by_twist.reshape(20, 6).T)
+    expected = moved.T @ moved / draws
+    found = unknown @ unknown.T
+    scale = np.sqrt(np.diag(expected)).clip(1e-9)
+    # four standard errors of a covariance, twice, as products of two Gaussians have tails
+    assert np.abs((found - expected) / np.outer(scale, scale)).max() < 8 / np.sqrt(draws)
+
+
+def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
+    """Against poses that are fitted to views which a velocity that is off has moved."""
+    root = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.1, 0.03], 3)[:, None]
+    views, by_pose = TimedViews(P, POINTS, np.zeros(6), row_of), velocities_by_twist(P, POINTS)
+    for size, times in ((np.array([0.004, 0]), LATE), (np.array([0, 0.02]), ROWS)):
+        fitted = []
+        for twist in root.T:
+            moved = size.sum() * per_second(times, twist)
+            fitted.append(np.linalg.lstsq(by_pose.reshape(-1, 6), moved.ravel(), rcond=None)[0])
+        expected = np.array(fitted).T @ np.array(fitted)
+        found = cov_of_pose(views, by_pose, size, root @ root.T)
+        assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change() -> None:
+    rng, std, assumed = np.random.default_rng(6), np.repeat([0.2, 0.05], 3), np.ones(6)
+    error = TwistError()
+    assert error.cov(assumed, 0.1) == pytest.approx(0.01 * np.eye(6))
+    extrapolated: dict[int, Array] = {}
+    for newest in range(200):
+        frames = list(range(max(0, newest - 5), newest + 1))
+        extrapolated[newest] = TWIST + std * rng.normal(size=6)
+        error.add(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
+    found = error.cov(assumed, 0.1)
+    # over 20 frames, with weights that fall: a variance is known to a factor of 1 ± 0.22
+    assert np.diag(found) == pytest.approx(std**2, rel=4 * 0.23)

@@ -1,0 +1,59 @@
+"""What a run says about its rig, in sentences, and that what it holds at zero has a covariance all the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.sizes import mixture
+from stream_sfm.rig_model.terms import DELAY, FOCAL, READOUT, TERMS
+
+
+def found(**known: tuple[float, float]) -> RigEstimate:
+    """An estimate in units, with mean and σ of timing and focal length; nothing is known of the rest."""
+    mean, std = np.zeros(len(TERMS)), np.ones(len(TERMS))
+    for name in (DELAY, READOUT, FOCAL):
+        mean[TERMS.index(name)], std[TERMS.index(name)] = known.get(name.replace(" ", "_"), (0.0, 1e-4))
+    return RigEstimate(mean, np.diag(std**2), 0.2, mean, np.diag(std**2), std)
+
+
+@pytest.mark.parametrize(
+    ("known", "sentence"),
+    [
+        ({"delay": (8.1e-3, 2e-4)}, "the right camera is 8.10 ± 0.20 ms late"),
+        ({"delay": (-2e-3, 1e-4)}, "the right camera is 2.00 ± 0.10 ms early"),
+        ({"readout": (19.04e-3, 1e-3)}, "the shutters read out in 19.04 ± 1.00 ms"),
+        ({"readout": (-5e-3, 2e-4)}, "the shutters read out in 5.00 ± 0.20 ms, from the bottom up"),
+        ({"focal_length": (5e-3, 5e-4)}, "the focal length is 0.50 ± 0.05 % longer"),
+        ({"focal_length": (-2e-3, 3e-4)}, "the focal length is 0.20 ± 0.03 % shorter"),
+    ],
+)
+def test_what_is_certain_is_said(known: dict[str, tuple[float, float]], sentence: str) -> None:
+    assert found(**known).findings() == [sentence]
+
+
+def test_what_is_not_certain_is_not_said() -> None:
+    """Below five standard deviations; and several findings are said one by one."""
+    assert found(delay=(4.9e-4, 1e-4), readout=(-4e-3, 1e-3), focal_length=(0.0, 1e-5)).findings() == []
+    assert len(found(delay=(6e-3, 1e-3), readout=(0.02, 1e-3), focal_length=(4e-3, 1e-3)).findings()) == 2
+
+
+def test_a_calibration_is_taken_for_wrong_where_that_is_more_probable() -> None:
+    assert not replace(found(), p_wrong=0.5).applied and replace(found(), p_wrong=0.51).applied
+    assert found(delay=(8e-3, 2e-4)).term(DELAY) == pytest.approx((8e-3, 2e-4))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_errors_that_are_most_probably_zero_have_variances_of_zero_at_least(seed: int) -> None:
+    """Views that know all errors to 1e-5 σ, and found none: rounding must not make a variance negative."""
+    rng = np.random.default_rng(seed)
+    m = len(TERMS) + 40
+    size = np.r_[np.ones(len(TERMS)), np.full(40, 1e-3)]
+    j = 1e2 * rng.normal(size=(3 * m, m))
+    cov = np.linalg.inv(j.T @ j + np.diag(size**-2.0))
+    mixed = mixture(np.zeros(m), cov, size)
+    assert mixed.p_wrong < 1e-4  # one error alone that is below 1e-3 of its σ, of the one in twenty that has one
+    assert (np.diag(mixed.cov) >= 0).all()
+    basis = rng.normal(size=(100, m))
+    assert (np.einsum("ni,ij,nj->n", basis, mixed.cov, basis) >= 0).all()

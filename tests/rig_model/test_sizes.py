@@ -1,0 +1,124 @@
+"""Sizes and probabilities of a rig's errors, against the views themselves: likelihoods written out densely."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from stream_sfm.geometry.se3 import Array
+from stream_sfm.rig_model.sizes import likely_sizes, log_odds_wrong, mixture
+from stream_sfm.rig_model.terms import FOCAL, TERMS
+
+T = len(TERMS)
+M = T + 3  # with some amplitudes of a field
+AT_FOCAL = TERMS.index(FOCAL)
+LENS = slice(0, AT_FOCAL)
+SIZE = np.array([*np.linspace(0.4, 1.6, T), 0.3, 0.3, 0.3])
+
+
+class Views:
+    """Views z = A c + noise of errors c, and what they say about c with a prior of sizes `SIZE`."""
+
+    def __init__(self, seed: int, errors: Array, std: float) -> None:
+        rng = np.random.default_rng(seed)
+        self.a = rng.normal(size=(2 * M, M))
+        self.noise = std**2 * np.eye(2 * M)
+        self.z = self.a @ errors + std * rng.normal(size=2 * M)
+        self.mean, self.cov = self.posterior(SIZE)
+
+    def posterior(self, size: Array) -> tuple[Array, Array]:
+        """Mean and covariance of errors that have these sizes; size 0: none."""
+        gain = size[:, None] ** 2 * self.a.T @ np.linalg.inv(self.evidence_cov(size))
+        return gain @ self.z, np.diag(size**2) - gain @ self.a * size**2
+
+    def evidence_cov(self, size: Array) -> Array:
+        return self.a * size**2 @ self.a.T + self.noise
+
+    def log_evidence(self, size: Array) -> float:
+        """log p(views) with errors of these sizes."""
+        return float(multivariate_normal.logpdf(self.z, np.zeros(len(self.z)), self.evidence_cov(size)))
+
+
+def considered(mean: Array, cov: Array, term: int) -> tuple[Array, Array]:
+    """A Gaussian in which one error is as wrong as is probable, and counts in full; by densities at zero."""
+    prior, var = SIZE[term] ** 2, cov[term, term]
+    likelihood = 1 / (1 / var - 1 / prior)  # variance of what views alone say, about `at`
+    at = mean[term] / var * likelihood
+    odds = np.log(0.05) + norm.logpdf(at, 0, np.sqrt(likelihood + 1)) - norm.logpdf(at, 0, np.sqrt(likelihood))
+    right = mean - cov[:, term] / var * mean[term]
+    p = 1 / (1 + np.exp(-odds))
+    held = p * mean + (1 - p) * right
+    return held, cov + np.outer(mean - held, mean - held)
+
+
+def only(term: int) -> Array:
+    """Sizes of 1 for one error of the lenses and 0 for all others."""
+    return with_size(LENS, 0.0) + np.eye(M)[term]
+
+
+def with_size(which: slice, size: float) -> Array:
+    changed = SIZE.copy()
+    changed[which] = size
+    return changed
+
+
+@pytest.mark.parametrize("std", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("which", [LENS, slice(AT_FOCAL, AT_FOCAL + 1)], ids=["lenses", "focal length"])
+def test_odds_of_a_wrong_calibration_are_a_ratio_of_two_likelihoods(which: slice, std: float) -> None:
+    views = Views(1, SIZE * np.random.default_rng(2).normal(size=M), std)
+    odds = views.log_evidence(with_size(which, 1.0)) - views.log_evidence(with_size(which, 0.0))
+    assert log_odds_wrong(views.mean, views.cov, SIZE, which) == pytest.approx(odds, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("errors", [0.0, 0.1, 1.0, 2.0])
+def test_a_likely_size_is_an_average_by_the_likelihood_of_each(errors: float) -> None:
+    """Of one term at a time, sizes from a fortieth to three, all equally probable on a logarithmic scale."""
+    views = Views(3, errors * np.random.default_rng(4).normal(size=M), 0.5)
+    found = likely_sizes(views.mean, views.cov, SIZE)
+    half_step = 120 ** (1 / 80)  # each of 41 sizes stands for those around it, the first and last ones, too
+    sizes = np.geomspace(0.025 / half_step, 3.0 * half_step, 400)
+    for k in set(range(T)) - {AT_FOCAL}:
+        weight = np.exp([views.log_evidence(with_size(slice(k, k + 1), s)) for s in sizes])
+        expected = np.sqrt((weight * sizes**2).sum() / weight.sum())
+        assert found[k] == pytest.approx(expected, rel=0.01)  # the step is 0.12
+    assert found[AT_FOCAL] == SIZE[AT_FOCAL] and (found[T:] == SIZE[T:]).all()
+
+
+def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
+    views = Views(5, SIZE, 0.5)
+    sizes = []
+    for so_far in (0.1, 3.0):
+        k = slice(0, 1)
+        size = with_size(k, so_far)
+        sizes.append(likely_sizes(*views.posterior(size), size)[0])
+    assert sizes[0] == pytest.approx(sizes[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
+def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) -> None:
+    """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
+
+    Wrong lenses err in all terms, or, one in twenty, in one alone. In each half focal length, delay and readout are
+    held between what views say and 0, one after the other, by their probabilities (beforehand one in twenty); what
+    counts is the mean square about that if they are wrong.
+    """
+    true = errors * SIZE * np.random.default_rng(6).normal(size=M)
+    views = Views(7, true, std)
+    found = mixture(views.mean, views.cov, SIZE)
+    none = views.log_evidence(with_size(LENS, 0.0))
+    together = views.log_evidence(with_size(LENS, 1.0)) - none
+    alone = [views.log_evidence(only(k)) - none for k in range(AT_FOCAL)]
+    odds = np.logaddexp(np.log(0.95) + together, np.log(0.05) + np.logaddexp.reduce(alone) - np.log(AT_FOCAL))
+    assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-odds)), rel=1e-5)
+    halves = []
+    for lenses, p in ((1.0, found.p_wrong), (0.0, 1 - found.p_wrong)):
+        size = SIZE * np.where(np.arange(M) < AT_FOCAL, lenses, 1.0) * np.where(np.arange(M) < T, 1.0, lenses)
+        held, cov = views.posterior(size)
+        for term in range(AT_FOCAL, T):
+            held, cov = considered(held, cov, term)
+        halves.append((p, held, cov + np.outer(held, held)))
+    mean = sum(p * m for p, m, _ in halves)
+    cov = sum(p * second for p, _, second in halves) - np.outer(mean, mean)
+    assert np.abs(found.mean - mean).max() < 1e-6
+    assert np.abs(found.cov - cov).max() < 1e-6
+    known = mixture(views.mean, views.cov, SIZE, known_wrong=True)
+    assert known.p_wrong == 1 and np.abs(known.mean - halves[0][1]).max() < 1e-6
