@@ -194,22 +194,22 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
 
     Many views may agree with both motions; they say nothing about which of the two is that of the background.
-    Errors that all views share are the same for both.
+    With errors that all views share it takes as many views more.
     """
     off = found.squared_residuals > _RIVAL_BEYOND * views.gate
     if not found.ok or off.sum() < _MIN_RIVAL_VIEWS:
         return found
     seen = views.without_shared(found.amplitudes)
     start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_RIVAL_VIEWS)
-    other = _least_squares(seen, weights, _Motion(start, np.zeros(0)), *seen.linearise(start))
+    other = _least_squares(views, weights, _Motion(start, found.amplitudes), *views.linearise(start))
     only_other = off & other.accepted
-    if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS:
+    if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS + len(found.amplitudes):
         return found
     only_found = found.accepted & (other.squared_residuals > _RIVAL_BEYOND * views.gate)
     odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
     if odds > 1 / _RIVAL_SHARE:
         second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
-        return replace(other, second=second, amplitudes=found.amplitudes, cov_amplitudes=found.cov_amplitudes)
+        return replace(other, second=second)
     return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))
 
 

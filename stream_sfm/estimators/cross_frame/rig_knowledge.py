@@ -58,9 +58,11 @@ class RigKnowledge:
     def judged(self, mean: Array, cov: Array, doubtful: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
 
-        Where it is `doubtful` that images and calibration belong together, that is not without errors.
+        Where it is `doubtful` that images and calibration belong together, nothing is corrected, and everything counts.
         """
-        found = mixture(mean, cov, self.size, known_wrong=doubtful or not self.steady)
+        found = mixture(mean, cov, self.size, known_wrong=not self.steady)
+        if doubtful and self.steady:
+            found = Mixture(np.zeros(len(mean)), cov + np.outer(mean, mean), found.p_wrong)
         return replace(self, held=found.mean, cov_held=found.cov), found
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
