@@ -2,8 +2,8 @@
 
 Here: everything that looks at pixels. Not here: the estimate (`estimators/`), files (`recording/`). The front-end
 keeps its own rough motion and depths for prediction, so that methods can be compared on the same observations; an
-estimator tells it no more than delay and readout of the cameras (`FrontEnd.learn`). Equations "(n)":
-stream_sfm/MATHEMATICS.md, sections 3 and 11.
+estimator tells it no more than delay and readout of the cameras (`FrontEnd.learn`). Equations "(n)" are those of
+docs/mathematics.md, sections 3 and 11.
 """
 
 from typing import TYPE_CHECKING, Protocol

@@ -45,7 +45,6 @@ class Rows:
 
     projection: StereoProjection
     max_px: float
-    std_delay_s: float
     mean: Array
     cov: Array
     scatter_px: float = _STD_MATCH_PX
@@ -59,7 +58,7 @@ class Rows:
         n_field = len(field_over(projection.width, projection.height))
         std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
         max_px = config.frontend.max_vertical_disparity_px
-        return cls(projection, max_px, std_delay_s, np.zeros(len(std)), np.diag(std**2))
+        return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2))
 
     @property
     def largest_px(self) -> float:

@@ -1,8 +1,8 @@
 """What a late right camera and a rolling shutter do to the views of a frame, as far as the front-end knows.
 
 Both move a view along its velocity, eq. (70a). From frame to frame only the change of that shows: a constant part
-is in the points already. So a resection has two more unknowns, the delay and the readout; what it finds is kept for the
-next frames, and taken out of the views before any motion is sought. Estimators get the views as they were seen.
+is in the points already. So a resection has more unknowns, by delay, readout and velocity. What an estimator finds out
+about delay and readout is taken out of the views before any motion is sought; it gets the views as they were seen.
 """
 
 from collections.abc import Callable
@@ -13,10 +13,10 @@ import numpy as np
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..rig_model.sizes import probability
 from ..rig_model.velocities import TimedViews, timing_unknowns
 
 _STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
-_MAX_ODDS = 500.0  # log odds: exp stays finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,5 +74,4 @@ class Timing:
         var = np.diag(cov)
         gain = np.maximum(self.std**2 / var - 1, 0.0)
         log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
-        p = 1 / (1 + np.exp(-np.clip(log_odds, -_MAX_ODDS, _MAX_ODDS)))
-        return replace(self, mean=p * mean, cov=cov + np.diag((_STEP * self.std) ** 2))
+        return replace(self, mean=probability(log_odds) * mean, cov=cov + np.diag((_STEP * self.std) ** 2))

@@ -88,7 +88,7 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
     covariance in full.
     """
     lens = np.r_[_LENS, len(TERMS) : len(mean)]
-    p_wrong = _probability(log_odds_lenses(mean, cov, size))
+    p_wrong = float(probability(np.array(log_odds_lenses(mean, cov, size))))
     wrong = _considering(mean, cov, size)
     if known_wrong:
         return Mixture(*wrong, 1.0)
@@ -102,7 +102,8 @@ def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
     They count in full in the covariance.
     """
     for term in _CONSIDERED:
-        p = _probability(log_odds_wrong(mean, cov, size, slice(term, term + 1)) + _LOG_ODDS_CONSIDERED)
+        log_odds = log_odds_wrong(mean, cov, size, slice(term, term + 1)) + _LOG_ODDS_CONSIDERED
+        p = float(probability(np.array(log_odds)))
         away = (1 - p) * cov[:, term] * mean[term] / cov[term, term]
         mean, cov = mean - away, cov + np.outer(away, away)
     return mean, cov
@@ -123,5 +124,6 @@ def _either(p: float, one: tuple[Array, Array], other: tuple[Array, Array]) -> t
     return p * one[0] + (1 - p) * other[0], cov
 
 
-def _probability(log_odds: float) -> float:
-    return float(1 / (1 + np.exp(-np.clip(log_odds, -_MAX_ODDS, _MAX_ODDS))))
+def probability(log_odds: Array) -> Array:
+    """Return the probabilities of log odds, both of any shape."""
+    return 1 / (1 + np.exp(-np.clip(log_odds, -_MAX_ODDS, _MAX_ODDS)))

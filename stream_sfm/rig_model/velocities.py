@@ -9,9 +9,8 @@ from ..geometry.linear import matvec
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 
-_REACH = (
-    2  # frames on either side from which a velocity is taken: a polynomial of fourth order inside, third at the end
-)
+# Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
+_REACH = 2
 _NODES = 4  # frames at least, as far as there are any
 
 
@@ -59,8 +58,9 @@ def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array)
 class TimedViews:
     """Views of homogeneous points (n, 4) that move with a twist (6,), as delay and readout see them.
 
-    `row_of`: as in `RigModel`; None: the readout does nothing. `by_delay`, `by_readout` (n, 4, 6): px per second and
-    unit of the twist; `columns` (n, 4, 2): px per second of delay and of readout.
+    `row_of`: as in `RigModel`; None: the readout does nothing. `by_twist` (n, 4, 6): px per second and unit of the
+    twist, `by_delay` and `by_readout` (n, 4, 6): px per second of either, and unit of the twist; `columns` (n, 4, 2):
+    px per second of delay and of readout.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class TimedViews:
         twist: Array,
         row_of: Callable[[Array], Array] | None,
     ) -> None:
-        by_twist = velocities_by_twist(projection, points_in_cam)
+        self.by_twist = by_twist = velocities_by_twist(projection, points_in_cam)
         self.by_delay = by_twist * np.array([0.0, 0.0, 1.0, 1.0])[:, None]
         row = np.zeros((len(points_in_cam), 4))
         if row_of is not None:

@@ -15,7 +15,7 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...rig_model.estimate import RigEstimate
-from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities, velocities_by_twist
+from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, union
 from .inverse_depth import (
@@ -261,7 +261,7 @@ class Map:
         views = TimedViews(self.projection, in_cam, np.zeros(6), newest.rig.row_of)
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         size = np.sqrt(mean**2 + np.diag(cov))
-        return cov_of_pose(views, velocities_by_twist(self.projection, in_cam), size, cov_twist)
+        return cov_of_pose(views, views.by_twist, size, cov_twist)
 
     def _renew_first(self, frame: WindowFrame, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.
