@@ -33,6 +33,9 @@ _MIN_RAY_DEPTH = 0.2
 _EXCHANGED = -0.5  # x of the direction from left to right camera: within 60° of exactly left, no such pair is meant
 _BESIDE = 0.7  # the same: less, and the right camera is above, below, in front or behind rather than beside
 _PARALLEL = 1e-3  # sine of the angle between baseline and view: less, and both cameras see along one line
+_ROW_DEGREE = 7  # of the polynomial in each coordinate for rows of the camera's image, and how many places it fits
+_ROW_NODES = 21
+_ROW_REACH = 0.6  # shares of the image from its middle: what lies further out was not seen
 _MIN_VALID = 0.02  # of the rectified image's area: with less picture there is nothing to track
 
 
@@ -80,19 +83,40 @@ class Rectifier:
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
     def rows_of(self, z_px: Array) -> Array:
-        """In which rows of the cameras' own images views (n, 4) of rectified ones are: (n, 4), −½ at the top to ½."""
-        result = np.full(z_px.shape, np.nan)
-        for side, (camera, rotation, k_rectified) in enumerate(self._sides):
-            u, v = z_px[:, 2 * side], z_px[:, 2 * side + 1]
-            rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(k_rectified).T @ rotation
-            seen = np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0)
+        """In which rows of the cameras' own images views (n, 4) of rectified ones are: (n, 4), −½ at the top to ½.
+
+        A polynomial through the rows of places all over the image: a thousandth of the height is exact enough.
+        """
+        x, y = self._powers(z_px.reshape(-1, 2, 2))
+        rows = ((np.swapaxes(x, 0, 1) @ self._row_polynomials) * np.swapaxes(y, 0, 1)).sum(axis=2).T
+        return np.repeat(rows, 2, axis=1)
+
+    @cached_property
+    def _row_polynomials(self) -> Array:
+        """Coefficients (s, k, k) of the rows of each camera's own image."""
+        p = self.projection
+        u, v = np.meshgrid(np.linspace(0, p.width - 1, _ROW_NODES), np.linspace(0, p.height - 1, _ROW_NODES))
+        places_px = np.stack([u.ravel(), v.ravel()], axis=1)
+        x, y = self._powers(places_px)
+        products, found = (x[:, :, None] * y[:, None, :]).reshape(len(places_px), -1), []
+        for camera, rotation, k_rectified in self._sides:
+            rays = np.column_stack([places_px, np.ones(len(places_px))]) @ np.linalg.inv(k_rectified).T @ rotation
+            ahead = rays[:, 2] > 0
             fisheye, d = _distortion(camera)
-            points = rays[seen, None]
-            if len(points):
-                project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
-                raw = project(points, np.zeros(3), np.zeros(3), camera.K, d)[0].reshape(-1, 2)
-                result[seen, 2 * side : 2 * side + 2] = raw[:, 1:] / (camera.height - 1) - 0.5
-        return result
+            project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+            raw = project(rays[ahead, None], np.zeros(3), np.zeros(3), camera.K, d)[0].reshape(-1, 2)
+            inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < _ROW_REACH).all(axis=1)
+            row = raw[inside, 1] / (camera.height - 1) - 0.5
+            found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
+        return np.stack(found)
+
+    def _powers(self, places_px: Array) -> tuple[Array, Array]:
+        """Powers (…, k) of the two coordinates of positions (…, 2) in a rectified image."""
+        at = 2 * places_px / (self.projection.width, self.projection.height) - 1
+        factors = np.repeat(at[..., None], _ROW_DEGREE + 1, axis=-1)
+        factors[..., 0] = 1.0
+        powers = np.asarray(np.cumprod(factors, axis=-1), np.float64)
+        return powers[..., 0, :], powers[..., 1, :]
 
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.linear import matvec
@@ -12,6 +13,7 @@ from ..geometry.stereo import StereoProjection, clamp_depth
 # Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
 _REACH = 2
 _NODES = 4  # frames at least, as far as there are any
+_LEAST_PX2 = 1e-4  # of a component, summed over all views: a hundredth of the variance of one good view
 
 
 def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
@@ -24,23 +26,26 @@ def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
     if n < _NODES:
         return np.zeros((n, 6))
     t = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
-    result = np.empty((n, 6))
-    for k in range(n):
-        first, last = max(0, k - _REACH), min(n, k + _REACH + 1)
-        first, last = max(0, min(first, last - _NODES)), min(n, max(last, first + _NODES))
-        near = se3.log(cams_from_ref[first:last] @ se3.inverse(cams_from_ref[k]))
-        result[k] = _slopes(t[first:last] - t[k]) @ near
-    return result
+    at = np.arange(n)
+    first = np.minimum(np.maximum(at - _REACH, 0), n - _NODES)
+    count = np.maximum(np.minimum(at + _REACH + 1, n) - first, _NODES)
+    offset = np.arange(2 * _REACH + 1)
+    used = offset < count[:, None]
+    near = np.where(used, first[:, None] + offset, at[:, None])
+    moved = se3.log(cams_from_ref[near] @ se3.inverse(cams_from_ref)[:, None])
+    return np.asarray((_slopes(t[near] - t[:, None], used)[..., None] * moved).sum(axis=1))
 
 
-def _slopes(t: Array) -> Array:
-    """Return weights (n,) of values at times (n,) that give the slope at 0 of the polynomial through them."""
-    powers = np.vander(t, increasing=True).T
-    scale = np.abs(t).max()
-    powers = powers / scale ** np.arange(len(t))[:, None]
-    unit = np.zeros(len(t))
-    unit[1] = 1.0
-    return np.asarray(np.linalg.solve(powers, unit) / scale)
+def _slopes(t: Array, used: NDArray[np.bool_]) -> Array:
+    """Return weights (n, k) of values at the times `used`, that give the slope at 0 of the polynomial through them.
+
+    One of the times (n, k) is 0, where the value is 0 and needs no weight: derivatives of Lagrange's polynomials.
+    """
+    others = used & (t != 0)
+    apart = t[:, :, None] - t[:, None, :]
+    factors = others[:, None, :] & (apart != 0)
+    ratio = np.where(factors, -t[:, None, :] / np.where(factors, apart, 1.0), 1.0).prod(axis=2)
+    return np.where(others, ratio / np.where(others, t, 1.0), 0.0)
 
 
 def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> Array:
@@ -51,7 +56,7 @@ def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> A
 
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
-    """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) that move with a twist (6,)."""
+    """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
     return matvec(velocities_by_twist(projection, points_in_cam), np.broadcast_to(twist, (len(points_in_cam), 6)))
 
 
@@ -83,10 +88,14 @@ def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array
     """Return what is not known of how views have changed, with delay and readout N(`mean` (2,), `cov` (2, 2)), seconds.
 
     (n, 4, j) px, each of σ = 1: a constant delay or readout shows where the velocity has changed; and what either of
-    them does shows where the velocity is not known, by `std_twist` (6,).
+    them does shows where the velocity is not known, by `std_twist` (6,). Their principal components, as far as these
+    are more than a good view's noise hides.
     """
     of_time = (now.columns - before.columns) @ np.linalg.cholesky(cov)
     size = np.sqrt(mean**2 + np.diag(cov))
-    return np.concatenate(
+    unknown = np.concatenate(
         [of_time, size[0] * std_twist * now.by_delay, size[1] * std_twist * now.by_readout], axis=2
     )
+    flat = unknown.reshape(-1, unknown.shape[2])
+    variance, axes = np.linalg.eigh(flat.T @ flat)
+    return np.asarray(unknown @ axes[:, variance > _LEAST_PX2])

@@ -15,6 +15,7 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...rig_model.estimate import RigEstimate
+from ...rig_model.model import RigModel
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, union
@@ -56,6 +57,7 @@ class Map:
         self.projection = projection
         self.frames: list[WindowFrame] = []
         self._twist_error = TwistError()
+        self._twists = np.zeros((1, 6))  # of the reference camera and of the window
         self._first: WindowFrame | None = frame  # until another one is absorbed
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
@@ -221,7 +223,7 @@ class Map:
         if frame.rig is None:
             return None
         poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
-        stamps = [self.reference_ns, *(f.stamp_ns for f in self.frames), frame.stamp_ns]
+        stamps = [*self._stamps_ns(), frame.stamp_ns]
         *_, before, now = twists(
             np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
         )
@@ -235,35 +237,55 @@ class Map:
     def renew_rig_effects(self) -> None:
         """Take what errors of the rig do to the used views of the window where they are expected now, and as they move.
 
-        What a delay or a readout does depends on the camera's velocity, which later frames tell better.
+        What a delay or a readout does depends on the camera's velocity, which later frames tell better. And the noise
+        of a view moves it to where an error of the rig does something else, by a fixed amount for noise of a given
+        variance, which is not averaged out: errors that hardly show would be estimated wrongly.
         """
-        poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
-        by_frame = twists(np.stack(poses), [self.reference_ns, *(f.stamp_ns for f in self.frames)])
+        rig = self.frames[-1].rig
+        if rig is None:
+            return
+        cams = self.cams_from_ref()
+        self._twists = twists(np.concatenate([np.eye(4)[None], cams]), self._stamps_ns())
         if self._first is not None:
-            self._renew_first(self._first, by_frame[0])
-        for frame, twist in zip(self.frames, by_frame[1:], strict=True):
-            at = np.searchsorted(self.ids, frame.ids[frame.used])
-            in_cam = clamp_depth(matvec(frame.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at])))
-            frame.renew_rig_effects(self.projection, in_cam, twist, self.rig_error)
+            self._renew_first(self._first, rig, self._twists[0])
+        views = self.views()
+        in_cam = clamp_depth(matvec(cams[views.frame], in_reference(self.ref_from_anchor, self.q)[views.point]))
+        stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
+        effects = self._effects(rig, in_cam, self._twists[1:][views.frame], stereo, views.rig_effects)
+        for row, frame in enumerate(self.frames):
+            frame.take_effects(np.flatnonzero(frame.used), effects[views.frame == row])
+
+    def _effects(
+        self, rig: RigModel, in_cam: Array, twist: Array, stereo: NDArray[np.bool_], effects: Array
+    ) -> Array:
+        """Return what errors of the rig do (n, 4, m) to views of homogeneous points (n, 4) with twists (6,) or (n, 6).
+
+        `stereo` (n,): both sides were seen; `effects` (n, 4, m): so far.
+        """
+        z_px = self.projection.project_homogeneous(in_cam) + effects @ self.rig_error
+        z_px[~stereo, 2:] = np.nan
+        return rig.effects(z_px, velocities(self.projection, in_cam, twist))
+
+    def _stamps_ns(self) -> list[int]:
+        """Return the stamps of the reference camera and of the window."""
+        return [self.reference_ns, *(f.stamp_ns for f in self.frames)]
 
     def cov_of_timing(self, std_acceleration: Array) -> Array:
         """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
         newest = self.frames[-1]
         if newest.rig is None or not newest.used.any():
             return np.zeros((6, 6))
-        stamps = [self.reference_ns, *(f.stamp_ns for f in self.frames)]
-        poses = np.stack([np.eye(4), *(f.cam_from_ref for f in self.frames)])
-        indices = [self.reference_index, *(f.index for f in self.frames)]
-        self._twist_error.add(indices, twists(poses, stamps))
+        self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
         mean, cov = newest.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         at = np.searchsorted(self.ids, newest.ids[newest.used])
         in_cam = clamp_depth(matvec(newest.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at])))
         views = TimedViews(self.projection, in_cam, np.zeros(6), newest.rig.row_of)
+        stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         size = np.sqrt(mean**2 + np.diag(cov))
         return cov_of_pose(views, views.by_twist, size, cov_twist)
 
-    def _renew_first(self, frame: WindowFrame, twist: Array) -> None:
+    def _renew_first(self, frame: WindowFrame, rig: RigModel, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.
 
         Possible as long as nothing else is in the prior.
@@ -271,7 +293,9 @@ class Map:
         at = np.searchsorted(self.ids, self.prior.ids)
         frame.used = among(frame.ids, self.prior.ids)
         q, anchors = self.q[at], self.ref_from_anchor[at]
-        frame.renew_rig_effects(self.projection, homogeneous_from_q(q), twist, self.rig_error)
+        rows = np.flatnonzero(frame.used)
+        effects = self._effects(rig, homogeneous_from_q(q), twist, frame.stereo[rows], frame.rig_effects[rows])
+        frame.take_effects(rows, effects)
         views = frame.views(self.prior.ids, 0)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
         cov = symmetric_inverse(blocks.v)

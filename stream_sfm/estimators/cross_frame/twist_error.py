@@ -6,6 +6,7 @@ during the run; what that does to the views, by delay and readout as they are kn
 
 import numpy as np
 
+from ...geometry.linear import damped_solve
 from ...geometry.se3 import Array
 from ...rig_model.velocities import TimedViews
 
@@ -44,7 +45,7 @@ def cov_of_pose(views: TimedViews, by_pose: Array, size: Array, cov_twist: Array
 
     `by_pose` (n, 4, 6): how views move with the pose; `size` (2,): delay and readout, root mean squares, seconds.
     """
-    moved = size[0] * views.by_delay, size[1] * views.by_readout
-    j = by_pose.reshape(-1, 6)
-    gains = [np.linalg.lstsq(j, m.reshape(-1, 6), rcond=None)[0] for m in moved]
+    by_pose, by_delay, by_readout = (j.reshape(-1, 6) for j in (by_pose, views.by_delay, views.by_readout))
+    moved = by_pose.T @ np.concatenate([size[0] * by_delay, size[1] * by_readout], axis=1)
+    gains = np.hsplit(damped_solve(by_pose.T @ by_pose, moved.T).T, 2)
     return np.asarray(sum(g @ cov_twist @ g.T for g in gains))

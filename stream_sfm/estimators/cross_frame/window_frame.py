@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, whitening_of_views
 from ...rig_model.model import RigModel
-from ...rig_model.velocities import velocities
 from ...types import Observations
 from .inverse_depth import WhitenedViews
 
@@ -62,21 +61,6 @@ class WindowFrame:
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (n, 4) without errors (m,) of the rig."""
         return np.asarray(self.z_px - self.rig_effects @ rig_error)
-
-    def renew_rig_effects(
-        self, projection: StereoProjection, in_cam: Array, twist: Array, rig_error: Array
-    ) -> None:
-        """Take the effects of the used views where points (k, 4) with a `twist` (6,) are expected, not where measured.
-
-        The noise of a view moves it to where an error of the rig does something else, by a fixed amount for noise of a
-        given variance. That is not averaged out: errors of the rig that hardly show are estimated wrongly.
-        """
-        if self.rig is None:
-            return
-        z_px = projection.project_homogeneous(in_cam) + self.rig_effects[self.used] @ rig_error
-        z_px[~self.stereo[self.used], 2:] = np.nan
-        self.rig_effects = self.rig_effects.copy()
-        self.rig_effects[self.used] = self.rig.effects(z_px, velocities(projection, in_cam, twist))
 
     def seen_px(self, rows: NDArray[np.intp]) -> Array:
         """Return the views (k, 4) of `rows` (k,), NaN for a side that was not seen."""
