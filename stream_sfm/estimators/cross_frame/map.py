@@ -34,7 +34,6 @@ from .rig_knowledge import RigKnowledge
 from .twist_error import TwistError, cov_of_pose
 from .window_frame import WindowFrame
 
-_RIG_MOVED = 1e-2  # a tenth of a standard deviation
 _TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
 
 
@@ -201,11 +200,15 @@ class Map:
         cams = self.cams_from_ref()
         blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, self.rig_error, views)
         self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), blocks)
-        dx, dq, dy, decrease = self.system.step(blocks, self.q, self.amplitudes)
-        for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ cams), strict=True):
+        *change, decrease = self.system.step(blocks, self.q, self.amplitudes)
+        self._move(*change)
+        return decrease
+
+    def _move(self, dx: Array, dq: Array, dy: Array) -> None:
+        """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""
+        for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref()), strict=True):
             f.cam_from_ref = cam
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
-        return decrease
 
     def expect(
         self,
@@ -312,13 +315,10 @@ class Map:
             return None
         mean, cov = self.system.rig_errors(self.rig_error)
         rig, found = self.prior.rig.judged(mean, cov, doubtful)
+        self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size)
-
-    def rig_has_moved(self) -> bool:
-        """Return whether the rig's errors are held elsewhere since the latest step, by more than hardly shows."""
-        return self.system.rig_distance2(self.prior.rig.held, self.rig_error) > _RIG_MOVED
 
     def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
         """Let the prior of the rig's errors have from now on the sizes that their estimate makes likely."""

@@ -94,10 +94,11 @@ class System:
         root = self._rig_root
         return held + root @ self.rig_offset, symmetric(root @ root.T)
 
-    def rig_distance2(self, held: Array, mean: Array) -> float:
-        """Return how far apart (m,) and (m,) errors of the rig are, in squared standard deviations of what is known."""
-        apart = np.linalg.solve(self._rig_root, held - mean)
-        return float(apart @ apart)
+    def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
+        """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""
+        delta = self.chol.root[:, self.rig] @ np.linalg.solve(self._rig_root, change)
+        dq = -matvec(self.std_given, self.reach @ delta)
+        return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :]
 
     def count_rig_errors(self, cov: Array) -> None:
         """Let the rig's errors count in all covariances with a covariance (m, m) of their own, eq. (72)."""

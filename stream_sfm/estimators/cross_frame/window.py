@@ -168,10 +168,6 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.doubtful)
-        if current.rig_has_moved():
-            current.renew_rig_effects()
-            iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
-            rig = current.judge_rig(observations.doubtful)
         before, now = current.marginals, current.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
         self._rig_doubt = self._rig_doubt or impossible(rig)
