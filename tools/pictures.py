@@ -2,7 +2,7 @@
 
     output    not a picture: what the first command of the README prints; its times are those of this machine
     viewer    logs/room.mcap in the Rerun viewer, without a window
-    drift     the top of the report of `stream-sfm compare logs/room.mcap`
+    drift     the page of `stream-sfm compare logs/room.mcap`
     transitory  its figure of the tracks against the frames, as in the paper's Figure 1
     surface   `stream-sfm surface logs/room.mcap --all --preview`
     figure6   `stream-sfm simulate figure6`, 100 trials: five to ten minutes
@@ -32,11 +32,10 @@ VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
 VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
 VIEWER_TRIES = 4
-REPORT_SIZE = (1280, 1245)
-TRANSITORY_SIZE = (1000, 490)
+REPORT_SIZE = (1280, 1345)
+TRANSITORY_SIZE = (1000, 370)
 REPORT_LEFT_OUT = (  # of the last column, too: times are those of this machine at this moment
-    "<style>.links, #summary .how, #summary tr > :last-child, #path, #errors figure:nth-of-type(n+3) "
-    "{ display: none }</style>"
+    "<style>main > .scroll tr > :last-child, details, .how:last-child { display: none }</style>"
 )
 
 
@@ -82,7 +81,7 @@ def viewer(folder: Path) -> None:
 
 
 def drift(folder: Path) -> None:
-    """The drift report in a browser: its conclusion, its table and the errors against the frame."""
+    """The page of a comparison in a browser: its sentences, its table and its charts."""
     stream_sfm("compare", LOG, "--out", folder, "-q")
     report = (folder / "report.html").read_text(encoding="utf-8")
     photograph(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), folder, "drift", REPORT_SIZE)

@@ -89,6 +89,7 @@ def compare(
 
 
 def _print(result: "ComparisonResult", folder: Path, json: bool, quiet: bool) -> None:
+    from ..report.verdict import verdict
     from .printing import print_json, print_notes
     from .summaries import print_comparison
 
@@ -98,7 +99,8 @@ def _print(result: "ComparisonResult", folder: Path, json: bool, quiet: bool) ->
     elif not quiet:
         print_notes("warning", result.comparison.warnings)
         print_comparison(content)
-        print(content["conclusion"])
+        for sentence in filter(None, verdict(content)):
+            print(sentence)
         print(printable(str(folder / "report.html")))
     for problem in result.comparison.inspection["problems"]:
         print_error(problem)

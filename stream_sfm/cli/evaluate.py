@@ -69,20 +69,16 @@ def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
 
 
 def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:
-    from .. import evaluation
     from ..evaluation.association import without_frames
-    from ..evaluation.relative_consistency import RelativeRecord, against_truth
+    from ..evaluation.relative_consistency import RelativeRecord
+    from ..evaluation.summary import evaluate_run, evaluate_unscaled
     from ..results.frame_estimates import frame_estimates
 
     used = without_frames(truth, run.stamps_ns, given.ignore_ground_truth)
     if run.config.mono:
-        return evaluation.evaluate_unscaled(run.trajectory, used)
+        return evaluate_unscaled(run.trajectory, used)
     motions = RelativeRecord()
     for estimate in frame_estimates(run.estimates_path, points=False):
         motions.add(estimate)
-    spans = against_truth(motions, used, given.ground_truth_std, len(run))
-    return evaluation.evaluate(run.trajectory, used) | {
-        "frames_ignored": [list(frames) for frames in given.ignore_ground_truth],
-        "std_truth": list(given.ground_truth_std),
-        "relative_consistency": spans,
-    }
+    figures = evaluate_run(run.trajectory, motions, used, given.ground_truth_std)
+    return figures | {"frames_ignored": [list(frames) for frames in given.ignore_ground_truth]}

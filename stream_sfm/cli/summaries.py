@@ -18,7 +18,6 @@ _ERRORS = {
 }
 _OF_METHODS = {
     **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
-    "growth_exponent": ("growth", ".4g"),
     "ms_per_frame_p50": ("time\nms/frame", ".4g"),
 }
 _OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
@@ -32,9 +31,17 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
 
 def print_comparison(content: dict[str, Any]) -> None:
     """Print the methods of report.json; a figure that does not exist for this log is a dash."""
-    methods = content["methods"].items()
-    rows = ([key.replace("_", "-"), *_cells(figures, _OF_METHODS)] for key, figures in methods)
-    print_table(rows, ["method", *(heading for heading, _ in _OF_METHODS.values())])
+    ratios = content["error_over_cross_frame"]
+    rows = (
+        [
+            key.replace("_", "-"),
+            *_cells(figures, _OF_METHODS),
+            _interval(ratios[key]["position"]) if key in ratios else "–",
+        ]
+        for key, figures in content["methods"].items()
+    )
+    headings = (heading for heading, _ in _OF_METHODS.values())
+    print_table(rows, ["method", *headings, "position error\nover cross-frame"])
     for name, spans in (content["self_test"] or {}).items():
         print(f"halves of the {name} differ by {factors_text(spans)}")
 

@@ -9,10 +9,11 @@ from .association import check_rigid, matched
 from .ate import ate_rmse_aligned_m, ate_rmse_m, ate_rmse_sim3_m
 from .consistency import nees_pose_mean
 from .drift import final_drift_percent, path_length_m, scale_error_percent
+from .relative_consistency import RelativeRecord, against_truth
 from .segments import segment_errors
 from .structure import StructureComparison
 
-_KEYS = (
+FIGURES = (  # against ground truth, of every run
     "ate_rmse_m",
     "ate_rmse_aligned_m",
     "final_drift_percent",
@@ -44,7 +45,7 @@ def evaluate(
     check_rigid(truth)
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
-    figures: dict[str, Any] = dict.fromkeys(_KEYS) | {"segment_lengths_m": [], "frames_compared": len(rows)}
+    figures: dict[str, Any] = dict.fromkeys(FIGURES) | {"segment_lengths_m": [], "frames_compared": len(rows)}
     if len(rows) >= 2:
         segments = segment_errors(e, t)
         figures |= {
@@ -61,6 +62,21 @@ def evaluate(
     if structure is not None:
         figures |= structure.figures()
     return {key: _or_none(value) for key, value in figures.items()}
+
+
+def evaluate_run(
+    estimate: Trajectory,
+    relative: RelativeRecord,
+    truth: Trajectory,
+    std_truth: tuple[float, float],
+    structure: StructureComparison | None = None,
+) -> dict[str, Any]:
+    """Compute the figures of `evaluate`, and whether the covariances of relative motions hold.
+
+    `std_truth`: σ of the truth itself, metres and radians. Raises LogError as `evaluate`.
+    """
+    spans = against_truth(relative, truth, std_truth, len(estimate))
+    return evaluate(estimate, truth, structure) | {"std_truth": list(std_truth), "relative_consistency": spans}
 
 
 def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:

@@ -9,43 +9,51 @@ from markupsafe import Markup
 from ..errors import InputError
 from ..results.trajectory_files import read_tum
 from ..types import Status
+from .figures import ACCURACY, FURTHER, table
 from .lengths import unit_for
 from .svg import Chart, Series, draw
-from .template import inline, template
+from .template import render
 
 STAGES = ("decode", "frontend", "estimator")
-_PERCENT = ("final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m", "scale_error_percent", "nees_pose_mean")
+_FIGURES = (*ACCURACY, *FURTHER)
 
 
 def render_batch(content: dict[str, Any], folder: Path) -> str:
     """Render the content of batch.json as HTML; the paths are read from the result folders of the logs."""
     estimated = [log for log in content["logs"] if log["summary"]]
     truths = [log["summary"]["ground_truth"] for log in estimated if "ground_truth" in log["summary"]]
+    units = {
+        "errors": unit_for([g.get(name) or 0.0 for g in truths for name in ("ate_rmse_aligned_m", "ate_rmse_m")]),
+        "structure": unit_for([g.get("local_structure_median_m") or 0.0 for g in truths]),
+    }
     slowest = max((_stages_ms(log["summary"]) for log in estimated), default=0.0)
-    return template("batch.html.j2").render(
+    return render(
+        "batch.html.j2",
+        title=f"{len(content['logs'])} {_logs(content)}, method {content['method']}",
         n=content,
         conclusion=conclusion(content),
         estimated=estimated,
         unfinished=[log for log in content["logs"] if log["status"] != "done"],
-        medians={name: _median([truth[name] for truth in truths]) for name in _PERCENT} if truths else None,
+        accuracy=table(_FIGURES, [log["summary"].get("ground_truth", {}) for log in estimated], units),
+        medians=_medians(truths) if len(truths) > 1 else None,
         truths=len(truths),
-        errors=unit_for([g.get(name) or 0.0 for g in truths for name in ("ate_rmse_aligned_m", "ate_rmse_m")]),
-        local=unit_for([g.get("local_structure_median_m") or 0.0 for g in truths]),
         statuses=[status.value for status in Status],
         stages=STAGES,
         full_ms=slowest or 1.0,
         frames=sum(log["summary"]["frames"]["estimated"] for log in estimated),
         path_m=sum(log["summary"]["path_length_m"] for log in estimated),
         paths=[_path(log["name"], folder) for log in estimated],
-        css=inline("page.css"),
-        js=inline("page.js"),
     )
+
+
+def _logs(content: dict[str, Any]) -> str:
+    return "log" if len(content["logs"]) == 1 else "logs"
 
 
 def conclusion(content: dict[str, Any]) -> str:
     """A sentence that says how many logs were completed, and what became of the others."""
-    logs, counts = len(content["logs"]), content["counts"]
-    parts = [f"{counts.get('done', 0)} of {logs} {'log' if logs == 1 else 'logs'} done"]
+    counts = content["counts"]
+    parts = [f"{counts.get('done', 0)} of {len(content['logs'])} {_logs(content)} done"]
     for status, words in (
         ("incomplete", "only partly read"),
         ("failed", "failed"),
@@ -62,9 +70,14 @@ def _stages_ms(summary: dict[str, Any]) -> float:
     return sum(summary["timing_ms"][stage]["p50"] or 0.0 for stage in STAGES)
 
 
-def _median(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return median(known) if known else None
+def _medians(truths: list[dict[str, Any]]) -> list[float | None]:
+    """Of the figures of all logs, where they compare: lengths do not, as paths differ."""
+    known = [[truth[f.key] for truth in truths if truth.get(f.key) is not None] for f in _FIGURES]
+    lengths = ("errors", "structure")
+    return [
+        median(values) if len(values) > 1 and f.unit not in lengths else None
+        for f, values in zip(_FIGURES, known, strict=True)
+    ]
 
 
 def _path(name: str, folder: Path) -> Markup:
@@ -74,4 +87,4 @@ def _path(name: str, folder: Path) -> Markup:
     except InputError:
         return Markup()
     line = Series(name, t[:, 0], t[:, 2], "m-cross-frame")
-    return draw(Chart(name, "x, m (right)", "z, m (forward)", [line], equal=True, height=300))
+    return draw(Chart(name, "x, m (right)", "z, m (forward)", [line], path=True))

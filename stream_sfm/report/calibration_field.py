@@ -14,7 +14,8 @@ from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import DELAY, FOCAL, READOUT
 from .svg import WIDTH
 
-_ROWS, _COLUMNS = 5, 9  # of the places in the image where the pages give the error of the disparity
+_SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
+_CELLS = (3, 5)  # of the picture
 _TELLING = 0.1  # of a distance: what is said about an error is where it reaches that
 _CELL_HEIGHT = 40
 _LEAST_SCALE_PX = 0.1  # of the strongest colour: less than that is no error worth colour
@@ -36,13 +37,13 @@ def calibration_error(projection: StereoProjection, estimate: RigEstimate | None
     """The whole error of the given calibration, from an estimate in pixels; None where nothing is known."""
     if estimate is None:
         return None
-    error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
+    error_px, std_px = disparity_over_image(projection, estimate, _CELLS)
     return CalibrationError(describe(projection, estimate), error_px, std_px)
 
 
 def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
     """The section `rig` of summary.json: errors of the calibration, and what they mean."""
-    error_px, std_px = disparity_over_image(projection, estimate, (_ROWS, _COLUMNS))
+    error_px, std_px = disparity_over_image(projection, estimate, _SAMPLES)
     refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
     if estimate.applied and refined is not None:
         text = (

@@ -18,9 +18,7 @@ class LengthUnit(NamedTuple):
 
     def of(self, series: Sequence[Series]) -> list[Series]:
         """Series of lengths in metres, in this unit."""
-        return [
-            replace(s, y=self.per_m * s.y, band=None if s.band is None else self.per_m * s.band) for s in series
-        ]
+        return [replace(s, y=self.per_m * s.y) for s in series]
 
 
 METRES, MILLIMETRES, UNSCALED = LengthUnit("m", 1.0), LengthUnit("mm", 1e3), LengthUnit("units", 1.0)

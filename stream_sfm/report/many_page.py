@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from .methods import label
-from .template import inline, template
+from .template import render
 
 _REFERENCE = "cross-frame"
 
@@ -12,17 +12,16 @@ _REFERENCE = "cross-frame"
 def render_many(content: dict[str, Any]) -> str:
     """Render the content of comparison.json as HTML."""
     methods = list(content["error_over_cross_frame"])
-    return template("many.html.j2").render(
+    return render(
+        "many.html.j2",
+        title=_subject(content),
         n=content,
-        subject=_subject(content),
         methods=methods,
-        label=_name,
+        label=label,
         name=lambda sample: Path(sample["log"]).name,
         failed=[s for s in content["samples"] if s["failure"]],
         good=[s for s in content["samples"] if s["ratios"]],
         said=conclusion_of_many(content),
-        css=inline("page.css"),
-        js=inline("page.js"),
     )
 
 
@@ -38,9 +37,9 @@ def conclusion_of_many(content: dict[str, Any]) -> list[str]:
         of += f", {starts} starts"
     said = [f"Errors in {of}, over those of {_REFERENCE}."]
     level = [key for key, found in overall.items() if _level(found)]
-    said += [_sentence(_name(key), found) for key, found in overall.items() if key not in level]
+    said += [_sentence(label(key), found) for key, found in overall.items() if key not in level]
     if level:
-        said.append(f"Not told apart from {_REFERENCE} in position or rotation: {', '.join(map(_name, level))}.")
+        said.append(f"Not told apart from {_REFERENCE} in position or rotation: {', '.join(map(label, level))}.")
     if logs == 1:
         said.append("This holds for this log; another one is another sample.")
     if content["interval_over"] == "frames" and starts > 1:
@@ -56,10 +55,6 @@ def _subject(content: dict[str, Any]) -> str:
     good = sum(bool(s["ratios"]) for s in content["samples"])
     runs = "1 run" if good == 1 else f"{good} runs"
     return f"{names[0] if len(names) == 1 else f'{len(names)} logs'}, {runs}"
-
-
-def _name(key: str) -> str:
-    return label(key.replace("_", "-"))
 
 
 def _level(found: dict[str, Any]) -> bool:

@@ -19,30 +19,16 @@ from ..evaluation.relative import (
     relative_errors,
     turning,
 )
-from ..evaluation.relative_consistency import against_truth
-from ..evaluation.summary import evaluate
+from ..evaluation.summary import FIGURES, evaluate_run
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .conclusion import conclusion
 from .records import Comparison, RunRecord, quantiles
 from .traces import return_error
+from .verdict import verdict
 
 SCHEMA_VERSION = 1
-_FIGURES = (
-    "ate_rmse_aligned_m",
-    "ate_rmse_m",
-    "final_drift_percent",
-    "t_rel_percent",
-    "r_rel_deg_per_100m",
-    "segment_lengths_m",
-    "scale_error_percent",
-    "nees_pose_mean",
-    "local_structure_rms_m",
-    "local_structure_median_m",
-    "local_structure_error_over_sigma",
-    "local_structure_error_over_sigma_median",
-    "local_structure_beyond_3_sigma_percent",
-    "frames_compared",
+_AGAINST_TRUTH = (
+    *FIGURES,
     "growth_exponent",
     "growth_exponent_ci95",
     "growth_exponent_rotation",
@@ -82,24 +68,22 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "self_test": c.self_test,
         "rig": None if c.calibration is None else c.calibration.numbers,
         "divergence_from_cross_frame_m": _divergence(c),
-        "local_structure_cc_minus_wc_median_m": _median([d for _, d in c.front.local_difference]),
+        "local_structure_cc_minus_wc_median_m": _median(c.front.local_difference_m),
         "tracks": c.front.tracks(),
         "timing_ms": {stage: quantiles(values) for stage, values in c.front.times_ms.items()},
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
-    return content | {"conclusion": conclusion(content).text}
+    return content | {"conclusion": verdict(content).text}
 
 
 def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
     """The figures of one method; those against ground truth are None when it stopped before the last frame."""
-    figures: dict[str, Any] = dict.fromkeys(_FIGURES)
+    figures: dict[str, Any] = dict.fromkeys(_AGAINST_TRUTH)
     truth, std = c.truth.poses, c.truth.std
     if truth is not None and _complete(run, c):
-        figures |= evaluate(run.trajectory(), truth, run.structure)
+        figures |= evaluate_run(run.trajectory(), run.relative, truth, std, run.structure)
         figures |= _relative(run.trajectory(), truth)
-        spans = against_truth(run.relative, truth, std)
-        figures |= {"std_truth": list(std), "relative_consistency": spans}
     estimator, dof = run.column("estimator"), run.column("nis_dof").sum()
     return figures | {
         "ms_per_frame_p50": _median(run.column("frontend") + estimator),

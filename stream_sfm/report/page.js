@@ -1,13 +1,13 @@
 "use strict";
-// Values under the pointer, and legends that switch lines off. The page is complete without this.
+// Values under the pointer, hints where a table is wider than the screen. The page is complete without this.
 (() => {
   const tip = document.getElementById("tip");
   const show = (v) => (v === 0 ? "0" : Math.abs(v) >= 1000 || Math.abs(v) < 0.001 ? v.toExponential(2) : String(+v.toPrecision(4)));
   for (const svg of document.querySelectorAll("svg[data-scale]")) {
-    const [x0, x1, lx, y0, y1, ly, flip] = svg.dataset.scale.split(",").map(Number);
+    const [x0, x1, lx, y0, y1, ly] = svg.dataset.scale.split(",").map(Number);
     const [left, right, top, bottom] = svg.dataset.box.split(",").map(Number);
     const toX = (p) => { const v = x0 + ((p - left) / (right - left)) * (x1 - x0); return lx ? 10 ** v : v; };
-    const toY = (p) => { const s = (bottom - p) / (bottom - top); const v = y0 + (flip ? 1 - s : s) * (y1 - y0); return ly ? 10 ** v : v; };
+    const toY = (p) => { const v = y0 + ((bottom - p) / (bottom - top)) * (y1 - y0); return ly ? 10 ** v : v; };
     const cursor = document.createElementNS("http://www.w3.org/2000/svg", "path");
     cursor.setAttribute("class", "cursor");
     svg.append(cursor);
@@ -16,7 +16,7 @@
       const lines = [...g.querySelectorAll("polyline")].flatMap((l) => l.getAttribute("points").split(" ").map((p) => p.split(",").map(Number)));
       const dots = [...g.querySelectorAll("circle")].map((c) => [+c.getAttribute("cx"), +c.getAttribute("cy")]);
       const any = g.querySelector("polyline, circle");
-      return { g, name: g.dataset.name, points: lines.length ? lines : dots, colour: any ? getComputedStyle(any).getPropertyValue("--c") : "" };
+      return { name: g.dataset.name, points: lines.length ? lines : dots, colour: any ? getComputedStyle(any).getPropertyValue("--c") : "" };
     });
     const hide = () => { tip.hidden = true; cursor.setAttribute("d", ""); };
     svg.addEventListener("pointerleave", hide);
@@ -27,8 +27,8 @@
       if (px < left || px > right) return hide();
       const rows = [];
       let at = null;
-      for (const { g, name, points, colour } of groups) {
-        if (g.style.display === "none" || !points.length) continue;
+      for (const { name, points, colour } of groups) {
+        if (!points.length) continue;
         let best = points[0];
         for (const p of points) if (Math.abs(p[0] - px) < Math.abs(best[0] - px)) best = p;
         if (Math.abs(best[0] - px) > 25) continue;
@@ -52,21 +52,10 @@
       tip.style.top = `${event.pageY + 14}px`;
     });
   }
-  for (const key of document.querySelectorAll(".methods .key")) key.addEventListener("click", () => {
-    const off = key.toggleAttribute("data-off");
-    for (const g of document.querySelectorAll("figure.chart g[data-name]")) if (g.dataset.name === key.dataset.of) g.style.display = off ? "none" : "";
-  });
-  const narrow = () => document.querySelectorAll(".scroll").forEach((s) => s.classList.toggle("narrow", s.scrollWidth > s.clientWidth + 1));
+  const narrow = () => document.querySelectorAll(".scroll, .wide").forEach((s) => s.classList.toggle("narrow", s.scrollWidth > s.clientWidth + 1));
   narrow();
   addEventListener("resize", narrow);
   let closed = [];  // printing shows everything
   addEventListener("beforeprint", () => { closed = [...document.querySelectorAll("details:not([open])")]; closed.forEach((d) => { d.open = true; }); });
   addEventListener("afterprint", () => closed.forEach((d) => { d.open = false; }));
-  for (const figure of document.querySelectorAll("figure.chart")) {
-    const groups = figure.querySelectorAll("g[data-name]");
-    figure.querySelectorAll(".legend .key").forEach((key, i) => key.addEventListener("click", () => {
-      const off = key.toggleAttribute("data-off");
-      if (groups[i]) groups[i].style.display = off ? "none" : "";
-    }));
-  }
 })();

@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory
 from .calibration_field import CalibrationError
 from .front_record import FrontRecord
+
+if TYPE_CHECKING:
+    from .pictures import View
 
 STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
@@ -205,7 +208,7 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `return_note`: whether the frames were also processed in reverse
     order, or why not; `self_test`: the result of that, if it was done; `calibration`: what the images have told about
-    it.
+    it; `view`: a picture.
     """
 
     log: str
@@ -221,3 +224,4 @@ class Comparison:
     return_note: str = ""
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: CalibrationError | None = None
+    view: "View | None" = None

@@ -1,4 +1,4 @@
-"""Charts as inline SVG: axes, lines, bands and points.
+"""Charts as inline SVG: lines with their names at their ends, and rows of values with intervals.
 
 Colours are CSS classes, so that one chart serves light mode, dark mode and print. A chart is drawn once, when the
 page is written; the script in the page only reads the points back to show the values under the pointer. Long series
@@ -8,41 +8,44 @@ are thinned for drawing; the extremes of each bin are kept.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
-from .methods import LABELS
 
 SMOOTHED = "mean over 5 frames"  # what `smoothed` draws
 WIDTH, HEIGHT = 480, 270
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 12, 40
 MAX_POINTS = 500
-EXPLAINED = frozenset({"ground truth", *LABELS.values()})
+_CHARACTER_PX = 6.6  # width of a label's characters, with room for the larger ones on a phone
+_LABEL_PX = 13  # height of a label
+_ROW_PX = 18  # least height of a row with an interval
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
     """One line of a chart; NaN breaks it.
 
-    `style` is its CSS class; `band` (2, n) are the low and high edge of a shaded area around it; `dots` marks each
-    point.
+    `style` is its CSS class; `dots` marks each point; a `quiet` line is named only where there is room.
     """
 
     name: str
     x: NDArray[Any]
     y: NDArray[Any]
     style: str
-    band: Array | None = None
     dots: bool = False
+    quiet: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """One chart: `levels` (y, text) are horizontal reference lines, `marks` (x) vertical ones."""
+    """One chart: `marks` (x) are vertical lines, `expected` the y between which values should be, shaded.
+
+    On a `path` both axes have the same scale, and the first series has its start and end marked.
+    """
 
     title: str
     x_label: str
@@ -51,14 +54,21 @@ class Chart:
     note: str = ""
     log_x: bool = False
     log_y: bool = False
-    equal: bool = False  # the same scale on both axes
+    path: bool = False
     zero: bool = False  # y begins at zero
-    levels: Sequence[tuple[float, str]] = ()
+    expected: tuple[float, float] | None = None
     marks: Sequence[float] = ()
-    explained: frozenset[str] = EXPLAINED  # names whose lines the page explains once, for all charts
-    width: int = WIDTH
     height: int = HEIGHT
-    flip_y: bool = False
+
+
+class Row(NamedTuple):
+    """A value with the ends of its interval, named at the left."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    style: str
 
 
 def thinned(x: NDArray[Any], y: NDArray[Any], most: int = MAX_POINTS) -> NDArray[np.intp]:
@@ -155,73 +165,106 @@ def _nice(step: float) -> float:
 def draw(chart: Chart) -> Markup:
     """A `<figure>` with the chart, or with a sentence where there is no data."""
     usable = [s for s in chart.series if np.isfinite(np.asarray(s.y, float)).any()]
-    head = Markup("<figcaption><b>{}</b>{}</figcaption>").format(
-        chart.title, Markup(" <span>{}</span>").format(chart.note) if chart.note else ""
-    )
     if not usable:
-        return Markup('<figure class="chart">{}<p class="none">No data.</p></figure>').format(head)
-    width, height = chart.width, chart.height
+        return _figure(chart.title, chart.note, Markup('<p class="none">No data.</p>'))
+    named = len(usable) > 1
+    right = WIDTH - _RIGHT
+    if named and not chart.path:
+        right -= round(_CHARACTER_PX * max(len(s.name) for s in usable))
+    bottom, top = chart.height - _BOTTOM, _TOP
     xs = np.concatenate([np.asarray(s.x, float) for s in usable])
-    ys = np.concatenate(
-        [np.asarray(s.y, float) for s in usable]
-        + [np.asarray(s.band, float).ravel() for s in usable if s.band is not None]
-        + [np.array([v for v, _ in chart.levels])]
-    )
-    ax = _Axis(xs, chart.log_x, _LEFT, width - _RIGHT, False, 0.03 if chart.log_x else 0.01)
-    bottom, top = height - _BOTTOM, _TOP
-    ay = _Axis(ys, chart.log_y, *((top, bottom) if chart.flip_y else (bottom, top)), chart.zero, 0.05)
-    if chart.equal:
+    ys = np.concatenate([*(np.asarray(s.y, float) for s in usable), np.array(chart.expected or ())])
+    ax = _Axis(xs, chart.log_x, _LEFT, right, False, 0.03 if chart.log_x else 0.01)
+    ay = _Axis(ys, chart.log_y, bottom, top, chart.zero, 0.05)
+    if chart.path:
         _equalise(ax, ay)
-    parts = [_frame(chart, ax, ay, width, height)]
-    for s in usable:
-        parts.append(_series(s, ax, ay))
-    scale = f"{ax.low:.9g},{ax.high:.9g},{int(ax.log)},{ay.low:.9g},{ay.high:.9g},{int(ay.log)},{int(chart.flip_y)}"
+    parts = [_frame(chart, ax, ay), *(_series(s, ax, ay) for s in usable)]
+    if chart.path:
+        parts.append(_ends(usable[0], ax, ay))
+    if named:
+        parts += _names(usable, ax, ay)
+    scale = f"{ax.low:.9g},{ax.high:.9g},{int(ax.log)},{ay.low:.9g},{ay.high:.9g},{int(ay.log)}"
     svg = Markup(
         '<svg viewBox="0 0 {} {}" role="img" aria-label="{}" data-scale="{}" data-box="{},{},{},{}">{}</svg>'
-    ).format(width, height, chart.title, scale, _LEFT, width - _RIGHT, top, bottom, Markup("").join(parts))
-    known = all(s.name in chart.explained for s in usable)
-    legend = _legend(usable) if len(usable) > 1 and not known else ""
-    return Markup('<figure class="chart">{}{}{}</figure>').format(head, legend, svg)
+    ).format(WIDTH, chart.height, chart.title, scale, _LEFT, right, top, bottom, Markup("").join(parts))
+    return _figure(chart.title, chart.note, svg)
+
+
+def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> Markup:
+    """A `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
+    if not rows:
+        return _figure(title, note, Markup('<p class="none">No data.</p>'))
+    left = round(_CHARACTER_PX * max(len(row.name) for row in rows)) + 12
+    bottom = max(_TOP + _ROW_PX * len(rows), HEIGHT - _BOTTOM)
+    ends = np.array([[row.low, row.high] for row in rows])
+    ax = _Axis(np.append(ends, 1.0), True, left, WIDTH - _RIGHT, False, 0.05)
+    step = (bottom - _TOP) / len(rows)
+    out = _ticks_below(ax, bottom, x_label)
+    at_one = float(ax.px(np.array(1.0)))
+    out.append(f'<path class="level" d="M{at_one:.1f} {_TOP}V{bottom}"/>')
+    for k, row in enumerate(rows):
+        y = _TOP + (k + 0.5) * step
+        value, low, high = ax.px(np.array([row.value, row.low, row.high]))
+        out.append(f'<text x="{left - 10}" y="{y + 4:.1f}" class="name end {row.style}">{escape(row.name)}</text>')
+        out.append(f'<path class="line {row.style}" d="M{low:.1f} {y:.1f}H{high:.1f}"/>')
+        out.append(f'<circle class="dot {row.style}" cx="{value:.1f}" cy="{y:.1f}" r="4"/>')
+    svg = Markup('<svg viewBox="0 0 {} {}" role="img" aria-label="{}">{}</svg>')
+    return _figure(title, note, svg.format(WIDTH, bottom + _BOTTOM, title, Markup("".join(out))))
+
+
+def _figure(title: str, note: str, content: Markup) -> Markup:
+    small = Markup(" <span>{}</span>").format(note) if note else ""
+    return Markup('<figure class="chart"><figcaption><b>{}</b>{}</figcaption>{}</figure>').format(
+        title, small, content
+    )
 
 
 def _equalise(ax: _Axis, ay: _Axis) -> None:
+    """Give both axes the scale of the one that needs more."""
     per_px = max((ax.high - ax.low) / abs(ax.high_px - ax.low_px), (ay.high - ay.low) / abs(ay.high_px - ay.low_px))
     for axis in (ax, ay):
         middle, half = (axis.low + axis.high) / 2, per_px * abs(axis.high_px - axis.low_px) / 2
         axis.low, axis.high = middle - half, middle + half
 
 
-def _frame(chart: Chart, ax: _Axis, ay: _Axis, width: int, height: int) -> Markup:
-    bottom = height - _BOTTOM
+def _frame(chart: Chart, ax: _Axis, ay: _Axis) -> Markup:
+    left, right, bottom = ax.low_px, ax.high_px, ay.low_px
     out = []
+    if chart.expected is not None:
+        low, high = ay.px(np.array(chart.expected))
+        out.append(
+            f'<rect class="expected" x="{left}" y="{high:.1f}" width="{right - left}" height="{low - high:.1f}"/>'
+        )
     for value, text in ay.ticks(5):
         y = float(ay.px(np.array(value)))
-        out.append(f'<path class="grid" d="M{_LEFT} {y:.1f}H{width - _RIGHT}"/>')
-        out.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" class="tick end">{escape(text)}</text>')
+        out.append(f'<path class="grid" d="M{left} {y:.1f}H{right}"/>')
+        out.append(f'<text x="{left - 6}" y="{y + 4:.1f}" class="tick end">{escape(text)}</text>')
+    for value in chart.marks:
+        x = float(ax.px(np.array(value)))
+        out.append(f'<path class="mark" d="M{x:.1f} {_TOP}V{bottom}"/>')
+    out += _ticks_below(ax, bottom, _named(chart.x_label, chart.log_x))
+    turn = (_TOP + bottom) / 2
+    y_label = escape(_named(chart.y_label, chart.log_y))
+    out.append(
+        f'<text x="12" y="{turn:.0f}" transform="rotate(-90 12 {turn:.0f})" class="label mid">{y_label}</text>'
+    )
+    return Markup("".join(out))
+
+
+def _named(label: str, log: bool) -> str:
+    return f"{label} (logarithmic)" if log else label
+
+
+def _ticks_below(ax: _Axis, bottom: float, label: str) -> list[str]:
+    """The horizontal axis with its ticks and its label."""
+    out = [f'<path class="axis" d="M{ax.low_px} {bottom}H{ax.high_px}"/>']
     for value, text in ax.ticks(7):
         x = float(ax.px(np.array(value)))
         out.append(f'<path class="tickmark" d="M{x:.1f} {bottom}v4"/>')
         out.append(f'<text x="{x:.1f}" y="{bottom + 17}" class="tick mid">{escape(text)}</text>')
-    for value in chart.marks:
-        x = float(ax.px(np.array(value)))
-        out.append(f'<path class="mark" d="M{x:.1f} {_TOP}V{bottom}"/>')
-    for value, text in chart.levels:
-        y = float(ay.px(np.array(value)))
-        out.append(f'<path class="level" d="M{_LEFT} {y:.1f}H{width - _RIGHT}"/>')
-        out.append(f'<text x="{width - _RIGHT - 3}" y="{y - 4:.1f}" class="tick end">{escape(text)}</text>')
-    out.append(f'<path class="axis" d="M{_LEFT} {bottom}H{width - _RIGHT}"/>')
-    middle = (_LEFT + width - _RIGHT) / 2
-    x_label, y_label = (
-        f"{text} (logarithmic)" if log else text
-        for text, log in ((chart.x_label, chart.log_x), (chart.y_label, chart.log_y))
-    )
-    out.append(f'<text x="{middle:.0f}" y="{height - 5}" class="label mid">{escape(x_label)}</text>')
-    turn = (_TOP + bottom) / 2
-    out.append(
-        f'<text x="12" y="{turn:.0f}" transform="rotate(-90 12 {turn:.0f})" class="label mid">'
-        f"{escape(y_label)}</text>"
-    )
-    return Markup("".join(out))
+    middle = (ax.low_px + ax.high_px) / 2
+    out.append(f'<text x="{middle:.0f}" y="{bottom + 35}" class="label mid">{escape(label)}</text>')
+    return out
 
 
 def _series(s: Series, ax: _Axis, ay: _Axis) -> Markup:
@@ -229,18 +272,59 @@ def _series(s: Series, ax: _Axis, ay: _Axis) -> Markup:
     rows = thinned(x, y)
     px, py = ax.px(x[rows]), ay.px(y[rows])
     out = []
-    if s.band is not None:
-        low, high = (ay.px(np.asarray(b, float)[rows]) for b in s.band)
-        for part in _runs(px, low, high):
-            forth = _points(px[part], high[part])
-            back = _points(px[part][::-1], low[part][::-1])
-            out.append(f'<polygon class="band {s.style}" points="{forth} {back}"/>')
     for part in _runs(px, py):
         if len(part) == 1 or s.dots:
             out += [f'<circle class="dot {s.style}" cx="{px[i]:.1f}" cy="{py[i]:.1f}" r="3"/>' for i in part]
         if len(part) > 1:
             out.append(f'<polyline class="line {s.style}" points="{_points(px[part], py[part])}"/>')
     return Markup('<g data-name="{}">{}</g>').format(s.name, Markup("".join(out)))
+
+
+def _last_point(s: Series, ax: _Axis, ay: _Axis) -> tuple[float, float]:
+    """Where a series ends, in pixels."""
+    x, y = ax.px(np.asarray(s.x, float)), ay.px(np.asarray(s.y, float))
+    row = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[-1]
+    return float(x[row]), float(y[row])
+
+
+def _ends(s: Series, ax: _Axis, ay: _Axis) -> Markup:
+    """The start of a path as a dot, its end as a ring."""
+    x, y = (np.asarray(v, float) for v in (s.x, s.y))
+    first = int(np.flatnonzero(np.isfinite(x) & np.isfinite(y))[0])
+    places = {"start": (float(ax.px(x[first])), float(ay.px(y[first]))), "end": _last_point(s, ax, ay)}
+    apart = abs(places["start"][1] - places["end"][1]) > _LABEL_PX
+    out = []
+    for name, (px, py) in places.items():
+        below = 18 if name == "end" and not apart else -9
+        side, dx = ("", 9) if px < WIDTH / 2 else (" end", -9)
+        out.append(f'<circle class="{name}" cx="{px:.1f}" cy="{py:.1f}" r="5"/>')
+        out.append(f'<text x="{px + dx:.1f}" y="{py + below:.1f}" class="tick{side}">{name}</text>')
+    return Markup("".join(out))
+
+
+def _names(series: Sequence[Series], ax: _Axis, ay: _Axis) -> list[Markup]:
+    """The name of each series beside its end, moved apart where they would overlap; quiet ones where there is room."""
+    ends = [(*_last_point(s, ax, ay), s) for s in series]
+    loud = sorted((e for e in ends if not e[2].quiet), key=lambda e: e[1])
+    top, bottom = min(ay.low_px, ay.high_px), max(ay.low_px, ay.high_px)
+    places: list[float] = []
+    for _, y, _ in loud:
+        places.append(max([y, *(place + _LABEL_PX for place in places[-1:])]))
+    for k in reversed(range(len(places))):  # those pushed below the chart come back up
+        places[k] = min(places[k], bottom - _LABEL_PX * (len(places) - 1 - k))
+    shown = list(zip(loud, places, strict=True))
+    for end in ends:
+        if end[2].quiet and all(abs(end[1] - y) >= _LABEL_PX for _, y in shown) and top <= end[1] <= bottom:
+            shown.append((end, end[1]))
+    return [_name(s, x, y) for (x, _, s), y in shown]
+
+
+def _name(s: Series, x: float, y: float) -> Markup:
+    beyond = x + 4 + _CHARACTER_PX * len(s.name) > WIDTH
+    side, x = (" end", x - 6) if beyond else ("", x + 4)
+    return Markup('<text x="{}" y="{}" class="name {}{}">{}</text>').format(
+        f"{x:.1f}", f"{y + 4:.1f}", s.style, side, s.name
+    )
 
 
 def _runs(*columns: Array) -> list[Array]:
@@ -251,13 +335,3 @@ def _runs(*columns: Array) -> list[Array]:
 
 def _points(px: Array, py: Array) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
-
-
-def _legend(series: Sequence[Series]) -> Markup:
-    items = [
-        Markup(
-            '<span class="key"><svg viewBox="0 0 26 10"><path class="line {}" d="M1 5H25"/></svg>{}</span>'
-        ).format(s.style, s.name)
-        for s in series
-    ]
-    return Markup('<div class="legend">{}</div>').format(Markup("").join(items))

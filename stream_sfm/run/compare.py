@@ -21,6 +21,7 @@ from ..report.calibration_field import calibration_error
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
+from ..report.pictures import View
 from ..report.records import Comparison, Truth
 from ..rig_model.estimate import RigEstimate
 from ..types import Selection, Sink
@@ -101,13 +102,14 @@ def compare(
     rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
     depth = TrueDepth(log)
     observer, lanes = _lanes(rig, config, methods, depth, folder)
-    front, tests = FrontRecord(observer.rectify), [SelfTest(observer.projection, config)] if self_test else []
+    front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
+    view = View(rig.left)
     back = poses is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
         course = run(
             log,
             lanes,
-            sinks,
+            [view, *sinks],
             [front, *tests],
             selection=selection,
             interruption=interruption,
@@ -132,6 +134,7 @@ def compare(
         return_note=course.back,
         self_test=next((test.result() for test in tests), None),
         calibration=calibration_error(observer.projection, _told(lanes)),
+        view=view,
     )
     report = numbers(found)
     if folder is not None:

@@ -16,6 +16,7 @@ from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording import StereoLog, open_log
 from ..report.calibration_field import calibration_error
+from ..report.pictures import View
 from ..report.records import Truth
 from ..report.run_page import render_run
 from ..report.traces import return_error
@@ -131,7 +132,9 @@ class _Replay:
             observer = Observer(rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
-        self.sinks = [] if config.mono else [CalibrationSink(log)]
+        self._calibration = None if config.mono else CalibrationSink(log)
+        self._view = View(rig.left)
+        self.sinks: list[Sink] = [sink for sink in (self._calibration, self._view) if sink is not None]
 
     def result(self, course: Course, truth: Truth, there_and_back: bool) -> ReplayResult:
         """Write summary and page; a failure of these is the error of the course unless there is one already."""
@@ -144,7 +147,7 @@ class _Replay:
         further: dict[str, Any] = {
             "cpu_s": time.process_time() - self._began_cpu_s,
             "peak_rss_mib": peak_rss_mib(),
-            "problems": [problem for sink in self.sinks for problem in sink.problems] or problems,
+            "problems": (self._calibration.problems if self._calibration is not None else []) or problems,
         }
         calibration = calibration_error(self.lane.observer.projection, record.rig)
         if calibration is not None:
@@ -167,9 +170,8 @@ class _Replay:
         if folder is not None and len(record):
             try:
                 folder.write_summary(summary)
-                folder.write_page(
-                    render_run(summary, record, None if self._config.mono else truth.poses, calibration)
-                )
+                poses = None if self._config.mono else truth.poses
+                folder.write_page(render_run(summary, record, poses, calibration, self._view))
             except Exception as error:
                 course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())

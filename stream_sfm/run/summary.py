@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from ..evaluation import evaluate, evaluate_unscaled
 from ..evaluation.end_pose import end_pose
-from ..evaluation.relative_consistency import against_truth
+from ..evaluation.summary import evaluate_run, evaluate_unscaled
 from ..recording import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
@@ -46,9 +45,7 @@ def summarise(
     if config.mono:
         figures = evaluate_unscaled(trajectory, truth.poses)
     else:
-        figures = evaluate(trajectory, truth.poses, record.structure)
-        spans = against_truth(record.relative, truth.poses, truth.std)
-        figures |= {"std_truth": list(truth.std), "relative_consistency": spans}
+        figures = evaluate_run(trajectory, record.relative, truth.poses, truth.std, record.structure)
     # frames_in_doubt: nothing is judged; kept for programs that read it
     summary["ground_truth"] = figures | {"frames_in_doubt": [], "frames_ignored": [list(r) for r in truth.ignored]}
     return summary

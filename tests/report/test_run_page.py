@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.refinement import TERMS
+from stream_sfm.config import RigConfig
 from stream_sfm.evaluation.association import without_frames
 from stream_sfm.geometry import se3
-from stream_sfm.report.calibration_field import CalibrationError, picture
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.report.calibration_field import CalibrationError, calibration_error, picture
 from stream_sfm.report.lengths import METRES, MILLIMETRES, LengthUnit, unit_for
 from stream_sfm.report.records import RunRecord
 from stream_sfm.report.run_page import conclusion_of_run, render_run
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.model import RigModel
 from stream_sfm.types import FrameEstimate, Status, Trajectory
 
 FRAMES = 30
@@ -56,10 +60,10 @@ def test_the_sentence_says_how_large_errors_and_sigma_are_and_what_went_wrong() 
     text = conclusion_of_run(summary(ground_truth=TRUTH))
     assert "30 frames were estimated, none of them degraded or lost." in text
     assert "off by 1 mm RMS" in text and "0.5 % of its length" in text
-    assert "2 times as large as the estimated σ (NEES 24 for 6)" in text
+    assert "2 times as large as the estimated σ (NEES 24, 6 expected)" in text
     frames = summary()["frames"] | {"lost": 3, "degraded": 2}
     text = conclusion_of_run(summary(frames=frames, complete=False, end={"std_position_m": 0.05}))
-    assert "2 degraded, 3 lost." in text and "σ of 0.05 m" in text and "not complete" in text
+    assert "2 degraded, 3 lost." in text and "at the end is 0.05 m" in text and "not complete" in text
 
 
 @pytest.mark.parametrize("truth", [True, False])
@@ -107,3 +111,17 @@ def test_spans_are_columns_and_each_part_of_the_image_has_its_error_with_sigma()
     shown = re.findall(r">([+−][0-9.]+) ± 0.05<", page)
     assert [float(x.replace("−", "-")) for x in shown] == error_px.ravel().tolist()
     assert not picture(None)
+
+
+def test_a_refined_calibration_is_told_whole() -> None:
+    """Nothing is left to correct after a refinement; what is told is what the given calibration has wrong."""
+    projection = StereoProjection(
+        f_px=300.0, cx_left_px=160.0, cx_right_px=160.0, cy_px=120.0, baseline_m=0.1, width=320, height=240
+    )
+    n = len(RigModel.of(projection, RigConfig()))
+    mean, cov = np.zeros(n), 1e-4 * np.eye(n)
+    mean[0] = 0.25  # the right image is too far right: less disparity
+    found = calibration_error(projection, RigEstimate(mean, cov, 1.0, mean, cov, np.ones(n), refined=mean))
+    assert found is not None and found.disparity_px == pytest.approx(-0.25, abs=1e-9)
+    assert "refined by 0.25 px of disparity" in found.numbers["text"]
+    assert calibration_error(projection, None) is None

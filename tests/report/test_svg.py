@@ -1,9 +1,11 @@
 """Charts: thinning keeps what matters, nothing is drawn of nothing, names are escaped."""
 
+import re
+
 import numpy as np
 import pytest
 
-from stream_sfm.report.svg import Chart, Series, draw, round_numbers, thinned
+from stream_sfm.report.svg import Chart, Row, Series, draw, intervals, round_numbers, thinned
 
 
 def test_thinning_keeps_extremes_and_ends() -> None:
@@ -46,9 +48,29 @@ def test_numbers_on_whole_axes_are_round() -> None:
     assert round_numbers(0, 4) == [0]
 
 
-def test_what_the_page_explains_has_no_legend_of_its_own() -> None:
+def test_lines_are_named_at_their_ends_without_overlap() -> None:
     x = np.arange(3)
-    methods = [Series(name, x, x, "m-ekf") for name in ("cross-frame", "EKF")]
-    assert "legend" not in draw(Chart("t", "x", "y", methods))
-    assert "legend" in draw(Chart("t", "x", "y", [*methods, Series("new", x, x, "m-ekf")]))
+    close = [Series(name, x, x * (1 + 0.001 * k), "m-ekf") for k, name in enumerate("abc")]
+    text = draw(Chart("t", "x", "y", close))
+    places = sorted(float(y) for y in re.findall(r'y="([\d.]+)" class="name', text))
+    assert len(places) == 3 and np.diff(places).min() >= 12  # px; a label is 11.5 high
+    quiet = Series("d", x, x * 1.0, "m-other", quiet=True)
+    assert ">d<" not in draw(Chart("t", "x", "y", [*close, quiet]))  # no room
+    assert 'class="name' not in draw(Chart("t", "x", "y", close[:1]))
     assert "y (logarithmic)" in draw(Chart("t", "x", "y", [Series("a", x + 1, x + 1, "m")], log_y=True))
+
+
+def test_a_path_has_one_scale_and_its_ends_marked() -> None:
+    x, y = np.array([0.0, 4.0]), np.array([0.0, 1.0])
+    text = draw(Chart("t", "x", "y", [Series("a", x, y, "m-ekf")], path=True))
+    (x0, y0), (x1, y1) = re.findall(r'class="(?:start|end)" cx="([\d.]+)" cy="([\d.]+)"', text)
+    assert (float(x1) - float(x0)) == pytest.approx(4 * (float(y0) - float(y1)), abs=0.5)  # rounded to 0.1 px
+    assert ">start<" in text and ">end<" in text
+
+
+def test_values_with_intervals_stand_on_one_axis() -> None:
+    text = intervals("t", "ratio", [Row("EKF", 2.0, 1.0, 4.0, "m-ekf"), Row("", 1.0, 0.5, 2.0, "m-ekf")])
+    middles, lines = re.findall(r'cx="([\d.]+)"', text), re.findall(r'M([\d.]+) [\d.]+H([\d.]+)"/><circle', text)
+    for middle, (low, high) in zip(middles, lines, strict=True):  # in the middle on a logarithmic axis
+        assert float(middle) == pytest.approx((float(low) + float(high)) / 2, abs=0.11)
+    assert "No data." in intervals("t", "ratio", [])

@@ -1,0 +1,200 @@
+"""The charts of the pages, from records of runs and their traces against ground truth."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ..evaluation.relative import enough_known, mean_squares, spans_for
+from ..geometry.se3 import Array
+from .lengths import LengthUnit
+from .methods import quiet, short, style
+from .records import RunRecord
+from .svg import SMOOTHED, Chart, Row, Series, draw, intervals, smoothed
+from .traces import Trace, broken, closure
+from .verdict import NEES_INTERVAL, REFERENCE
+
+Traces = dict[str, Trace]
+_LEAST_NEES = 0.1  # drawn: the first poses are exact by definition
+_COINCIDE = 0.01  # of the path's extent: four pixels of a chart
+
+
+def _line(name: str, x: Array, y: Array, dots: bool = False) -> Series:
+    """A method's line."""
+    return Series(short(name), x, y, style(name), dots, quiet(name))
+
+
+def _along(name: str, t: Trace, y: Array) -> Series:
+    """A method's line over the distance travelled."""
+    _, distance_m, y = broken(t.frames, t.distance_m, y)
+    return _line(name, distance_m, y)
+
+
+def _pair(columns: list[Array]) -> tuple[Array, Array]:
+    x, y = columns
+    return x, y
+
+
+def _grey_first(series: Iterable[Series]) -> list[Series]:
+    """Lines in colour are drawn over grey ones."""
+    return sorted(series, key=lambda s: not s.quiet)
+
+
+def path(runs: Sequence[RunRecord], traces: Traces, unit: LengthUnit, length: str = "m") -> Markup:
+    """The path seen from above: the true one, else the first method's, and the others where they do not coincide."""
+    found = [(run.name, traces[run.name].estimate if run.name in traces else run.poses) for run in runs if len(run)]
+    series = [_line(name, poses[:, 0, 3], poses[:, 2, 3]) for name, poses in found]
+    if not found:
+        return draw(Chart("Path", "x", "z", []))
+    if traces:
+        true = next(iter(traces.values())).truth
+        series.insert(0, Series("ground truth", true[:, 0, 3], true[:, 2, 3], "m-truth"))
+        apart_m = max(float(t.position_m.max()) for t in traces.values())
+    else:
+        true = found[0][1]
+        apart_m = max((_farthest_m(true, poses) for _, poses in found[1:]), default=np.inf)
+    note = "from above"
+    if coincide := len(series) > 1 and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
+        note += f"; all estimates are within {unit.per_m * apart_m:.2g} {unit.name}"
+    labels = (f"x, {length} (right)", f"z, {length} (forward)")
+    return draw(Chart("Path", *labels, series[:1] if coincide else series, note=note, path=True))
+
+
+def _farthest_m(one: Array, other: Array) -> float:
+    """The largest distance between poses of two paths, as far as both go."""
+    n = min(len(one), len(other))
+    return float(np.linalg.norm(one[:n, :3, 3] - other[:n, :3, 3], axis=1).max())
+
+
+def errors(traces: Traces, unit: LengthUnit) -> Markup:
+    """Position errors over the distance travelled."""
+    series = [_along(name, t, t.position_m) for name, t in traces.items()]
+    return _over_distance("Position error", unit.name, unit.of(series), "first poses aligned")
+
+
+def rotation_errors(traces: Traces) -> Markup:
+    """Rotation errors over the distance travelled."""
+    series = [_along(name, t, t.rotation_deg) for name, t in traces.items()]
+    return _over_distance("Rotation error", "degrees", series, "first poses aligned")
+
+
+def closures(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
+    """How far each frame of the way back is from its place on the way there; no data without a way back."""
+    found = [(run.name, closure(run)) for run in runs]
+    series = [_line(name, back.apart_m, back.position_m) for name, back in found if back is not None]
+    return _over_distance("There and back", unit.name, unit.of(series), "between two visits of a frame")
+
+
+def _over_distance(title: str, y_label: str, series: Sequence[Series], note: str) -> Markup:
+    return draw(Chart(title, "distance travelled, m", y_label, _grey_first(series), note=note, zero=True))
+
+
+def ratios(content: dict[str, Any]) -> Markup:
+    """Errors of each method over those of the reference, with intervals; `content` of report.json."""
+    rows = [
+        Row(short(key) if quantity == "position" else "", f["value"], f["ci95"][0], f["ci95"][1], style(key))
+        for key, found in content["error_over_cross_frame"].items()
+        for quantity, f in found.items()
+    ]
+    note = "position above rotation, 95 %"
+    return intervals(f"Errors over those of {REFERENCE}", "ratio (logarithmic)", rows, note)
+
+
+def nees(traces: Traces, gaps: Sequence[int]) -> Markup:
+    """NEES of the pose over the frames."""
+    series = [
+        _line(name, *_pair(broken(t.frames, np.maximum(t.nees, _LEAST_NEES))))
+        for name, t in traces.items()
+        if t.nees is not None and np.isfinite(t.nees).any()
+    ]
+    note = "shaded: 95 % where the covariance holds; above: too small"
+    return _over_frames("NEES of the pose", "NEES", series, note, gaps, log_y=True, expected=NEES_INTERVAL)
+
+
+def innovations(runs: Iterable[RunRecord], gaps: Sequence[int] = ()) -> Markup:
+    """Squared innovations per degree of freedom over the frames."""
+    series = [_per_frame(run.name, smoothed(run.nis_over_dof)) for run in runs]
+    note = f"1 expected; {SMOOTHED}"
+    return _over_frames("Squared innovations per degree of freedom", "NIS / dof", series, note, gaps, zero=True)
+
+
+def apart(runs: Sequence[RunRecord], gaps: Sequence[int], unit: LengthUnit) -> Markup:
+    """Distance of each method's positions from those of the reference, else of the first method."""
+    reference = next((r for r in runs if r.name == REFERENCE), runs[0])
+    series = []
+    for run in runs:
+        n = min(len(run), len(reference))
+        if run is not reference and n:
+            d = run.poses[:n, :3, 3] - reference.poses[:n, :3, 3]
+            series.append(_per_frame(run.name, np.linalg.norm(d, axis=1)))
+    title = f"Distance from {short(reference.name)}"
+    return _over_frames(title, unit.name, unit.of(series), "positions, not aligned", gaps, zero=True)
+
+
+def growth(traces: Traces, unit: LengthUnit) -> Markup:
+    """RMS errors of relative motions over spans of frames."""
+    series = []
+    for name, t in traces.items():
+        estimate, truth = np.full((2, t.frames[-1] - t.frames[0] + 1, 4, 4), np.nan)
+        estimate[t.frames - t.frames[0]], truth[t.frames - t.frames[0]] = t.estimate, t.truth
+        if enough_known(truth) and (spans := spans_for(len(t.frames))):
+            squares, _ = mean_squares(estimate, truth, spans)
+            series.append(_line(name, np.array(spans, float), np.sqrt(squares), dots=True))
+    note = "slope ½: random walk, 1: bias"
+    lines = _grey_first(unit.of(series))
+    title = "Error of relative motions"
+    return draw(Chart(title, "span, frames", unit.name, lines, note=note, log_x=True, log_y=True))
+
+
+def structure(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
+    """Error of the depths of local points over their σ where the log has depth images, else σ along the rays."""
+    runs = list(runs)
+    found = {run.name: np.array(run.depth_rows).T for run in runs if run.depth_rows}
+    if found:
+        series = [_line(name, x, rms / np.maximum(std, 1e-12)) for name, (x, rms, std) in found.items()]
+        title, note = "Depth error of local points", "over σ, 1 expected"
+        return _over_frames(title, "RMS error / RMS σ", series, note, log_y=True)
+    series = [_per_frame(run.name, unit.per_m * run.column("sigma_local_m")) for run in runs]
+    return _over_frames("σ of local points", f"along the ray, {unit.name}", series, "median", log_y=True)
+
+
+def error_and_sigma(estimate: Any, found: Trace | None, method: str, unit: LengthUnit) -> list[Markup]:
+    """σ of position and rotation of one run over the frames, beside the error where the truth is known."""
+    charts = []
+    for what, part, scale, name in (
+        ("Position", slice(0, 3), unit.per_m, unit.name),
+        ("Rotation", slice(3, 6), np.degrees(1.0), "degrees"),
+    ):
+        series = []
+        if found is not None:
+            error = unit.per_m * found.position_m if what == "Position" else found.rotation_deg
+            series.append(Series("error", *_pair(broken(found.frames, error)), style(method)))
+        if estimate.cov_pose is not None:
+            variance = np.trace(estimate.cov_pose[:, part, part], axis1=1, axis2=2)
+            sigma = scale * np.sqrt(np.maximum(variance, 0))
+            series.append(Series("σ", np.arange(len(sigma)), sigma, "m-truth"))
+        title = f"{what} error and σ" if found is not None else f"Estimated σ of the {what.lower()}"
+        note = "first poses aligned" if found is not None else "relative to the first frame"
+        charts.append(_over_frames(title, name, series, note, zero=True))
+    return charts
+
+
+def columns(run: RunRecord, title: str, unit: str, names: dict[str, str], smooth: bool = False) -> Markup:
+    """Columns of a record over the frames; `names`: of the columns, with their styles."""
+    n = np.arange(len(run))
+    series = [
+        Series(name, n, smoothed(run.column(name)) if smooth else run.column(name), colour)
+        for name, colour in names.items()
+    ]
+    return _over_frames(title, unit, series, SMOOTHED if smooth else "", zero=True)
+
+
+def _per_frame(name: str, y: Array) -> Series:
+    return _line(name, np.arange(len(y), dtype=float), y)
+
+
+def _over_frames(
+    title: str, y_label: str, series: Iterable[Series], note: str = "", gaps: Sequence[int] = (), **options: Any
+) -> Markup:
+    return draw(Chart(title, "frame", y_label, _grey_first(series), note=note, marks=gaps, **options))

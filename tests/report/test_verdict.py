@@ -1,0 +1,89 @@
+"""The sentences on top of the page: what they say of figures that are given."""
+
+import math
+from typing import Any
+
+import pytest
+
+from stream_sfm.report.verdict import frames_to_tell, verdict
+
+LEVEL, MORE, LESS = (1.03, 0.9, 1.18), (1.44, 1.25, 1.64), (0.8, 0.7, 0.9)
+
+
+def report(nees: dict[str, float] | None = None, **ratios: Any) -> dict[str, Any]:
+    """The content of a report of 100 frames, with (value, low, high) of position and rotation by method."""
+    methods = {
+        key: {"failure": None, "nees_pose_mean": (nees or {}).get(key, 6.0), "there_and_back": None}
+        for key in ("cross_frame", *ratios)
+    }
+    found = {
+        key: {
+            q: {"value": v, "ci95": [low, high]}
+            for q, (v, low, high) in zip(("position", "rotation"), both, strict=True)
+        }
+        for key, both in ratios.items()
+    }
+    return {"frames_with_ground_truth": 100, "methods": methods, "error_over_cross_frame": found}
+
+
+@pytest.mark.parametrize(
+    ("ratios", "sentence"),
+    [
+        ({"ekf": (MORE, MORE)}, "Cross-frame drifts least: EKF (position ×1.44 [1.25, 1.64]) has larger errors."),
+        (
+            {"ekf": (LEVEL, MORE), "frame_to_frame": (LEVEL, LEVEL)},
+            "Cross-frame drifts less than others: EKF (rotation ×1.44 [1.25, 1.64]) has larger errors; "
+            "one other method cannot be told apart from cross-frame.",
+        ),
+        (
+            {"ekf": (LESS, LEVEL), "frame_to_frame": (MORE, MORE)},
+            "EKF (position ×0.80 [0.70, 0.90]) has smaller errors than cross-frame, and frame-to-frame (position "
+            "×1.44 [1.25, 1.64]) has larger ones.",
+        ),
+        (
+            {key: (MORE, MORE) for key in ("ekf", "iterated_ekf", "ekf_cv", "frame_to_frame")},
+            "Cross-frame drifts least: EKF (position ×1.44 [1.25, 1.64]), iterated EKF (position ×1.44 [1.25, 1.64]) "
+            "and 2 other methods have larger errors.",
+        ),
+    ],
+)
+def test_the_sentence_names_who_drifts_more_and_by_how_much(ratios: dict[str, Any], sentence: str) -> None:
+    assert verdict(report(**ratios)).drift == sentence
+
+
+@pytest.mark.parametrize("both", [(LEVEL, LEVEL), (LESS, MORE)])
+def test_where_nothing_can_be_said_a_longer_log_is_asked_for(both: Any) -> None:
+    text = verdict(report(ekf=both)).drift
+    assert text.startswith("Nothing can be said about which method drifts least: on 100 frames none is told apart")
+    assert "frames." in text
+
+
+def test_the_length_of_a_log_that_tells() -> None:
+    """An interval of the logarithm of ± .4 around .2 has to become half as wide, which takes four times the length."""
+    figure = {"value": math.exp(0.2), "ci95": [math.exp(-0.2), math.exp(0.6)]}
+    wanted, frames = frames_to_tell(figure, 100)
+    assert wanted == pytest.approx(math.exp(0.2)) and 400 <= frames <= 410  # rounded up to two digits
+    assert frames_to_tell(figure | {"value": 1.0}, 100)[0] == pytest.approx(1.1)
+
+
+def test_covariances_are_judged_by_their_nees() -> None:
+    text = verdict(report({"ekf": 240.0, "cross_frame": 5.0}, ekf=(LESS, LEVEL))).covariances
+    assert text == "The covariance of cross-frame is right (NEES 5, 6 expected), that of EKF is 40 times too small."
+    assert "larger than needed" in verdict(report({"cross_frame": 0.5})).covariances
+    assert "EKF" not in verdict(report({"ekf": 14.0}, ekf=(LEVEL, LEVEL))).covariances  # within 95 % of one pose
+
+
+def test_why_there_is_no_comparison() -> None:
+    content = report()
+    assert "it takes cross-frame and another method" in verdict(content).text
+    content["methods"]["ekf"] = content["methods"]["cross_frame"] | {"failure": "stopped at frame 3: singular"}
+    assert "EKF stopped at frame 3: singular." in verdict(content).text
+    content["methods"]["ekf"]["failure"] = None
+    few = verdict(content | {"frames_with_ground_truth": 12}).text
+    assert "it takes 40 frames in a row with ground truth, and this log has 12" in few
+    content["frames_with_ground_truth"] = 0
+    assert "the log has no ground truth" in verdict(content).text
+    content["methods"]["ekf"]["there_and_back"] = {"end_drift_percent": 0.12}
+    content["methods"]["cross_frame"]["there_and_back"] = {"end_drift_percent": 0.5}
+    assert "EKF ends closest to its start, 0.12 %" in verdict(content).text
+    assert "(cross-frame: 0.5 %)" in verdict(content).text
