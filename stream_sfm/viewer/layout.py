@@ -14,7 +14,6 @@ CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
 ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
-CALIBRATION, CALIBRATION_LABELS = "calibration/disparity", "calibration/figures"
 TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
@@ -52,8 +51,7 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
     """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
-    A second tab beside the 3-D view has the error of the calibration that was learnt, over the left image. `unit` is
-    the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
+    `unit` is the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
     """
     whole_past = [
         rrb.VisibleTimeRange(
@@ -69,8 +67,6 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
         line_grid=False,
     )
     images = [rrb.Spatial2DView(name=f"{s.rsplit('/', 1)[1]} image with tracks", origin=s) for s in sides]
-    calibration = rrb.Spatial2DView(name="disparity, px: error of the given calibration", origin="calibration")
-    large = rrb.Tabs(space, calibration, active_tab=0) if len(sides) > 1 else space
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     series = [
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=legend)
@@ -82,7 +78,7 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(large, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
+            rrb.Vertical(space, rrb.TextLogView(name="status", origin=STATUS), row_shares=[5, 1]),
             rrb.Vertical(rrb.Horizontal(*images), *series, row_shares=[3, 2, 2, 2]),
             column_shares=[5, 4],
         ),

@@ -16,7 +16,6 @@ from ..geometry.se3 import Array
 from ..sources.image_header import image_format
 from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
-from .calibration_field import CalibrationField
 from .recording import Recording
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
@@ -50,7 +49,6 @@ class RerunSink:
         self._previous: Array | None = None
         self._status = ""
         self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
-        self._calibration = CalibrationField(rig) if isinstance(rig, StereoRig) else None
         self._stages: tuple[str, ...] = ()
         self._recording = Recording(rrd, view, layout.blueprint(self._sides, self._unit), name)
         self._stream = self._recording.stream
@@ -98,13 +96,9 @@ class RerunSink:
         self._tracks(estimate, colours)
         self._series(estimate)
         self._log_status(estimate)
-        if self._calibration is not None:
-            self._calibration.write(estimate, self._stream)
 
     def close(self) -> None:
         """Write all buffered data. Raises OutputError where the file is incomplete."""
-        if self._calibration is not None:
-            self._calibration.close(self._stream)
         self._recording.close()
 
     def _ellipsoid(self, cov_position: Array) -> None:

@@ -1,6 +1,5 @@
 """The viewer takes what a replay gives it, and costs nothing where nobody looks."""
 
-import dataclasses
 import re
 import subprocess
 import sys
@@ -11,11 +10,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.camera.refinement import TERMS, Refinement
 from stream_sfm.cli.main import main
-from stream_sfm.rig_model.estimate import RigEstimate
-from stream_sfm.rig_model.model import RigModel
 from tests.helpers.places import ROOM
 
 rr = pytest.importorskip("rerun")
@@ -66,63 +61,6 @@ def test_the_recording_of_the_sample_log_verifies(tmp_path):
     arguments = ["--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
     assert main(["replay", str(ROOM), *arguments]) == 0
     _verify(rrd)
-    assert b"calibration/disparity" in rrd.read_bytes()
-
-
-class Logged:
-    """A recording that keeps what is logged, with the frame, and draws nothing."""
-
-    def __init__(self) -> None:
-        self.frame, self.entries = -1, []
-
-    def set_time(self, timeline, sequence=None, timestamp=None):
-        self.frame = self.frame if sequence is None else sequence
-
-    def log(self, path, what, static=False):
-        self.entries.append((self.frame, path, what))
-
-
-def _with_rig(n, error_px):
-    estimate = sfm.Engine(_rig()).step(sfm.StereoFrame(1, *_images(0)))
-    m = len(RigModel.of(Rectifier(_rig()).projection, sfm.RigConfig()))
-    mean, cov = np.zeros(m), 1e-4 * np.eye(m)
-    mean[0] = error_px  # the right image is too far right: less disparity
-    return dataclasses.replace(estimate, frame_index=n, rig=RigEstimate(mean, cov, 1.0, mean, cov, np.ones(m)))
-
-
-def test_the_error_of_the_calibration_is_shown_now_and_then_and_at_the_end():
-    from stream_sfm.viewer import layout
-    from stream_sfm.viewer.calibration_field import CalibrationField
-
-    stream, field = Logged(), CalibrationField(_rig())
-    for n in range(1, 21):
-        stream.set_time("frame", sequence=n)
-        field.write(_with_rig(n, 0.25), stream)
-    field.close(stream)
-    assert [n for n, path, _ in stream.entries if path == layout.CALIBRATION] == [1, 2, 3, 5, 8, 12, 18, 20]
-    labels = next(what for _, path, what in reversed(stream.entries) if path == layout.CALIBRATION_LABELS)
-    assert "-0.25 ± 0.0" in str(labels.labels.as_arrow_array()[0])
-    picture = next(what for _, path, what in reversed(stream.entries) if path == layout.CALIBRATION)
-    assert picture.buffer is not None
-    assert "wrong by 0.25 px of disparity" in str(stream.entries[-1][2].text.as_arrow_array()[0])
-
-
-def test_a_refined_calibration_is_shown_whole():
-    """Nothing is left to correct after the refinement; what is shown is what the given calibration has wrong."""
-    from stream_sfm.viewer import layout
-    from stream_sfm.viewer.calibration_field import CalibrationField
-
-    error_px = np.zeros(len(TERMS))
-    error_px[0] = 0.25
-    refinement = Refinement(error_px, 1e-4 * np.eye(len(TERMS)))
-    engine = sfm.Engine(dataclasses.replace(_rig(), refinement=refinement))
-    stream, field = Logged(), CalibrationField(_rig())
-    for n in range(3):
-        field.write(engine.step(sfm.StereoFrame(100_000_000 * n, *_images(n))), stream)
-    field.close(stream)
-    labels = next(what for _, path, what in reversed(stream.entries) if path == layout.CALIBRATION_LABELS)
-    assert str(labels.labels.as_arrow_array()[4]).startswith("-0.25 ± ")
-    assert "refined by 0.25 px of disparity" in str(stream.entries[-1][2].text.as_arrow_array()[0])
 
 
 def test_a_recording_is_written_in_few_pieces(tmp_path):
