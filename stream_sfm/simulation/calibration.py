@@ -21,11 +21,12 @@ from ..types import Observations, Solution
 from .measure import bound_variances, errors, followed
 from .scenes import Scene, Sequence
 from .statistics import mean, ratio
-from .studies import condition_report
-from .trials import Job, Measured, Report, Study
+from .studies import Condition, of_conditions
+from .trials import Measured, Report
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
+_FRAMES = (10, 15, 20, 25, 30)
 _STEPS = 4  # to where a view is seen with errors of the rig, each a hundredth of the one before
 
 
@@ -55,31 +56,6 @@ WINDOWS = (
 _OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # which they are right to take for exact
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
-    """A scene, and whether the rig is wrong in it, as its prior says; run in a `share` of the trials asked for."""
-
-    scene: Scene
-    wrong_rig: bool
-    frames: tuple[int, ...] = (10, 15, 20, 25, 30)
-    share: float = 1.0
-
-    @property
-    def windows(self) -> tuple[Window, ...]:
-        """The windows that differ under this condition."""
-        return WINDOWS if self.wrong_rig else _OF_EXACT_RIG
-
-
-# Row differences of real rigs scatter by 0.12 to 0.16 px.
-_SCENE = Scene(track_length=8, std_px=0.15, round_off=False)
-_LASTING = replace(_SCENE, autocorrelation=0.75)
-CONDITIONS = {
-    "wrong_rig_lasting_errors": Condition(scene=_LASTING, wrong_rig=True),
-    "wrong_rig": Condition(scene=_SCENE, wrong_rig=True, share=0.5),
-    "lasting_errors": Condition(scene=_LASTING, wrong_rig=False, share=0.5),
-}
-
-
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
     """Return the observations by a rig with errors (m,), in σ of its prior, with everything that a front-end adds."""
     model = RigModel.of(sequence.projection, Config().rig)
@@ -94,27 +70,27 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
     return tuple(result)
 
 
-def measure(seed: np.random.SeedSequence, condition: Condition) -> Measured:
-    """Run one trial, and return label -> quantity -> values at the frames of the condition, NaN where one was lost.
+def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames: tuple[int, ...]) -> Measured:
+    """Run one trial, and return label -> quantity -> values at `frames`, NaN where one was lost.
 
-    The variances of the bound are under "bound".
+    `wrong_rig`: whether the rig has errors, as its prior says. The variances of the bound are under "bound".
     """
     of_scene, of_rig = seed.spawn(2)
-    sequence = condition.scene.sequence(of_scene)
-    error = np.random.default_rng(of_rig).normal(size=len(TERMS)) * condition.wrong_rig
+    sequence = scene.sequence(of_scene)
+    error = np.random.default_rng(of_rig).normal(size=len(TERMS)) * wrong_rig
     observations = seen_by_wrong_rig(sequence, error)
 
     def figures(frame: int, solution: Solution) -> dict[str, float]:
         return errors(sequence, frame, solution) | {"nees_rig": _nees_rig(solution, error)}
 
     result = {}
-    for window in condition.windows:
+    for window in WINDOWS if wrong_rig else _OF_EXACT_RIG:
         estimator = make_estimator("cross-frame", sequence.projection, Config())
         told = [window.told(o) for o in observations]
-        result[window.label] = followed(estimator, told, condition.frames, tuple(EXPECTED), figures)
-    known = observations if condition.wrong_rig else tuple(replace(o, rig=None) for o in observations)
-    rho, truth = condition.scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
-    bounds = [bound_with_rig(sequence.projection, known, *truth, n, rho) for n in condition.frames]
+        result[window.label] = followed(estimator, told, frames, tuple(EXPECTED), figures)
+    known = observations if wrong_rig else tuple(replace(o, rig=None) for o in observations)
+    rho, truth = scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
+    bounds = [bound_with_rig(sequence.projection, known, *truth, n, rho) for n in frames]
     result["bound"] = {q: v for q, v in bound_variances(bounds).items() if q in QUANTITIES}
     return result
 
@@ -128,23 +104,25 @@ def _nees_rig(solution: Solution, error: Array) -> float:
     return float(away @ np.linalg.solve(solution.rig.cov_if_wrong[:n, :n], away))
 
 
-def _jobs() -> dict[str, Job]:
-    return {name: Job(partial(measure, condition=c), c.share) for name, c in CONDITIONS.items()}
+def condition(scene: Scene, wrong_rig: bool, frames: tuple[int, ...] = _FRAMES, share: float = 1.0) -> Condition:
+    """A condition of this study."""
+    return Condition(scene, frames, partial(measure, scene=scene, wrong_rig=wrong_rig, frames=frames), share)
 
 
-def _report(measured: dict[str, Measured]) -> Report:
-    """Report variance over the bound and normalised errors of the windows; by condition."""
-    parts = {}
-    for name, data in measured.items():
-        condition, bound = CONDITIONS[name], data["bound"]
-
-        def evaluate(entry: dict[str, Array], bound: dict[str, Array] = bound) -> Report:
-            known = {q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()}
-            return {"over_bound": {q: ratio(entry[q], bound[q]) for q in QUANTITIES}, **known}
-
-        part = condition_report(condition.scene, condition.frames, data, evaluate)
-        parts[name] = part | {"wrong_rig": condition.wrong_rig}
-    return {"expected": EXPECTED, "conditions": parts}
+# Row differences of real rigs scatter by 0.12 to 0.16 px.
+_SCENE = Scene(track_length=8, std_px=0.15, round_off=False)
+_LASTING = replace(_SCENE, autocorrelation=0.75)
+CONDITIONS = {
+    "wrong_rig_lasting_errors": condition(_LASTING, wrong_rig=True),
+    "wrong_rig": condition(_SCENE, wrong_rig=True, share=0.5),
+    "lasting_errors": condition(_LASTING, wrong_rig=False, share=0.5),
+}
 
 
-CALIBRATION = Study(_jobs, _report)
+def _over_bound(entry: dict[str, Array], data: Measured) -> Report:
+    """The variance of a window over the bound, and its normalised errors."""
+    known = {q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()}
+    return {"over_bound": {q: ratio(entry[q], data["bound"][q]) for q in QUANTITIES}, **known}
+
+
+CALIBRATION = of_conditions(CONDITIONS, _over_bound, expected=EXPECTED)

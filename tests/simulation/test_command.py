@@ -11,7 +11,6 @@ import stream_sfm as sfm
 from stream_sfm.cli import simulate
 from stream_sfm.cli.main import main
 from stream_sfm.simulation import calibration, figure6, rates, studies
-from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
 
 TRIALS = ("--trials", "2", "--workers", "1", "--out")
@@ -21,15 +20,13 @@ TRIALS = ("--trials", "2", "--workers", "1", "--out")
 def short(monkeypatch):
     """The same studies on short scenes."""
     small = Scene(frames=6, track_length=4)
-    compared = {"scene": small, "frames": (3, 5), "methods": (Method("cross-frame"), Method("ekf"))}
-    conditions = {name: dataclasses.replace(c, **compared) for name, c in studies.CONDITIONS.items()}
-    monkeypatch.setattr(studies, "CONDITIONS", conditions)
-    noisy = {
-        "scene": dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75),
-        "frames": (3, 5),
-    }
-    conditions = {name: dataclasses.replace(c, **noisy) for name, c in calibration.CONDITIONS.items()}
-    monkeypatch.setattr(calibration, "CONDITIONS", conditions)
+    for name in studies.CONDITIONS:
+        compared = studies.judged(small, (3, 5), ("cross-frame", "ekf"), bound=name != "200_frames")
+        monkeypatch.setitem(studies.CONDITIONS, name, compared)
+    noisy = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
+    for name in calibration.CONDITIONS:
+        short = calibration.condition(noisy, name != "lasting_errors", (3, 5))
+        monkeypatch.setitem(calibration.CONDITIONS, name, short)
     monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, (3, 4, 5))})
