@@ -31,6 +31,7 @@ from .importers.data_sets import import_kitti as import_kitti
 from .importers.video import import_video as import_video
 from .inspection.overview import inspect_log as inspect
 from .mcap_file.recover import recover as recover
+from .motion import Motion as Motion
 from .recording.stereo_log import StereoLog as StereoLog
 from .recording.stereo_log import open_log as open_log
 from .recording.truth_file import GroundTruthFile as GroundTruthFile

@@ -28,7 +28,18 @@ from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
-from .types import Frame, FrameEstimate, MonoFrame, Observations, RelativeMotions, Solution, StereoFrame
+from .rig_model.terms import TERMS
+from .types import (
+    CommonErrors,
+    Frame,
+    FrameEstimate,
+    MonoFrame,
+    Observations,
+    RelativeMotions,
+    Solution,
+    Status,
+    StereoFrame,
+)
 
 # Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones seem to count
 # milliseconds or frames; σ of a prediction would then be far too small.
@@ -64,7 +75,10 @@ class Observer:
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
-        self.unseen = _unseen_errors(self.rig, config)
+        self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
+        self.unseen = UnseenErrors(0.0, 0.0)
+        if not self._exact:
+            self.unseen = UnseenErrors(config.rig.std_baseline, config.rig.std_axes_rad)
         self._scaler = GreyScaler()
         self._next_index = 0
         self._last_stamp_ns: int | None = None
@@ -162,17 +176,42 @@ class Observer:
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
             rig=self._frontend.rig_in_px(solution.rig),
-            relative=self._relative(solution.relative),
+            relative=self._relative(solution.relative, solution.common),
+            common=self._common(solution),
             rig_change=observations.rig_change,
         )
 
-    def _relative(self, relative: RelativeMotions | None) -> RelativeMotions | None:
+    def _relative(self, relative: RelativeMotions | None, common: CommonErrors | None) -> RelativeMotions | None:
         """Relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None
         poses = relative.frame_from_newest
-        cov = relative.cov + self.unseen.of_pose(poses)
-        return RelativeMotions(relative.frame_indices, self._axes.poses(poses), self._axes.cov_pose(cov))
+        by_common = None if self._exact else self._by_common(poses, relative.common_jacobian, common)
+        cov = self._axes.cov_pose(relative.cov + self.unseen.of_pose(poses))
+        return RelativeMotions(relative.frame_indices, self._axes.poses(poses), cov, by_common)
+
+    def _common(self, solution: Solution) -> CommonErrors | None:
+        """The errors that all frames share, with those that no view shows."""
+        common, pose = solution.common, solution.world_from_cam
+        if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
+            return None
+        jacobian = self._by_common(pose, None if common is None else common.jacobian, common)
+        if common is None:
+            return CommonErrors(np.zeros(3), np.eye(3), jacobian)
+        t = len(TERMS)
+        cov = np.eye(3 + t)
+        cov[3:, 3:] = common.cov[:t, :t]
+        return CommonErrors(np.concatenate([np.zeros(3), common.mean[:t]]), cov, jacobian)
+
+    def _by_common(self, poses: Array, by_rig: Array | None, common: CommonErrors | None) -> Array:
+        """Perturbations of poses (…, 4, 4) per unit of what no view shows, and of the physical terms (…, 6, m).
+
+        The field over the image is what these tell of it; the rest is the motion's own.
+        """
+        moved = self.unseen.by_pose(poses)
+        if by_rig is not None and common is not None:
+            moved = np.concatenate([moved, by_rig @ common.weights(len(TERMS))], axis=-1)
+        return self._axes.by_pose(moved)
 
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
         """Covariances (n, 3, 3), m², of points (n, 3) by the disparity error that all views share, eq. (18)."""
@@ -246,13 +285,6 @@ def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoR
     if rig.unscaled:
         raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")
     return rig
-
-
-def _unseen_errors(rig: StereoRig | MonoRig, config: Config) -> UnseenErrors:
-    """What the views cannot tell about the calibration; with one camera the same is true of all lengths anyway."""
-    if rig.unscaled or config.rig.exact:
-        return UnseenErrors(0.0, 0.0)
-    return UnseenErrors(config.rig.std_baseline, config.rig.std_axes_rad)
 
 
 def _check_arguments(rig: object, config: object) -> None:

@@ -18,6 +18,7 @@ from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
+_LEAST_VARIANCE = 1e-9  # of an error of the rig, in σ²: one that is known says nothing of the others
 Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
 
 
@@ -217,15 +218,41 @@ class RelativeMotions:
     """Motions between the newest frame and earlier ones (r), with what these estimates have in common accounted for.
 
     `frame_indices` (r,); `frame_from_newest` (r, 4, 4) carries points of the newest camera into the earlier one;
-    `cov` (r, 6, 6) of the perturbation on its right, translation first: metres², radians².
+    `cov` (r, 6, 6) of the perturbation on its right, translation first: metres², radians². `common_jacobian`
+    (r, 6, m): how much of that perturbation each of the `CommonErrors` of the frame makes; None as those.
     """
 
     frame_indices: NDArray[np.int64]
     frame_from_newest: Array
     cov: Array
+    common_jacobian: Array | None = None
 
     def __repr__(self) -> str:
         return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CommonErrors:
+    """Errors c (m,) that all poses and motions of a run have in common, so that no number of frames averages them out.
+
+    First those that no view shows: of all lengths, and of the camera's axes about its x and y; then the physical terms
+    of the rig (of a Solution the whole of it, and only that). In σ of what is assumed for each beforehand.
+    This frame was estimated with c = `mean` (m,), and knows it with `cov` (m, m). `jacobian` (6, m): truth =
+    world_from_cam·Exp(jacobian (c − mean) + own), where `own` has the covariance cov_pose − jacobian cov jacobianᵀ; so
+    do the motions of `RelativeMotions`, eq. (74a).
+    """
+
+    mean: Array
+    cov: Array
+    jacobian: Array
+
+    def weights(self, n: int) -> Array:
+        """Return W (m, n): what is known of c follows from its first n as W c[:n], but for an independent rest."""
+        known = self.cov[:n, :n] + _LEAST_VARIANCE * np.eye(n)
+        return np.concatenate([np.eye(n), np.linalg.solve(known, self.cov[:n, n:]).T])
+
+    def __repr__(self) -> str:
+        return f"<CommonErrors {len(self.mean)} terms>"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -256,6 +283,7 @@ class Solution:
     nis_dof: int = 0
     rig: RigEstimate | None = None
     relative: RelativeMotions | None = None
+    common: CommonErrors | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose)
@@ -294,6 +322,8 @@ class FrameEstimate:
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
     - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
       the method has no joint covariance of them, or left and right do not fit each other.
+    - `common`: the errors that all poses and motions share, and their part in `world_from_cam`; for whom fuses or adds
+      up motions. None where the rig is taken for exact, where the pose is predicted only, and in a map's first frame.
     - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
     - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
     """
@@ -321,6 +351,7 @@ class FrameEstimate:
     unscaled: bool = False
     rig: RigEstimate | None = None
     relative: RelativeMotions | None = None
+    common: CommonErrors | None = None
     rig_change: RigChange | None = None
 
     def __repr__(self) -> str:

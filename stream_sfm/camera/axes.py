@@ -26,6 +26,10 @@ class RectifiedAxes:
         """Turn the covariance (6, 6) of a pose."""
         return self._rotation_6 @ cov @ self._rotation_6.T
 
+    def by_pose(self, jacobian: Array) -> Array:
+        """Turn perturbations (…, 6, m) of poses."""
+        return self._rotation_6 @ jacobian
+
     def points(self, points: Array) -> Array:
         """Turn points (n, 3)."""
         return points @ self._rotation.T

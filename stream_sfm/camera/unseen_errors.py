@@ -28,7 +28,12 @@ class UnseenErrors:
         return moved @ np.swapaxes(moved, -1, -2)
 
     def of_pose(self, poses: Array) -> Array:
-        """Covariances (…, 6, 6) of the perturbations on the right of poses T (…, 4, 4).
+        """Covariances (…, 6, 6) of the perturbations on the right of poses (…, 4, 4)."""
+        moved = self.by_pose(poses)
+        return moved @ np.swapaxes(moved, -1, -2)
+
+    def by_pose(self, poses: Array) -> Array:
+        """Perturbations (…, 6, 3) on the right of poses T (…, 4, 4), per σ of lengths and of axes about x and y.
 
         Axes that are turned by C make C T C⁻¹ of T, which is T Exp((Ad(T⁻¹) − I) c).
         """
@@ -36,4 +41,4 @@ class UnseenErrors:
         along = np.swapaxes(poses[..., :3, :3], -1, -2) @ poses[..., :3, 3:]
         moved[..., :3, :1] = self._std_scale * along
         moved[..., 1:] = self._std_axes_rad * (se3.adjoint(se3.inverse(poses)) - np.eye(6))[..., 3:5]
-        return moved @ np.swapaxes(moved, -1, -2)
+        return moved

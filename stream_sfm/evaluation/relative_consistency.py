@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
-from ..geometry.linear import mahalanobis2, symmetric
+from ..geometry.linear import mahalanobis2
 from ..geometry.se3 import Array
-from ..types import FrameEstimate, Status, Trajectory
+from ..motion import Motion
+from ..types import FrameEstimate, Trajectory
 from .association import matched
 
 SPANS = (1, 2, 5, 8, 20, 100)
 _OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
+_LONGEST = max(SPANS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,44 +36,44 @@ class Motions:
 
 
 class RelativeRecord:
-    """A sink's memory of relative motions: some 900 bytes per frame."""
+    """A sink's memory of relative motions: some 1300 bytes per frame, and more of the last hundred."""
 
     def __init__(self) -> None:
         self._stamps_ns, self._frame_indices = array("q"), array("q")
-        self._motions = {span: array("d") for span in _OF_WINDOW}
+        self._motions = {span: array("d") for span in SPANS}
+        self._recent: dict[int, dict[int, Motion | None]] = {}  # of the window, by the frame of the end and by span
 
     def add(self, estimate: FrameEstimate) -> None:
-        """Remember the motions of one estimate; NaN where it has none."""
+        """Remember the motions of one estimate; NaN where it has none.
+
+        Where a span is longer than the window, they are composed of the window's.
+        """
+        end = estimate.frame_index
         self._stamps_ns.append(estimate.stamp_ns)
-        self._frame_indices.append(estimate.frame_index)
-        relative = None if estimate.status == Status.LOST else estimate.relative
+        self._frame_indices.append(end)
+        self._recent.pop(end - _LONGEST, None)
+        self._recent[end] = {span: Motion.of(estimate, span) for span in _OF_WINDOW}
         for span, motions in self._motions.items():
-            numbers = np.full(_NUMBERS, np.nan)
-            if relative is not None:
-                row = np.flatnonzero(relative.frame_indices == estimate.frame_index - span)
-                if len(row):
-                    numbers[:6] = se3.log(relative.frame_from_newest[row[0]])
-                    numbers[6:] = relative.cov[row[0]][_UPPER]
+            numbers, motion = np.full(_NUMBERS, np.nan), self._over(span, end)
+            if motion is not None:
+                numbers[:6] = se3.log(motion.earlier_from_newest)
+                numbers[6:] = motion.cov[_UPPER]
             motions.frombytes(numbers.tobytes())
 
+    def _over(self, span: int, end: int) -> Motion | None:
+        """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
+        motion = None
+        for piece in reversed(_OF_WINDOW):
+            while span >= piece:
+                before = self._recent.get(end, {}).get(piece)
+                if before is None:
+                    return None
+                motion = before if motion is None else before.then(motion)
+                span, end = span - piece, end - piece
+        return motion
+
     def motions(self, span: int, frames: int | None = None) -> Motions:
-        """Return the motions over a span among the first `frames` frames (None: all).
-
-        Where the span is longer than the window, they are composed of the window's as if these were independent.
-        """
-        pieces = _pieces(span)
-        first = self._of_window(pieces[0], frames)
-        ends, poses, cov = first.ends, first.earlier_from_end, first.cov
-        for done, piece in zip(np.cumsum(pieces), pieces[1:], strict=False):
-            before = self._of_window(piece, frames)
-            _, mine, theirs = np.intersect1d(ends - done, before.ends, return_indices=True)
-            ends = ends[mine]
-            ad = se3.adjoint(se3.inverse(poses[mine]))
-            cov = ad @ before.cov[theirs] @ np.swapaxes(ad, 1, 2) + cov[mine]
-            poses = se3.orthonormalise(before.earlier_from_end[theirs] @ poses[mine])
-        return Motions(ends, poses, symmetric(cov))
-
-    def _of_window(self, span: int, frames: int | None) -> Motions:
+        """Return the motions over a span among the first `frames` frames (None: all)."""
         numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)[:frames]
         rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
         cov = np.zeros((len(rows), 6, 6))
@@ -129,13 +131,3 @@ def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
         "factor_length": float(np.sqrt(of_length.mean())) if (length > 0).any() else None,
         "factor_axes": axes.tolist(),
     }
-
-
-def _pieces(span: int) -> list[int]:
-    """Return a span as a sum of spans that the window has, the longest first."""
-    pieces = []
-    for size in reversed(_OF_WINDOW):
-        while span >= size:
-            pieces.append(size)
-            span -= size
-    return pieces

@@ -11,7 +11,7 @@ from ..geometry import se3
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
 from ..rig_model.estimate import RigEstimate
-from ..types import FrameEstimate, RelativeMotions, Status
+from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
 from .estimates_reader import Cloud, read_clouds, read_estimates
 from .schema import EstimateRecord
 
@@ -56,12 +56,17 @@ def _rig(record: EstimateRecord) -> RigEstimate:
 def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
     world_from_cam = np.array(record.world_from_cam)
     points = np.empty((0, 3)) if cloud is None else cloud.points.astype(float)
-    relative = rig = None
+    relative = rig = common = None
+    m = len(record.common_mean)
+    if m:
+        of_pose, cov = np.array(record.common_jacobian).reshape(6, m), np.array(record.common_cov).reshape(m, m)
+        common = CommonErrors(np.array(record.common_mean), cov, of_pose)
     if record.relative_frame_indices:
         relative = RelativeMotions(
             np.array(record.relative_frame_indices, np.int64),
-            np.array(record.relative_frame_from_cam),
+            np.array(record.relative_frame_from_newest or record.relative_frame_from_cam),
             np.array(record.relative_cov),
+            np.array(record.relative_common_jacobian).reshape(-1, 6, m) if m else None,
         )
     if record.rig_error_px:
         rig = _rig(record)
@@ -88,5 +93,6 @@ def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
         timings_ms={},
         unscaled=record.unscaled,
         relative=relative,
+        common=common,
         rig=rig,
     )

@@ -1,6 +1,7 @@
 """`read_results`: everything that a run has written, as NumPy arrays."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +14,9 @@ from ..config import Config, read_config
 from ..errors import ConfigError, InputError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..types import Trajectory
+from ..types import FrameEstimate, Trajectory
 from .estimates_reader import read_clouds, read_estimates
+from .frame_estimates import frame_estimates
 from .frame_table import Table, frame_table
 from .frames import RosFrames
 
@@ -92,6 +94,10 @@ class RunResults:
             se3.transform(world_from_fixed, found.points).astype(np.float32),
             (turned @ found.cov_points @ turned.T).astype(np.float32),
         )
+
+    def estimates(self) -> Iterator[FrameEstimate]:
+        """Yield the frames as live ones are given, without points."""
+        yield from frame_estimates(self.estimates_path, points=False)
 
     def to_pandas(self) -> Any:
         """Return the table as a pandas DataFrame, indexed by time. Raises ConfigError without pandas."""

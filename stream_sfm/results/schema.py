@@ -8,7 +8,7 @@ from msgspec import Meta
 from ..camera.refinement import TERMS
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import DELAY, FOCAL, READOUT
-from ..types import FrameEstimate, RelativeMotions
+from ..types import CommonErrors, FrameEstimate, RelativeMotions
 
 SCHEMA_VERSION = 2
 Matrix = list[list[float]]
@@ -44,11 +44,29 @@ class EstimateRecord(msgspec.Struct, frozen=True, kw_only=True):
         list[int],
         Meta(description="earlier frames, to which the motion from this one is known with its covariance"),
     ] = []
-    relative_frame_from_cam: Annotated[
+    relative_frame_from_newest: Annotated[
         list[Pose], Meta(description="carry points of this camera into theirs, each 4×4, metres")
     ] = []
+    relative_frame_from_cam: Annotated[
+        list[Pose], Meta(description="the same under its former name, for programs that read it")
+    ] = []
     relative_cov: Annotated[
-        list[PoseCovariance], Meta(description="6×6 covariances of ξ in truth = frame_from_cam·Exp(ξ), as cov_pose")
+        list[PoseCovariance],
+        Meta(description="6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose"),
+    ] = []
+    relative_common_jacobian: Annotated[
+        list[float],
+        Meta(description="how common errors move these motions, each 6×m row by row, one after the other"),
+    ] = []
+    common_mean: Annotated[
+        list[float],
+        Meta(
+            description="errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty"
+        ),
+    ] = []
+    common_cov: Annotated[list[float], Meta(description="their covariance, m×m row by row")] = []
+    common_jacobian: Annotated[
+        list[float], Meta(description="how they move the pose, 6×m row by row; c is in σ of what was assumed")
     ] = []
     rig_error_px: Annotated[
         list[float],
@@ -118,6 +136,7 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
         window_frame_indices=estimate.window_frame_indices.tolist(),
         window_world_from_cam=estimate.window_world_from_cam.tolist(),
         **_relative(estimate.relative),
+        **_common(estimate.common),
         **_rig(estimate.rig),
         counts={name: int(value) for name, value in estimate.counts.items()},
         unscaled=estimate.unscaled,
@@ -129,10 +148,23 @@ def estimate_record(estimate: FrameEstimate) -> EstimateRecord:
 def _relative(relative: RelativeMotions | None) -> dict[str, Any]:
     if relative is None:
         return {}
+    by_common = relative.common_jacobian
     return {
         "relative_frame_indices": relative.frame_indices.tolist(),
+        "relative_frame_from_newest": relative.frame_from_newest.tolist(),
         "relative_frame_from_cam": relative.frame_from_newest.tolist(),
         "relative_cov": relative.cov.tolist(),
+        "relative_common_jacobian": [] if by_common is None else by_common.ravel().tolist(),
+    }
+
+
+def _common(common: CommonErrors | None) -> dict[str, Any]:
+    if common is None:
+        return {}
+    return {
+        "common_mean": common.mean.tolist(),
+        "common_cov": common.cov.ravel().tolist(),
+        "common_jacobian": common.jacobian.ravel().tolist(),
     }
 
 

@@ -1,8 +1,9 @@
 """A test of covariances without any truth: estimates from disjoint halves of the observations must agree within them.
 
 Even against odd tracks; and tracks born in the left half of the image against those of the right half, which sees also
-what neighbouring tracks share, such as the lens. What both halves share altogether, above all the baseline, no such
-test can see. Each half is estimated by a window of its own, from the front-end's one set of observations.
+what neighbouring tracks share. The errors of the rig are one for both halves, so they are given alike to both, and what
+is left must agree; what both share altogether, above all the baseline, no such test can see. Each half is estimated by
+a window of its own, from the front-end's one set of observations.
 """
 
 from collections.abc import Mapping
@@ -18,8 +19,9 @@ from ..evaluation.relative_consistency import factors
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..motion import Motion
 from ..observer import Observed
-from ..types import Frame, FrameEstimate, Observations, RelativeMotions, Status
+from ..types import Frame, FrameEstimate, Observations, Solution, Status
 
 SPANS = (1, 2, 5, 8)
 TESTS = ("tracks", "image")
@@ -51,17 +53,27 @@ class SelfTest:
                 estimator.step(_part(o, rows))
                 for estimator, rows in zip(self._pairs[test], (first, ~first), strict=True)
             )
-            if Status.LOST not in (a.status, b.status) and a.relative is not None and b.relative is not None:
-                self._compare(test, o.frame_index, a.relative, b.relative)
+            if Status.LOST not in (a.status, b.status):
+                self._compare(test, o.frame_index, a, b)
 
-    def _compare(self, test: str, frame_index: int, a: RelativeMotions, b: RelativeMotions) -> None:
-        """Keep how far apart the motions of both halves are over each span."""
+    def _compare(self, test: str, frame_index: int, a: Solution, b: Solution) -> None:
+        """Keep how far apart the motions of both halves are over each span, given what both together say of c.
+
+        Given c their errors are independent; what of c is not known counts as far as it moves them apart.
+        """
         for span in SPANS:
-            one, other = (np.flatnonzero(half.frame_indices == frame_index - span) for half in (a, b))
-            if len(one) and len(other):
-                pose = a.frame_from_newest[one[0]]
-                error = se3.log(se3.inverse(pose) @ b.frame_from_newest[other[0]])
-                self._apart.setdefault((test, span), []).append((error, a.cov[one[0]] + b.cov[other[0]], pose))
+            one, other = (Motion.to_frame(frame_index - span, half.relative, half.common) for half in (a, b))
+            if one is None or other is None or one.mean.shape != other.mean.shape:
+                continue
+            share = one.cov_common @ np.linalg.pinv(one.cov_common + other.cov_common, hermitian=True)
+            c = one.mean + share @ (other.mean - one.mean)
+            poses = [
+                half.earlier_from_newest @ se3.exp(half.common_jacobian @ (c - half.mean)) for half in (one, other)
+            ]
+            apart = one.common_jacobian - other.common_jacobian
+            cov = one.cov_own + other.cov_own + apart @ share @ other.cov_common @ apart.T
+            error = se3.log(se3.inverse(poses[0]) @ poses[1])
+            self._apart.setdefault((test, span), []).append((error, cov, poses[0]))
 
     def result(self) -> dict[str, list[dict[str, Any]]]:
         """Test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …"""

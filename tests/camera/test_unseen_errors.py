@@ -44,6 +44,16 @@ def test_poses_err_with_lengths_and_axes() -> None:
     assert cov[5, 5] == pytest.approx(errors[:, 5] @ errors[:, 5] / N, rel=4 * np.sqrt(2 / N))
 
 
+def test_of_motions_that_follow_each_other_it_is_one_error() -> None:
+    """A motion over two has the error of both: first and second are not independent, and lengths do not average."""
+    first, second = se3.exp(np.array([[0.5, -0.2, 2.0, 0.1, 0.6, -0.3], [0.1, 0.4, 1.0, -0.2, 0.3, 0.1]]))
+    unseen = UnseenErrors(STD_SCALE, STD_AXES_RAD)
+    ad = se3.adjoint(se3.inverse(second))
+    assert ad @ unseen.by_pose(first) + unseen.by_pose(second) == pytest.approx(
+        unseen.by_pose(first @ second), abs=1e-15
+    )
+
+
 def test_without_errors_nothing_is_added() -> None:
     assert not UnseenErrors(0, 0).of_pose(np.stack([se3.exp(np.arange(6.0))] * 2)).any()
     assert not UnseenErrors(0, 0).of_points(np.ones((3, 3))).any()

@@ -1,5 +1,6 @@
 """Factors of σ: recovered from motions whose errors are known to be too large, over spans the window has and longer."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from stream_sfm.evaluation.end_pose import end_pose
 from stream_sfm.evaluation.relative_consistency import SPANS, RelativeRecord, against_truth, factors
 from stream_sfm.geometry import se3
-from stream_sfm.types import RelativeMotions, Trajectory
+from stream_sfm.types import CommonErrors, RelativeMotions, Trajectory
 
 FRAMES, PERIOD_NS = 420, 100_000_000
 STEP = se3.exp([0.1, 0.0, 0.02, 0.0, 0.01, 0.0])
@@ -34,7 +35,9 @@ def record_of(
         relative = None
         if spans:
             relative = RelativeMotions(np.array([n - k for k in spans]), np.stack(motions), np.stack(covs))
-        estimate = SimpleNamespace(stamp_ns=n * PERIOD_NS, frame_index=n, status="ok", relative=relative)
+        estimate = SimpleNamespace(
+            stamp_ns=n * PERIOD_NS, frame_index=n, status="ok", relative=relative, common=None
+        )
         record.add(estimate)  # type: ignore[arg-type]
     return record
 
@@ -54,6 +57,38 @@ def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None
         standard_error = too_small * np.sqrt(spans["frames"] / (2 * 6 * FRAMES))
         assert abs(spans["factor"] - too_small) < 4 * standard_error
         assert spans["count"] == FRAMES - spans["frames"]
+
+
+def test_motions_with_common_errors_add_up_to_what_they_err_by() -> None:
+    """Over 100 frames, of twelve motions over eight and two over two: errors c that become known on the way, with what
+    was last known of them, are in all alike; as if motions were independent, σ is far too small."""
+    rng, trials, ends = np.random.default_rng(4), 150, [2, 4, *range(12, 101, 8)]
+    by_c = np.zeros((6, 2))
+    by_c[2, 0], by_c[4, 1] = 3e-2, 6e-3  # of a motion: a share of its length, and a turn
+    apart: dict[bool, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {True: [], False: []}
+    for _ in range(trials):
+        c, information, weighted = rng.normal(size=2), np.eye(2), np.zeros(2)
+        records = {shared: RelativeRecord() for shared in apart}
+        for before, n in pairwise([0, *ends]):
+            information, weighted = information + np.eye(2), weighted + c + rng.normal(size=2)
+            cov_c = np.linalg.inv(information)
+            common = CommonErrors(cov_c @ weighted, cov_c, np.zeros((6, 2)))
+            error = by_c @ (c - common.mean) + STD * rng.normal(size=6)
+            motion = np.linalg.matrix_power(STEP, n - before) @ se3.exp(-error)
+            cov = np.diag(STD**2) + by_c @ cov_c @ by_c.T
+            relative = RelativeMotions(np.array([before]), motion[None], cov[None], by_c[None])
+            estimate = SimpleNamespace(stamp_ns=n, frame_index=n, status="ok", relative=relative, common=common)
+            records[True].add(estimate)  # type: ignore[arg-type]
+            estimate.common = None
+            records[False].add(estimate)  # type: ignore[arg-type]
+        for shared, record in records.items():
+            found = record.motions(100)
+            pose = found.earlier_from_end[-1]
+            error = se3.log(se3.inverse(pose) @ np.linalg.matrix_power(STEP, 100))
+            apart[shared].append((error, found.cov[-1], pose))
+    right, wrong = (factors(*map(np.stack, zip(*apart[shared], strict=True)))["factor"] for shared in (True, False))
+    assert right == pytest.approx(1, abs=4 / np.sqrt(2 * 6 * trials))
+    assert wrong > 1.6
 
 
 def test_frames_that_a_damaged_file_lacks_shift_nothing() -> None:

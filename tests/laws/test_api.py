@@ -43,6 +43,7 @@ HANDED_ON = {
     "RigEstimate": "FrameEstimate.rig",
     "RigChange": "FrameEstimate.rig_change",
     "RelativeMotions": "FrameEstimate.relative",
+    "CommonErrors": "FrameEstimate.common",
     "MapStart": "Observations.start",
     "JobResult": "given to on_done",
     "StereoPair": "of RecordedFrame",

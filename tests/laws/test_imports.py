@@ -21,6 +21,7 @@ LAYERS = (
     ("config",),
     ("rig_model",),
     ("types",),
+    ("motion",),
     ("frontend", "estimators", "evaluation", "mcap_file"),
     ("observer", "sources"),
     ("engine", "recording"),

@@ -65,7 +65,7 @@ class System:
         self.chol = Cholesky(symmetric(h))
         self.rig_offset = np.zeros(len(prior.rig))
         self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]  # of the errors' own covariance
-        self._counted = np.eye(len(prior.rig))
+        self._rig_counted = self._rig_root  # a root of the covariance with which they count
 
     def step(self, blocks: NormalBlocks, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
         """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
@@ -103,7 +103,11 @@ class System:
     def count_rig_errors(self, cov: Array) -> None:
         """Let the rig's errors count in all covariances with a covariance (m, m) of their own, eq. (72)."""
         values, axes = np.linalg.eigh(cov)
-        self._counted = np.linalg.solve(self._rig_root, axes * np.sqrt(np.maximum(values, 0.0)))
+        self._rig_counted = axes * np.sqrt(np.maximum(values, 0.0))
+
+    def by_rig_errors(self) -> Array:
+        """Return ∂(poses, amplitudes)/∂c (n, m): how the estimate moves with the rig's errors, K of eq. (72)."""
+        return np.asarray(np.linalg.solve(self._rig_root.T, self.chol.root[:, self.rig].T).T)
 
     def covariance(self) -> Array:
         """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72)."""
@@ -112,7 +116,7 @@ class System:
 
     def _root(self) -> Array:
         """Return a root of `covariance`; the last columns are those of the rig's errors."""
-        return np.column_stack([self.chol.root[:, : self.rig.start], self.chol.root[:, self.rig] @ self._counted])
+        return np.column_stack([self.chol.root[:, : self.rig.start], self.by_rig_errors() @ self._rig_counted])
 
     def covariances(self, frame: int) -> JointCovariance:
         """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from ...geometry import se3
 from ...geometry.se3 import Array
-from ...types import RelativeMotions
+from ...rig_model.estimate import RigEstimate
+from ...types import CommonErrors, RelativeMotions
 from .map import Map
 
 
@@ -30,7 +31,18 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
         cov=j @ sigma @ np.swapaxes(j, 1, 2) + _doubts(current) + cov_newest,
+        common_jacobian=j @ current.system.by_rig_errors(),
     )
+
+
+def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
+    """Return the errors of the rig that all frames share, with their part in the newest pose; None for an exact rig."""
+    if rig is None:
+        return None
+    system, newest = current.system, 6 * len(current.frames) - 6
+    by_rig, of_world = system.by_rig_errors(), se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
+    jacobian = of_world @ by_rig[system.poses :] - by_rig[newest : newest + 6]
+    return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
 def _doubts(current: Map) -> Array:

@@ -24,7 +24,7 @@ from .absorb import absorb_oldest_frame
 from .inverse_depth import Q_COLUMNS, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
-from .relative import relative_motions
+from .relative import common_errors, relative_motions
 from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame
 
@@ -198,6 +198,7 @@ class CrossFrame:
             nis_dof=motion.dof,
             rig=rig,
             relative=relative_motions(current, cov_timing),
+            common=common_errors(current, rig),
         )
         current.resize_rig(rig, observations.field_std_px)
         return recorded(self.motion, observations, solution)
