@@ -150,10 +150,14 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     std_readout_s: Annotated[
         float, Meta(description="σ of the readout time of the shutters, seconds", ge=1e-6, le=0.1)
     ] = 0.02
-    # Knocks are found without it. With 20 microradians a rendered rig that does not drift is known half as well.
-    std_drift_rad: Annotated[
-        float, _expert("σ of the right camera's rotation per frame, about each axis, radians", 0, 0.01)
-    ] = 0.0
+    # A mount that warms up or gives way.
+    std_turning_rad_s: Annotated[
+        float, _expert("σ of how fast the right camera turns against the left one, radians per second", 1e-8, 0.1)
+    ] = 5e-4
+    # An autofocus moves by a percent or two in a second.
+    std_focusing_per_s: Annotated[
+        float, _expert("σ of how fast the focal length changes, as a fraction of it per second", 1e-8, 0.1)
+    ] = 0.005
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[
         float, _expert("σ of the direction of the camera's axes, about x and about y, radians", 0, 0.5)

@@ -71,9 +71,7 @@ class EveryKth:
         """The observations as if the frames between had not been: motion, drift and new tracks since the last one."""
         if self._between == 1:
             return observations
-        start, rig = None, observations.rig
-        if rig is not None and rig.drift is not None:
-            rig = replace(rig, drift=np.sqrt(self._between) * rig.drift)
+        start = None
         if observations.cam_from_previous is not None and self._previous_from_last is not None:
             start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(
@@ -81,7 +79,6 @@ class EveryKth:
             cam_from_previous=start,
             n_new=int((observations.track_ids > self._newest_id).sum()),
             std_drift_px=None if observations.std_drift_px is None else np.sqrt(self._var_drift_px),
-            rig=rig,
             rig_change_root=np.concatenate(self._rig_change_roots, axis=1) if self._rig_change_roots else None,
         )
 
@@ -139,4 +136,6 @@ def _without_rig_error(observations: Observations, last: Solution) -> Array:
     """The views without what the method has found out about the rig."""
     if observations.rig is None or last.rig is None:
         return observations.z_px
-    return np.asarray(observations.z_px - observations.rig.effects(observations.z_px) @ last.rig.mean)
+    return np.asarray(
+        observations.z_px - observations.rig.effects(observations.z_px, age_s=last.rig.age_s) @ last.rig.mean
+    )

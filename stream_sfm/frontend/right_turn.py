@@ -20,8 +20,8 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
-from ..rig_model.terms import TERMS
-from ..rig_model.turns import effects_of_turn, far_right_px, terms_of_turn
+from ..rig_model.terms import TERMS, terms_of_turn
+from ..rig_model.turns import effects_of_turn, far_right_px
 from ..types import RigChange
 
 # χ² of three degrees of freedom by the run's own scatter: six standard deviations of a Gaussian. Single frames of forty

@@ -7,7 +7,7 @@ import numpy as np
 from ..camera.refinement import TERMS as LENS_TERMS
 from ..camera.refinement import Refinement
 from ..geometry.se3 import Array
-from .terms import DELAY, FOCAL, READOUT, TERMS
+from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
 _TOLD = 5.0  # standard deviations from which on an error is put into words
 
@@ -19,7 +19,8 @@ class RigEstimate:
     Both are those of a mixture: with the probability `p_wrong` the calibration has errors, N(`mean_if_wrong`,
     `cov_if_wrong`), otherwise it has none. Of a Solution in σ of what was assumed beforehand, of a FrameEstimate in the
     units of `stream_sfm.rig_model.terms`. `prior_std` (m,): σ of each before any view, as far as has been learnt.
-    `refined` (m,): the part of `mean` that a refinement of the calibration has already; None without one.
+    `refined` (m,): the part of `mean` that a refinement of the calibration has already; None without one. `age_s`:
+    for how long errors have grown by their rates; those of a Solution are of the start, of a FrameEstimate of now.
     """
 
     mean: Array
@@ -29,6 +30,7 @@ class RigEstimate:
     cov_if_wrong: Array
     prior_std: Array
     refined: Array | None = None
+    age_s: float = 0.0
 
     @property
     def applied(self) -> bool:
@@ -59,6 +61,20 @@ class RigEstimate:
         if abs(focal[0]) > _TOLD * focal[1]:
             longer = "longer" if focal[0] > 0 else "shorter"
             found.append(f"the focal length is {100 * abs(focal[0]):.2f} ± {100 * focal[1]:.2f} % {longer}")
+        focusing = self.term(FOCUSING)
+        if abs(focusing[0]) > _TOLD * focusing[1]:
+            grows = "grows" if focusing[0] > 0 else "shrinks"
+            found.append(
+                f"the focal length {grows} by {100 * abs(focusing[0]):.3f} ± {100 * focusing[1]:.3f} % per second"
+            )
+        at = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
+        rate, cov = self.mean[at], self.cov[at, at]
+        if rate @ np.linalg.solve(cov, rate) > _TOLD**2:
+            size = float(np.linalg.norm(rate))
+            std = float(np.sqrt(rate @ cov @ rate)) / size
+            found.append(
+                f"the right camera turns against the left one by {6e4 * size:.2f} ± {6e4 * std:.2f} mrad per minute"
+            )
         return found
 
     def __repr__(self) -> str:

@@ -11,8 +11,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .estimate import RigEstimate
 from .field import Field, field_over
-from .terms import DELAY, READOUT, TERMS, columns, prior_std
-from .turns import terms_of_turn
+from .terms import DELAY, READOUT, TERMS, columns, growth, prior_std, terms_of_turn
 
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 
@@ -23,8 +22,7 @@ class RigModel:
 
     `root` (t, t): amplitudes of σ = 1 to units of the terms; `known` (t,): errors that are taken out of all views
     already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which row of
-    the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle. `drift`
-    (m, 3): a root of the covariance by which amplitudes change per frame; None where they stay.
+    the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle.
     """
 
     projection: StereoProjection
@@ -32,7 +30,6 @@ class RigModel:
     known: Array
     refined: bool
     row_of: Callable[[Array], Array] | None = None
-    drift: Array | None = None
 
     @classmethod
     def of(
@@ -49,8 +46,7 @@ class RigModel:
             n = len(refinement.error_px)
             known[:n] = refinement.error_px
             root[:n, :n] = np.linalg.cholesky(refinement.cov_px2)
-        model = cls(projection, root, known, refinement is not None, row_of)
-        return replace(model, drift=model.root_of_turn(config.std_drift_rad)) if config.std_drift_rad else model
+        return cls(projection, root, known, refinement is not None, row_of)
 
     def __len__(self) -> int:
         return len(TERMS) + len(self._field)
@@ -59,12 +55,15 @@ class RigModel:
     def _field(self) -> Field:
         return field_over(self.projection.width, self.projection.height)
 
-    def effects(self, z_px: Array, velocity_px_s: Array | None = None) -> Array:
-        """Return what amplitudes of 1 do to views (n, 4) that move with (n, 4): (n, 4, m) px; 0 for a missing side."""
+    def effects(self, z_px: Array, velocity_px_s: Array | None = None, age_s: Array | float = 0.0) -> Array:
+        """Return what amplitudes of 1 do to views (n, 4) that move with (n, 4): (n, 4, m) px; 0 for a missing side.
+
+        `age_s`, or one (n,) each: for how long errors have grown.
+        """
         t = len(TERMS)
         row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
         effects = np.zeros((len(z_px), 4, len(self)))
-        effects[..., :t] = columns(self.projection, z_px, velocity_px_s, row) @ self.root
+        effects[..., :t] = columns(self.projection, z_px, velocity_px_s, row, age_s) @ self.root
         effects[:, 2, t:] = self._field.at(z_px[:, :2])
         effects[~np.isfinite(z_px)] = 0.0
         return effects
@@ -86,10 +85,10 @@ class RigModel:
         return z_px - columns(self.projection, z_px, None, None) @ self.known if self.known.any() else z_px
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
-        """Return an estimate of amplitudes as the whole error of the calibration, in the units of its terms and px."""
+        """Return an estimate of amplitudes as the whole error of the calibration now, in units of its terms and px."""
         t = len(TERMS)
         root = np.eye(len(self))
-        root[:t, :t] = self.root
+        root[:t, :t] = growth(self.projection, estimate.age_s) @ self.root
         known = np.concatenate([self.known, np.zeros(len(self) - t)])
         return replace(
             estimate,
@@ -97,7 +96,7 @@ class RigModel:
             cov=root @ estimate.cov @ root.T,
             mean_if_wrong=known + root @ estimate.mean_if_wrong,
             cov_if_wrong=root @ estimate.cov_if_wrong @ root.T,
-            prior_std=np.linalg.norm(root * estimate.prior_std, axis=1),
+            prior_std=np.r_[np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]],
             refined=known if self.refined else None,
         )
 

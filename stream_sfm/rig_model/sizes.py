@@ -6,21 +6,35 @@ compared, without looking at a view again.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.linear import symmetric, symmetric_inverse
 from ..geometry.se3 import Array
-from .terms import FOCAL, TERMS
+from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
 # Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
 _SIZES = np.geomspace(0.025, 3.0, 41)
 _LENS = slice(0, TERMS.index(FOCAL))  # what calibrations have wrong together, or have not
 _FOCAL = TERMS.index(FOCAL)
-_CONSIDERED = range(_FOCAL, len(TERMS))  # focal length, delay, readout: what noise shows of them is considered only
-# Beforehand: of twenty rigs one has a wrong focal length, one a delay, and one a rolling shutter.
-_LOG_ODDS_CONSIDERED = float(np.log(0.05))
+# What noise shows of the other terms is considered only. Beforehand: of twenty rigs one has a wrong focal length, one a
+# delay, and one a rolling shutter; of two hundred one turns, and of one the focus moves.
+_CONSIDERED = slice(_FOCAL, len(TERMS))
+_ODDS = {(FOCAL,): 0.05, (DELAY,): 0.05, (READOUT,): 0.05, TURNING: 0.005, (FOCUSING,): 0.005}
+_IS_ZERO = np.array(  # (32, 7): which terms are 0, in each combination of those that may be
+    [
+        [zero for terms, zero in zip(_ODDS, combination, strict=True) for _ in terms]
+        for combination in product((False, True), repeat=len(_ODDS))
+    ]
+)
+_LOG_PRIOR = np.array(
+    [
+        sum(np.log(odds) for odds, zero in zip(_ODDS.values(), combination, strict=True) if not zero)
+        for combination in product((False, True), repeat=len(_ODDS))
+    ]
+)
 _ALONE = 0.05  # of wrong calibrations are wrong in one term only
 _MAX_ODDS = 500.0  # log odds: exp stays finite
 
@@ -97,16 +111,25 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
 
 
 def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
-    """Return mean and covariance of errors where focal length, delay and readout are as wrong as is probable.
+    """Return mean and covariance of errors where focal length, timing and rates are as wrong as is probable.
 
-    They count in full in the covariance.
+    A mixture over each combination of terms that are 0, by the ratio of their densities there (Dickey 1971), with N(0,
+    1) for those that are not. They count in full in the covariance.
     """
-    for term in _CONSIDERED:
-        log_odds = log_odds_wrong(mean, cov, size, slice(term, term + 1)) + _LOG_ODDS_CONSIDERED
-        p = float(probability(np.array(log_odds)))
-        away = (1 - p) * cov[:, term] * mean[term] / cov[term, term]
-        mean, cov = mean - away, cov + np.outer(away, away)
-    return mean, cov
+    own = np.where(
+        _IS_ZERO[:, :, None] & _IS_ZERO[:, None], cov[_CONSIDERED, _CONSIDERED], np.eye(_IS_ZERO.shape[1])
+    )
+    information = np.linalg.inv(own) * _IS_ZERO[:, None]
+    weighted = information @ mean[_CONSIDERED]
+    prior = np.where(_IS_ZERO, size[_CONSIDERED] ** -2.0, 0.0)
+    values, axes = np.linalg.eigh(symmetric(information - prior[:, :, None] * np.eye(len(prior[0]))))
+    values = np.maximum(values, 0.0)
+    along = (weighted[:, None] @ axes)[:, 0]
+    log_odds = 0.5 * (along**2 / (1 + values) - np.log1p(values)).sum(axis=1)
+    log_p = _LOG_PRIOR - log_odds
+    p = np.exp(log_p - log_p.max())
+    away = cov[:, _CONSIDERED] @ (p @ weighted / p.sum())
+    return mean - away, cov + np.outer(away, away)
 
 
 def _without(mean: Array, cov: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -14,26 +14,39 @@ from ..camera.refinement import TERMS as LENS_TERMS
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from .turns import effects_of_turn, far_right_px
 
 FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
-TERMS = (*LENS_TERMS, FOCAL, DELAY, READOUT)
+TURNING, FOCUSING = ("turning x", "turning y", "turning z"), "focusing"
+TERMS = (*LENS_TERMS, FOCAL, DELAY, READOUT, *TURNING, FOCUSING)
+_AT_TURNING = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
 DISPARITY = slice(0, 6)  # the polynomial of the disparity
 
 
 def prior_std(config: RigConfig) -> Array:
-    """Return σ (t,) of each term: px, the focal length as a share of itself, delay and readout in seconds."""
+    """Return σ (t,) of each term: px, the focal length as a share of itself, delay and readout in seconds.
+
+    Of the last ones per second: turns of the right camera in radians, and the focal length.
+    """
     std = dict.fromkeys(LENS_TERMS, config.std_lens_px) | dict.fromkeys(LENS_TERMS[:6], config.std_disparity_px)
     std |= {"radial difference": config.std_lens_difference_px, FOCAL: config.std_focal}
     std |= {DELAY: config.std_delay_s, READOUT: config.std_readout_s}
+    std |= dict.fromkeys(TURNING, config.std_turning_rad_s) | {FOCUSING: config.std_focusing_per_s}
     return np.array([std[term] for term in TERMS])
 
 
-def columns(projection: StereoProjection, z_px: Array, velocity_px_s: Array | None, row: Array | None) -> Array:
+def columns(
+    projection: StereoProjection,
+    z_px: Array,
+    velocity_px_s: Array | None,
+    row: Array | None,
+    age_s: Array | float = 0.0,
+) -> Array:
     """Return what one unit of each term does to views (n, 4): (n, 4, t), eq. (70).
 
     `velocity_px_s` (n, 4): how the views move, and `row` (n, 4): in which row of the camera's own image each side was
     exposed, as a share of the height from the middle; None where neither is known, and then delay and readout do
-    nothing.
+    nothing. `age_s`, or one (n,) each: for how long errors have grown, if they do.
     """
     p = projection
     centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
@@ -52,7 +65,30 @@ def columns(projection: StereoProjection, z_px: Array, velocity_px_s: Array | No
     if velocity_px_s is not None and row is not None:
         effects[:, 2:, 14] = velocity_px_s[:, 2:]
         effects[:, :, 15] = velocity_px_s * row
+    age = np.broadcast_to(age_s, len(z_px))[:, None]
+    if age.any():
+        effects[:, 2, _AT_TURNING] = age * effects_of_turn(p, z_px[:, 2:])[:, 0]
+        effects[:, :, TERMS.index(FOCUSING)] = age * from_centre_px
     return effects
+
+
+def terms_of_turn(projection: StereoProjection) -> Array:
+    """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""
+    u, v = np.linspace(0, projection.width - 1, 5), np.linspace(0, projection.height - 1, 5)
+    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+    by_turn = effects_of_turn(projection, far_right_px(projection, places_px))[:, 0]
+    by_term = columns(projection, np.tile(places_px, 2), None, None)[:, 2, DISPARITY]
+    terms = np.zeros((len(TERMS), 3))
+    terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]
+    return terms
+
+
+def growth(projection: StereoProjection, age_s: float) -> Array:
+    """Return the matrix (t, t) that makes errors at the start, with their rates, those of a time later."""
+    grown = np.eye(len(TERMS))
+    grown[:, _AT_TURNING] += age_s * terms_of_turn(projection)
+    grown[TERMS.index(FOCAL), TERMS.index(FOCUSING)] = age_s
+    return grown
 
 
 def _corner(p: StereoProjection) -> float:

@@ -4,7 +4,6 @@ import numpy as np
 
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .terms import DISPARITY, TERMS, columns
 
 
 def effects_of_turn(projection: StereoProjection, right_px: Array) -> Array:
@@ -21,14 +20,3 @@ def effects_of_turn(projection: StereoProjection, right_px: Array) -> Array:
 def far_right_px(projection: StereoProjection, left_px: Array) -> Array:
     """Where points at infinity that are seen at left positions (n, 2) are in the right image (n, 2)."""
     return np.asarray(left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0]))
-
-
-def terms_of_turn(projection: StereoProjection) -> Array:
-    """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""
-    u, v = np.linspace(0, projection.width - 1, 5), np.linspace(0, projection.height - 1, 5)
-    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
-    by_turn = effects_of_turn(projection, far_right_px(projection, places_px))[:, 0]
-    by_term = columns(projection, np.tile(places_px, 2), None, None)[:, 2, DISPARITY]
-    terms = np.zeros((len(TERMS), 3))
-    terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]
-    return terms

@@ -6,11 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, RigConfig, WindowConfig
+from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
-from stream_sfm.rig_model.model import RigModel
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Solution, Status
 
@@ -40,20 +39,6 @@ def test_the_method_sees_every_kth_frame_alone(method, arc):
     for a, b in zip(thinned[::K], alone, strict=True):
         assert a.world_from_cam.tobytes() == b.world_from_cam.tobytes()
         assert a.cov_points.tobytes() == b.cov_points.tobytes()
-
-
-def test_a_drift_of_the_rig_goes_on_in_frames_between(arc):
-    """Its variance is that of all frames since the method's last one."""
-    window = WindowConfig(frames=2)
-    drifting, slower = (RigModel.of(arc.projection, RigConfig(std_drift_rad=rad)) for rad in (K**0.5 * 1e-4, 1e-4))
-    every = [replace(o, rig=slower) for o in arc.observations]
-    thinned = run("cross-frame", Config(estimate_every=K, window=window), arc.projection, every)[::K][-1]
-    alone = [replace(o, rig=drifting) for o in arc.observations[::K]]
-    expected = run("cross-frame", Config(window=window), arc.projection, alone)[-1]
-    assert thinned.rig.cov == pytest.approx(expected.rig.cov, rel=1e-6, abs=1e-12)
-    unscaled = [replace(o, rig=slower) for o in arc.observations[::K]]
-    less = run("cross-frame", Config(window=window), arc.projection, unscaled)[-1]
-    assert less.rig.cov[0, 0] < 0.99 * expected.rig.cov[0, 0]
 
 
 @pytest.mark.parametrize("method", ["cross-frame", "ekf"])

@@ -250,7 +250,8 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
     delta = delta + gain @ (held - mean)
     change = rng.normal(size=M)
-    px, pq, py = system.follow_rig(change)
+    px, pq, py, distance2 = system.follow_rig(change)
+    assert distance2 == pytest.approx(change @ np.linalg.solve(of_views, change), rel=1e-6)
     followed = np.concatenate([px.ravel(), pq.ravel(), prior.world_modes @ py, prior.rig.root @ py[-M:]])
     assert np.abs((followed - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
     if own:

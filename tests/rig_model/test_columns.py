@@ -12,8 +12,18 @@ from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_over_image
-from stream_sfm.rig_model.terms import DELAY, FOCAL, READOUT, TERMS, columns, prior_std
-from stream_sfm.rig_model.turns import terms_of_turn
+from stream_sfm.rig_model.terms import (
+    DELAY,
+    FOCAL,
+    FOCUSING,
+    READOUT,
+    TERMS,
+    TURNING,
+    columns,
+    prior_std,
+    terms_of_turn,
+)
+from stream_sfm.rig_model.turns import effects_of_turn
 from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns, twists, velocities, velocities_by_twist
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
@@ -70,6 +80,25 @@ def test_the_focal_length_is_that_of_both_cameras() -> None:
     longer, shorter = (replace(P, f_px=P.f_px * (1 + s)).project_homogeneous(POINTS) for s in (step, -step))
     found = columns(P, Z_PX, None, None)[:, :, TERMS.index(FOCAL)]
     assert np.abs(found - (longer - shorter) / (2 * step)).max() < 1e-6 * np.abs(found).max()
+
+
+def test_errors_that_grow_are_those_of_their_age() -> None:
+    """Turns of the right camera as (72d) has them, and the focal length; those of now are known from start and rate."""
+    age_s = np.linspace(0, 3, len(Z_PX))
+    found = columns(P, Z_PX, None, None, age_s)
+    at = [TERMS.index(term) for term in TURNING]
+    assert found[:, 2, at] == pytest.approx(age_s[:, None] * effects_of_turn(P, Z_PX[:, 2:])[:, 0])
+    focusing, focal = found[..., TERMS.index(FOCUSING)], found[..., TERMS.index(FOCAL)]
+    assert focusing == pytest.approx(age_s[:, None] * focal)
+    model, rates = RigModel.of(P, RigConfig()), np.zeros(len(RigModel.of(P, RigConfig())))
+    rates[: len(TERMS)] = np.random.default_rng(5).normal(size=len(TERMS))
+    cov = np.eye(len(model))
+    now = model.in_units(RigEstimate(rates, cov, 0.9, rates, cov, np.ones(len(model)), age_s=2.0))
+    far = np.tile(Z_PX[:, :2], 2) + np.array([0, 0, P.cx_right_px - P.cx_left_px, 0])
+    still = columns(P, far, None, None) @ now.mean[: len(TERMS)]
+    assert still[:, 2] == pytest.approx(
+        (model.effects(far, age_s=2.0) @ rates)[:, 2], abs=2e-3
+    )  # (72d) is a polynomial
 
 
 def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_no_error() -> None:
@@ -129,7 +158,7 @@ def test_a_field_has_the_covariance_of_its_process() -> None:
 
 def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     """Also those of a map of the disparity over the image, to the last view."""
-    model = RigModel.of(P, RigConfig(std_drift_rad=1e-5))
+    model = RigModel.of(P, RigConfig())
     rng, t = np.random.default_rng(2), len(TERMS)
     mean, root = rng.normal(size=len(model)), rng.normal(size=(len(model), len(model)))
     cov = root @ root.T
@@ -149,9 +178,9 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     k = TERMS.index(DELAY)
     assert timing == pytest.approx(found.mean[k : k + 2])
     assert cov_timing == pytest.approx(found.cov[k : k + 2, k : k + 2], rel=1e-6)
-    assert model.drift is not None
     assert found.mean[0] == pytest.approx(mean[0] * RigConfig().std_disparity_px)
-    assert model.root[:6, :6] @ model.drift[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
+    root_of_turn = model.root_of_turn(1e-5)
+    assert model.root[:6, :6] @ root_of_turn[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
 
 
 STAMPS = [0, 90_000_000, 210_000_000, 300_000_000, 380_000_000, 520_000_000]

@@ -7,13 +7,13 @@ import pytest
 
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.sizes import mixture
-from stream_sfm.rig_model.terms import DELAY, FOCAL, READOUT, TERMS
+from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
 
 def found(**known: tuple[float, float]) -> RigEstimate:
-    """An estimate in units, with mean and σ of timing and focal length; nothing is known of the rest."""
+    """An estimate in units, with mean and σ of timing, focal length and rates; nothing is known of the rest."""
     mean, std = np.zeros(len(TERMS)), np.ones(len(TERMS))
-    for name in (DELAY, READOUT, FOCAL):
+    for name in (DELAY, READOUT, FOCAL, *TURNING, FOCUSING):
         mean[TERMS.index(name)], std[TERMS.index(name)] = known.get(name.replace(" ", "_"), (0.0, 1e-4))
     return RigEstimate(mean, np.diag(std**2), 0.2, mean, np.diag(std**2), std)
 
@@ -27,6 +27,11 @@ def found(**known: tuple[float, float]) -> RigEstimate:
         ({"readout": (-5e-3, 2e-4)}, "the shutters read out in 5.00 ± 0.20 ms, from the bottom up"),
         ({"focal_length": (5e-3, 5e-4)}, "the focal length is 0.50 ± 0.05 % longer"),
         ({"focal_length": (-2e-3, 3e-4)}, "the focal length is 0.20 ± 0.03 % shorter"),
+        ({"focusing": (2e-3, 1e-4)}, "the focal length grows by 0.200 ± 0.010 % per second"),
+        (
+            {"turning_y": (-4e-4, 1e-5)},
+            "the right camera turns against the left one by 24.00 ± 0.60 mrad per minute",
+        ),
     ],
 )
 def test_what_is_certain_is_said(known: dict[str, tuple[float, float]], sentence: str) -> None:

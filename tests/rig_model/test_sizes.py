@@ -1,12 +1,14 @@
 """Sizes and probabilities of a rig's errors, against the views themselves: likelihoods written out densely."""
 
+from itertools import product
+
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import multivariate_normal
 
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.rig_model.sizes import likely_sizes, log_odds_wrong, mixture
-from stream_sfm.rig_model.terms import FOCAL, TERMS
+from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
 T = len(TERMS)
 M = T + 3  # with some amplitudes of a field
@@ -38,15 +40,21 @@ class Views:
         return float(multivariate_normal.logpdf(self.z, np.zeros(len(self.z)), self.evidence_cov(size)))
 
 
-def considered(mean: Array, cov: Array, term: int) -> tuple[Array, Array]:
-    """A Gaussian in which one error is as wrong as is probable, and counts in full; by densities at zero."""
-    prior, var = SIZE[term] ** 2, cov[term, term]
-    likelihood = 1 / (1 / var - 1 / prior)  # variance of what views alone say, about `at`
-    at = mean[term] / var * likelihood
-    odds = np.log(0.05) + norm.logpdf(at, 0, np.sqrt(likelihood + 1)) - norm.logpdf(at, 0, np.sqrt(likelihood))
-    right = mean - cov[:, term] / var * mean[term]
-    p = 1 / (1 + np.exp(-odds))
-    held = p * mean + (1 - p) * right
+MAY_BE_ZERO = {(FOCAL,): 0.05, (DELAY,): 0.05, (READOUT,): 0.05, TURNING: 0.005, (FOCUSING,): 0.005}
+
+
+def considered(views: "Views", size: Array) -> tuple[Array, Array]:
+    """Errors of these sizes; each combination of the terms that may be 0 by its own likelihood. They count in full."""
+    mean, cov = views.posterior(size)
+    weights, means = [], []
+    for zero in product((False, True), repeat=len(MAY_BE_ZERO)):
+        at = [TERMS.index(name) for names, none in zip(MAY_BE_ZERO, zero, strict=True) if none for name in names]
+        without, free = size.copy(), size.copy()
+        without[at], free[at] = 0.0, 1.0
+        prior = np.prod([odds for odds, none in zip(MAY_BE_ZERO.values(), zero, strict=True) if not none])
+        weights.append(prior * np.exp(views.log_evidence(without) - views.log_evidence(free)))
+        means.append(views.posterior(without)[0])
+    held = np.average(means, axis=0, weights=weights)
     return held, cov + np.outer(mean - held, mean - held)
 
 
@@ -97,9 +105,7 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
-    Wrong lenses err in all terms, or, one in twenty, in one alone. In each half focal length, delay and readout are
-    held between what views say and 0, one after the other, by their probabilities (beforehand one in twenty); what
-    counts is the mean square about that if they are wrong.
+    Wrong lenses err in all terms, or, one in twenty, in one alone.
     """
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
@@ -112,9 +118,7 @@ def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) 
     halves = []
     for lenses, p in ((1.0, found.p_wrong), (0.0, 1 - found.p_wrong)):
         size = SIZE * np.where(np.arange(M) < AT_FOCAL, lenses, 1.0) * np.where(np.arange(M) < T, 1.0, lenses)
-        held, cov = views.posterior(size)
-        for term in range(AT_FOCAL, T):
-            held, cov = considered(held, cov, term)
+        held, cov = considered(views, size)
         halves.append((p, held, cov + np.outer(held, held)))
     mean = sum(p * m for p, m, _ in halves)
     cov = sum(p * second for p, _, second in halves) - np.outer(mean, mean)

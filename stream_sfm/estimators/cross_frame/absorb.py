@@ -34,8 +34,6 @@ def absorb_oldest_frame(current: Map) -> None:
     mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
     prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
     prior = prior.select(among(prior.ids, seen_later))
-    if frame.rig is not None and frame.rig.drift is not None:
-        prior = prior.with_rig_change(frame.rig.drift)
     current.prior = prior.truncate_modes()
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
 

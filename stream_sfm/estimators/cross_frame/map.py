@@ -34,6 +34,9 @@ from .rig_knowledge import RigKnowledge
 from .twist_error import TwistError, cov_of_pose
 from .window_frame import WindowFrame
 
+# Squared standard deviations that the rig's errors move at once, beyond which the window is minimised anew where they
+# are now: with a right camera 8 ms late the first estimates of that are far away.
+_RIG_JUMP = 1.0
 _TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
 
 
@@ -62,6 +65,7 @@ class Map:
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_in_doubt = 0
+        self.rig_jumped = False  # with the latest judgement
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
         self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
@@ -231,7 +235,8 @@ class Map:
             np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
         )
         moved = clamp_depth(points @ cam_from_previous.T)
-        frame.take_effects(rows, frame.rig.effects(frame.seen_px(rows), velocities(self.projection, moved, now)))
+        speed = velocities(self.projection, moved, now)
+        frame.take_effects(rows, frame.rig.effects(frame.seen_px(rows), speed, self._age_s(frame.stamp_ns)))
         then = TimedViews(self.projection, points, before, frame.rig.row_of)
         views = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
@@ -254,20 +259,33 @@ class Map:
         views = self.views()
         in_cam = clamp_depth(matvec(cams[views.frame], in_reference(self.ref_from_anchor, self.q)[views.point]))
         stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
-        effects = self._effects(rig, in_cam, self._twists[1:][views.frame], stereo, views.rig_effects)
+        age = np.array([self._age_s(f.stamp_ns) for f in self.frames])
+        effects = self._effects(
+            rig, in_cam, self._twists[1:][views.frame], age[views.frame], stereo, views.rig_effects
+        )
         for row, frame in enumerate(self.frames):
             frame.take_effects(np.flatnonzero(frame.used), effects[views.frame == row])
 
+    def _age_s(self, stamp_ns: int) -> float:
+        """Return for how long errors of the rig may have grown."""
+        return (stamp_ns - self.prior.rig.since_ns) / 1e9
+
     def _effects(
-        self, rig: RigModel, in_cam: Array, twist: Array, stereo: NDArray[np.bool_], effects: Array
+        self,
+        rig: RigModel,
+        in_cam: Array,
+        twist: Array,
+        age_s: Array | float,
+        stereo: NDArray[np.bool_],
+        effects: Array,
     ) -> Array:
         """Return what errors of the rig do (n, 4, m) to views of homogeneous points (n, 4) with twists (6,) or (n, 6).
 
-        `stereo` (n,): both sides were seen; `effects` (n, 4, m): so far.
+        `age_s`, or one (n,) each; `stereo` (n,): both sides were seen; `effects` (n, 4, m): so far.
         """
         z_px = self.projection.project_homogeneous(in_cam) + effects @ self.rig_error
         z_px[~stereo, 2:] = np.nan
-        return rig.effects(z_px, velocities(self.projection, in_cam, twist))
+        return rig.effects(z_px, velocities(self.projection, in_cam, twist), age_s)
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -297,7 +315,8 @@ class Map:
         frame.used = among(frame.ids, self.prior.ids)
         q, anchors = self.q[at], self.ref_from_anchor[at]
         rows = np.flatnonzero(frame.used)
-        effects = self._effects(rig, homogeneous_from_q(q), twist, frame.stereo[rows], frame.rig_effects[rows])
+        age = self._age_s(frame.stamp_ns)
+        effects = self._effects(rig, homogeneous_from_q(q), twist, age, frame.stereo[rows], frame.rig_effects[rows])
         frame.take_effects(rows, effects)
         views = frame.views(self.prior.ids, 0)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
@@ -315,10 +334,13 @@ class Map:
             return None
         mean, cov = self.system.rig_errors(self.rig_error)
         rig, found = self.prior.rig.judged(mean, cov, doubtful)
-        self._move(*self.system.follow_rig(rig.held - self.rig_error))
+        *change, distance2 = self.system.follow_rig(rig.held - self.rig_error)
+        self._move(*change)
+        self.rig_jumped = distance2 > _RIG_JUMP
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
-        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size)
+        age = self._age_s(self.frames[-1].stamp_ns)
+        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 
     def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
         """Let the prior of the rig's errors have from now on the sizes that their estimate makes likely."""

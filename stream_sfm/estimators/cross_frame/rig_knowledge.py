@@ -28,7 +28,8 @@ class RigKnowledge:
 
     `mean` is taken out of all views. `held` (m,): where the window holds c, the mean of the mixture, and `cov_held`
     (m, m): its covariance. `size` (m,): σ of each error before any view, which is learnt if `sizes_unknown`. `steady`:
-    the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
+    the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong. `since_ns`:
+    from when on errors have grown, if they do.
     """
 
     mean: Array
@@ -39,14 +40,18 @@ class RigKnowledge:
     cov_held: Array
     sizes_unknown: bool = True
     steady: bool = True
+    since_ns: int = 0
 
     @classmethod
-    def unknown(cls, size: Array, sizes_unknown: bool = True) -> "RigKnowledge":
+    def unknown(cls, size: Array, sizes_unknown: bool = True, since_ns: int = 0) -> "RigKnowledge":
         """Return the prior: m errors of σ `size` (m,)."""
         m = len(size)
         size = size.copy()
         size[len(TERMS) :] = _LEAST_FIELD_PX
-        return cls(np.zeros(m), np.diag(size), np.zeros(m), size, np.zeros(m), np.diag(size**2), sizes_unknown)
+        cov = np.diag(size**2)
+        return cls(
+            np.zeros(m), np.diag(size), np.zeros(m), size, np.zeros(m), cov, sizes_unknown, since_ns=since_ns
+        )
 
     def __len__(self) -> int:
         return len(self.mean)

@@ -168,6 +168,10 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.doubtful)
+        if current.rig_jumped:
+            current.renew_rig_effects()
+            iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
+            rig = current.judge_rig(observations.doubtful)
         before, now = current.marginals, current.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
         self._rig_doubt = self._rig_doubt or impossible(rig)
@@ -217,7 +221,7 @@ def _unknown_rig(observations: Observations) -> RigKnowledge:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
         return RigKnowledge.unknown(np.zeros(0))
-    return RigKnowledge.unknown(np.ones(len(observations.rig)), not observations.rig.refined)
+    return RigKnowledge.unknown(np.ones(len(observations.rig)), not observations.rig.refined, observations.stamp_ns)
 
 
 def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:
