@@ -4,13 +4,14 @@ frame -> observer (rectification and front-end) -> observations -> estimator -> 
 the axes of the physical left camera.
 """
 
+import copy
 import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import NoReturn
+from typing import Any
 
 from .blas import one_thread
 from .camera.rig import MonoRig, StereoRig, baseline_question
@@ -30,6 +31,9 @@ class Engine:
     thread. Linear algebra is done in one thread meanwhile (`blas.py`), so that estimates are the same to the byte
     whatever the environment sets. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a
     rig or configuration that cannot work; a baseline that is hardly in metres is a warning of the logger `stream_sfm`.
+
+    An engine can be copied (`copy.copy`, `copy.deepcopy`) and pickled between two steps; the copy goes on with the same
+    estimates, to the byte.
 
     `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
     """
@@ -79,9 +83,16 @@ class Engine:
             self.observer.learn(solution)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
 
-    def __getstate__(self) -> NoReturn:
-        """Refuse copies: arrays that share memory would be separate in one, and its estimates would be others."""
-        raise TypeError("an engine cannot be copied or pickled: make a new one from its rig and config")
+    def __copy__(self) -> "Engine":
+        """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""
+        return copy.deepcopy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the lock, which belongs to this process."""
+        return {name: value for name, value in vars(self).items() if name != "_stepping"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _stepping=threading.Lock())
 
     @contextmanager
     def _exclusively(self) -> Iterator[None]:

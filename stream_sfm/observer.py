@@ -5,8 +5,7 @@
 
 import logging
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from .camera.axes import RectifiedAxes
 from .camera.models import Camera
-from .camera.pixels import GreyScaler, image_problem, to_grey
+from .camera.pixels import FEWEST_BITS, Grey, bits_used, image_problem, to_grey, to_uint8
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
 from .camera.unseen_errors import UnseenErrors
@@ -24,6 +23,7 @@ from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import Image, PreparedImages
+from .frontend.state import FrontEndState
 from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
@@ -59,7 +59,8 @@ class Observer:
 
     `rig`: the cameras that are used, with `Config.mono` the left one only; `projection`: of the rectified images;
     observations and solutions are in their axes; `unseen`: what errors of the calibration that no view shows do to what
-    is reported. Raises ConfigError for a rig that cannot work.
+    is reported. `state` is all that ever changes, and it is replaced as a whole: who keeps one can go on from there
+    again. Raises ConfigError for a rig that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -74,38 +75,37 @@ class Observer:
             self._frontend = StereoFrontEnd(self.projection, config, valid, refinement, row_of)
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
+        self.state: FrontEndState = self._frontend.start
         self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
         self.unseen = UnseenErrors(0.0, 0.0)
         if not self._exact:
             self.unseen = UnseenErrors(config.rig.std_baseline, config.rig.std_axes_rad)
-        self._scaler = GreyScaler()
-        self._next_index = 0
-        self._last_stamp_ns: int | None = None
 
-    def rectify(self, frame: Frame) -> list[Image]:
-        """Return the rectified images of the cameras that are used, grey with 8 bits.
-
-        Images of 16 bits are scaled by the brightest ones so far: frames are given in order then.
-        """
-        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
-        return self.rectifier.rectify(*self._scaler.to_uint8(*images))
-
-    def prepare(
-        self,
-        frame: Frame,
-        frame_index: int | None = None,
-        rectified: Sequence[Image] | None = None,
-    ) -> PreparedImages:
+    def prepare(self, frame: Frame, frame_index: int | None = None, grey_bits: int | None = None) -> PreparedImages:
         """Do the work on the images that depends on no other frame; it changes nothing, so any thread may do it.
 
         With the `frame_index` that the frame will have (frames count from 0) more of the work is done here; the
-        observations are the same. `rectified` is what `rectify` returned for the frame, if it was called. Raises
-        FrameError for images of the wrong kind.
+        observations are the same. 16-bit images are scaled to 8 bits by `grey_bits`, by default as many as they use
+        themselves; where frames before have used more, `observe` prepares them anew. Raises FrameError for images of
+        the wrong kind.
         """
         self._check_images(frame, "the frame")
-        images = self.rectify(frame) if rectified is None else rectified
-        return self._frontend.prepare(images[0], images[-1], frame_index).of_frame(frame.stamp_ns)
+        images = self._grey(frame)
+        deep = any(image.dtype == np.uint16 for image in images)
+        bits = bits_used(*images) if deep and grey_bits is None else grey_bits
+        rectified = self.rectifier.rectify(*(to_uint8(image, bits or FEWEST_BITS) for image in images))
+        return self._frontend.prepare(rectified[0], rectified[-1], frame_index, frame.stamp_ns, bits)
+
+    def rectify(self, frame: Frame) -> list[Image]:
+        """Return the rectified images of the cameras that are used, grey with 8 bits."""
+        images = self._grey(frame)
+        bits = bits_used(*images)
+        return self.rectifier.rectify(*(to_uint8(image, bits) for image in images))
+
+    def _grey(self, frame: Frame) -> list[Grey]:
+        """The images of the cameras that are used, grey (h, w)."""
+        return [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
 
     def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
@@ -113,25 +113,27 @@ class Observer:
         Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer is then
         unchanged.
         """
-        where = f"frame {self._next_index}"
+        index = self.state.frame_index
+        where = f"frame {index}"
         self._check_images(frame, where)
         self._check_stamp(frame, where)
         if prepared is not None and (problem := self._prepared_problem(frame, prepared)):
             raise FrameError(f"{where}: prepared {problem}; give what `prepare` returned for this frame")
         began = time.perf_counter()
-        images = self.prepare(frame, self._next_index) if prepared is None else prepared
+        images = self.prepare(frame, index) if prepared is None else prepared
+        grey_bits = max(self.state.grey_bits, images.grey_bits or 0)
+        if images.grey_bits not in (None, grey_bits):
+            images = self.prepare(frame, index, grey_bits)
         rectified = time.perf_counter()
-        observations = self._frontend.step(self._next_index, frame.stamp_ns, images)
-        observed = time.perf_counter()
-        self._next_index += 1
-        self._last_stamp_ns = frame.stamp_ns
-        timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (observed - rectified)}
+        state = replace(self.state, grey_bits=grey_bits)
+        self.state, observations = self._frontend.step(state, images, frame.stamp_ns)
+        timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         return Observed(observations, timings_ms)
 
     def learn(self, solution: Solution) -> None:
         """Take in what an estimator has found out about the cameras' timing, for the frames to come."""
         if solution.rig is not None:
-            self._frontend.learn(solution.rig)
+            self.state = self._frontend.learn(self.state, solution.rig)
 
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
         """Turn the solution of the latest frame, in rectified axes, into axes of the physical left camera.
@@ -175,7 +177,7 @@ class Observer:
             nis_dof=solution.nis_dof,
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
-            rig=self._frontend.rig_in_px(solution.rig),
+            rig=self._frontend.rig_in_px(self.state, solution.rig),
             relative=self._relative(solution.relative, solution.common),
             common=self._common(solution),
             rig_change=observations.rig_change,
@@ -216,7 +218,7 @@ class Observer:
     def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
         """Covariances (n, 3, 3), m², of points (n, 3) by the disparity error that all views share, eq. (18)."""
         p = self.projection
-        std_px = self._frontend.std_bias_px(track_ids)
+        std_px = self.state.bias.std_px(track_ids)
         relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
         std_m = points_in_cam * relative[:, None]
         cov: Array = std_m[:, :, None] * std_m[:, None, :]
@@ -263,15 +265,13 @@ class Observer:
             raise FrameError(f"{where}: stamp_ns is {_described(frame.stamp_ns)}; {_stamp_fix(frame.stamp_ns)}")
         if not -INT64 <= frame.stamp_ns < INT64:
             raise FrameError(f"{where}: stamp_ns is beyond 64 bits; give an integer number of nanoseconds")
-        if self._last_stamp_ns is not None and frame.stamp_ns <= self._last_stamp_ns:
+        last_ns = self.state.stamp_ns
+        if last_ns is not None and frame.stamp_ns <= last_ns:
             raise FrameError(
                 f"{where} (stamp {frame.stamp_ns} ns): stamps must increase, and the last frame had "
-                f"{self._last_stamp_ns} ns; drop this frame, or make a new engine if the clock was set back"
+                f"{last_ns} ns; drop this frame, or make a new engine if the clock was set back"
             )
-        if (
-            self._next_index == 1
-            and (apart_ns := frame.stamp_ns - int(self._last_stamp_ns or 0)) < _MIN_INTERVAL_NS
-        ):
+        if self.state.frame_index == 1 and (apart_ns := frame.stamp_ns - int(last_ns or 0)) < _MIN_INTERVAL_NS:
             logging.getLogger("stream_sfm").warning(
                 f"{where} (stamp {frame.stamp_ns} ns) is {apart_ns} ns after the first one: stamps are nanoseconds; of "
                 "milliseconds that is stamp * 10**6, of a frame counter round(count / frames_per_s * 1e9)"

@@ -31,13 +31,13 @@ RULES: dict[str, tuple[str, Any]] = {
     "wide templates": ("frontend.new_points:_BARE_FRACTION", 0.0),
     "slant": ("frontend.new_points:disparity_slopes", lambda left, right, points, *_: np.zeros((len(points), 2))),
     "halves of a patch agree": ("frontend.new_points:_MAX_HALVES_APART_PX", 1e9),
-    "turn watch": ("frontend.right_turn:TurnWatch.judge", lambda self, *_: None),
-    "exposure hypotheses": ("frontend.rough_motion:exposure_hypotheses", lambda bands, n: [bands.left_half]),
+    "turn watch": ("frontend.right_turn:TurnWatch.judge", lambda self, *_: (self, None)),
+    "exposure hypotheses": ("frontend.rough_motion:exposure_hypotheses", lambda before, now: [before.left_half]),
     "history weights": ("frontend.tracks:Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection:_with_second_motion", lambda views, found, weights: found),
-    "hidden background": ("frontend.tracker:Tracker._is_background_hidden", lambda self, *_: False),
-    "suspects": ("frontend.tracker:_CONTESTED", 0.0),
-    "pair check": ("frontend.pair_check:PairCheck.judge", lambda self, *_: False),
+    "hidden background": ("frontend.tracker:_is_background_hidden", lambda *_: False),
+    "rejected tracks": ("frontend.tracker:_AMBIGUOUS", 0.0),
+    "pair check": ("frontend.front_end:problem_of", lambda *_: ""),
     "global search": ("geometry.resection:_CALM_SHARE", -1.0),
 }
 

@@ -44,18 +44,15 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
     from stream_sfm.camera.rectification import Rectifier
     from stream_sfm.estimators.cross_frame import window
     from stream_sfm.estimators.cross_frame.map import Map
-    from stream_sfm.frontend import tracker
-    from stream_sfm.frontend.depth_source import StereoDepth
-    from stream_sfm.frontend.flow import Flow
-    from stream_sfm.frontend.new_points import NewPoints
+    from stream_sfm.frontend import front_end, new_points, rough_motion, tracker
     from stream_sfm.results.estimates_writer import EstimatesWriter
 
     return {
         "rectify": [(Rectifier, "rectify")],
-        "track": [(Flow, "track"), (StereoDepth, "align")],
+        "track": [(rough_motion, "_track"), (tracker, "_align")],
         "PnP": [(tracker, "resect"), (window, "initial_motion")],
-        "detect": [(tracker, "detect")],
-        "stereo": [(NewPoints, "add")],  # detect included
+        "detect": [(new_points, "detect")],
+        "stereo": [(front_end, "begin_points")],  # detect included
         "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
         "covariance": [(Map, "update_marginals")],
         "write": [(EstimatesWriter, "write")],

@@ -24,7 +24,6 @@ from rich.table import Table
 from stream_sfm import Engine, StereoLog, open_log
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.evaluation.association import matched
-from stream_sfm.frontend.front_end import StereoFrontEnd
 from stream_sfm.frontend.persistence import _whitened_rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
@@ -141,9 +140,7 @@ def main() -> None:
                 slides.add(engine.observations)
         found = np.array(rows.correlations())
         decay = (found[-1] / found[0]) ** (1 / (LAGS[-1] - LAGS[0])) if (found[[0, -1]] > 0).all() else None
-        front_end = engine.observer._frontend
-        assert isinstance(front_end, StereoFrontEnd)
-        numbers = [*found, decay, front_end.persistence.ratio, *slides.spread_px()]
+        numbers = [*found, decay, engine.observer.state.persistence.ratio, *slides.spread_px()]
         table.add_row(path.stem, *("–" if x is None else f"{x:.2f}" for x in numbers))
     Console(width=140).print(table)
 

@@ -9,31 +9,40 @@ from numpy.typing import NDArray
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
 _BRIGHT_SHARE = 1e-3  # of an image's pixels that may be brighter than white: hot ones, a lamp
-_FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
+FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
 _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
 
-class GreyScaler:
-    """Scales 16-bit images to 8 bits by one shift for the whole log, so that brightness does not jump.
+def bits_used(*images: Grey) -> int:
+    """How many bits of their 16 images (h, w) use, but for a few brightest pixels; of 8-bit images the fewest."""
+    bits = FEWEST_BITS
+    for image in images:
+        if image.dtype == np.uint16:
+            while np.count_nonzero(image >> bits) > _BRIGHT_SHARE * image.size:
+                bits += 1
+    return bits
 
-    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black. The shift
-    follows the brightest image seen so far, in either camera, by all but its brightest pixels.
+
+def to_uint8(image: Grey, bits: int) -> NDArray[np.uint8]:
+    """Scale an image (h, w) of 16 bits, of which so many are used, to 8 bits; one of 8 bits stays as it is.
+
+    A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black.
     """
+    if image.dtype == np.uint16:
+        return np.minimum(image >> (bits - 8), 255).astype(np.uint8)
+    return image.astype(np.uint8, copy=False)
+
+
+class GreyScaler:
+    """Scales the images of a log to 8 bits by the brightest ones so far, in either camera: brightness does not jump."""
 
     def __init__(self) -> None:
-        self._bits = _FEWEST_BITS
+        self._bits = FEWEST_BITS
 
     def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
-        """Scale the images (h, w) of the next frame; frames come in order, because the shift is remembered."""
-        for image in images:
-            if image.dtype == np.uint16:
-                while np.count_nonzero(image >> self._bits) > _BRIGHT_SHARE * image.size:
-                    self._bits += 1
-        shift = self._bits - 8
-        return [
-            np.minimum(i >> shift, 255).astype(np.uint8) if i.dtype == np.uint16 else i.astype(np.uint8, copy=False)
-            for i in images
-        ]
+        """Scale the images (h, w) of the next frame; frames come in order, because the scale is remembered."""
+        self._bits = max(self._bits, bits_used(*images))
+        return [to_uint8(image, self._bits) for image in images]
 
 
 def image_problem(image: object) -> str:

@@ -225,15 +225,15 @@ class _FusedFrames:
         if not self.path:
             self._problems = _problems(self._log, frame)
         observer = self._engine.observer
-        rectified = observer.rectify(frame)
-        estimate = self._engine.step(frame, observer.prepare(frame, len(self.path), rectified))
+        prepared = observer.prepare(frame, len(self.path))
+        estimate = self._engine.step(frame, prepared)
         self.path.append(estimate.world_from_cam[:3, 3])
         if estimate.status is Status.LOST:
             self._lost += 1
         else:
             cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
             world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect
-            self._fusion.add(*self._view.see(frame, rectified), world_from_rect, cov_position)
+            self._fusion.add(*self._view.see(frame, prepared.rectified), world_from_rect, cov_position)
         for sink in self._sinks:
             sink.write(estimate, frame)
 

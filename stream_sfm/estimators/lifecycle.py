@@ -61,7 +61,7 @@ def frame_status(
 def _doubts(motion: Resection) -> list[str]:
     """Return why the motion of a frame may not be the camera's, or its covariance not mean what it says."""
     reasons = []
-    if motion.rival is not None:
+    if motion.ambiguous is not None:
         reasons.append("two rigid motions agree with the views")
     elif motion.share < _DEGRADED_SHARE:
         reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")

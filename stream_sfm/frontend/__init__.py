@@ -8,35 +8,48 @@ docs/mathematics.md, sections 3 and 11.
 
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 if TYPE_CHECKING:
-    from ..geometry.se3 import Array
     from ..rig_model.estimate import RigEstimate
     from ..types import Observations
     from .prepared import Image, PreparedImages
+    from .state import FrontEndState
 
 
 class FrontEnd(Protocol):
-    """What a front-end offers, that of a pair (`front_end.py`) and that of one camera (`mono/front_end.py`)."""
+    """What a front-end offers, that of a pair (`front_end.py`) and that of one camera (`mono/front_end.py`).
 
-    def prepare(self, left: "Image", right: "Image", frame_index: int | None = None) -> "PreparedImages":
-        """Compute from rectified images (h, w) uint8 the forms that `step` needs. Pure."""
+    Nothing in it changes: what is learnt from frames is in the `FrontEndState`, `start` before the first one, which
+    each step replaces. So a state can be kept, copied and gone on from more than once.
+    """
+
+    start: "FrontEndState"
+
+    def prepare(
+        self,
+        left: "Image",
+        right: "Image",
+        frame_index: int | None = None,
+        stamp_ns: int | None = None,
+        grey_bits: int | None = None,
+    ) -> "PreparedImages":
+        """Compute from rectified images (h, w) uint8 of a frame the forms that `step` needs.
+
+        Any thread may call it at any time, in any order, also for frames that are never stepped. With the `frame_index`
+        that the frame is going to have, more is computed here and not in `step`; the observations are the same. Stamp
+        and bits are kept in the result.
+        """
         ...
 
-    def step(self, frame_index: int, stamp_ns: int, images: "PreparedImages") -> "Observations":
-        """Observations of the next frame; indices count the frames from 0, stamps ascend."""
+    def step(
+        self, state: "FrontEndState", images: "PreparedImages", stamp_ns: int
+    ) -> tuple["FrontEndState", "Observations"]:
+        """Return the state after the next frame, and the frame's observations; stamps ascend."""
         ...
 
-    def learn(self, estimate: "RigEstimate") -> None:
+    def learn(self, state: "FrontEndState", estimate: "RigEstimate") -> "FrontEndState":
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         ...
 
-    def std_bias_px(self, ids: NDArray[np.int64]) -> "Array":
-        """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""
-        ...
-
-    def rig_in_px(self, estimate: "RigEstimate | None") -> "RigEstimate | None":
+    def rig_in_px(self, state: "FrontEndState", estimate: "RigEstimate | None") -> "RigEstimate | None":
         """Errors of the calibration in units of their σ, in pixels."""
         ...

@@ -1,9 +1,10 @@
 """Alignment of tracks: their anchored templates, warped as today's images should show them, found in the left image.
 
-What a track is aligned with in the right image, if there is one, is said by its source of depth (`depth_source.py`).
+What a track is aligned with in the right image, if there is one, is said where its depth comes from (`stereo_depth.py`,
+`mono/parallax.py`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +18,7 @@ from .noise import ViewNoise
 from .prepared import PreparedImages
 from .templates import Patches, TemplateAtlas
 from .tracks import Tracks, takes_all
-from .valid_area import ValidArea
+from .valid_area import contains, valid_area
 
 WIDE = 4  # image pixels per template pixel of wide templates, for surfaces that are all but bare
 
@@ -86,19 +87,32 @@ class LeftViews:
     patches: Patches
 
 
+@dataclass(frozen=True, slots=True)
 class TemplateAligner:
     """Templates of one size, and where in new images they are.
 
     With a `scale` of `WIDE` their pixels are that many image pixels wide: they are cut from the reduced images, and
-    found in them. All positions, warps and covariances that come and go are in image pixels.
+    found in them. All positions, warps and covariances that come and go are in image pixels. `area` (h, w): pixels
+    around which a whole patch shows the scene; `noise`: what a view is worth.
     """
 
-    def __init__(self, config: FrontendConfig, valid: NDArray[np.bool_], scale: int = 1) -> None:
-        self.config = config
-        self.scale = scale
-        self.area = ValidArea(valid, scale * config.window_radius_px)
-        self.atlas = TemplateAtlas(2 * config.max_tracks, config.window_radius_px)
-        self.noise = ViewNoise(config.smoothing_px, config.window_radius_px, scale)
+    config: FrontendConfig
+    scale: int
+    area: NDArray[np.bool_]
+    atlas: TemplateAtlas
+    noise: ViewNoise
+
+    @classmethod
+    def empty(cls, config: FrontendConfig, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
+        """Return an aligner without templates; `valid` (h, w): pixels of the left image that hold picture."""
+        radius_px = config.window_radius_px
+        return cls(
+            config,
+            scale,
+            valid_area(valid, scale * radius_px),
+            TemplateAtlas.empty(2 * config.max_tracks, radius_px),
+            ViewNoise.unknown(config.smoothing_px, radius_px, scale),
+        )
 
     def warped(self, slots: NDArray[np.intp], warps: Array) -> Patches:
         """The templates of `slots` (n,) as today's images should show them; warps (n, 3, 2)."""
@@ -115,7 +129,7 @@ class TemplateAligner:
         """Which templates (n,) can be warped as the images need them, and start inside the image."""
         warps = (self._in_template_pixels(w) for w in (candidates.left_warps, candidates.right_warps))
         fit = np.logical_and(*(self.atlas.fits(w) for w in warps))
-        return np.asarray(fit & self.area.contains(candidates.left_px))
+        return np.asarray(fit & contains(self.area, candidates.left_px))
 
     def align_left(
         self, images: PreparedImages, slots: NDArray[np.intp], warps: Array, start_px: Array
@@ -125,59 +139,68 @@ class TemplateAligner:
         at_px, found, error_grey = self.find(images.grey(self.scale)[0], patches, start_px)
         near = np.linalg.norm(at_px - start_px, axis=1) < self.scale * self.config.max_realignment_px
         fits = error_grey < self.config.max_photometric_error
-        return LeftViews(at_px, error_grey, found & near & fits & self.area.contains(at_px), patches)
+        return LeftViews(at_px, error_grey, found & near & fits & contains(self.area, at_px), patches)
 
-    def cut(self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Cut new templates around whole template pixels (n, 2) of the left image; slots (n,), none of `taken`."""
+    def cut(
+        self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]
+    ) -> tuple["TemplateAligner", NDArray[np.intp]]:
+        """Cut new templates around whole template pixels (n, 2) of the left image.
+
+        Returns the aligner with them, and their slots (n,), none of `taken`.
+        """
         is_free = np.ones(2 * self.config.max_tracks, bool)
         is_free[taken] = False
         free = np.flatnonzero(is_free)[: len(corners)]
-        self.atlas.store(images.grey(self.scale)[0], corners, free)
-        return free
+        return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
 
     def _in_template_pixels(self, warps: Array) -> Array:
         """Warps (n, 3, 2) of image pixels; their last row is per pixel."""
         return warps if self.scale == 1 else warps * np.array([1.0, 1.0, self.scale])[:, None]
 
 
-class TemplateAligners:
-    """One aligner per size of templates; `fine` is that of ordinary ones, `by_scale` has all of them."""
+# One aligner per size of templates, by scale.
+Aligners = Mapping[int, TemplateAligner]
 
-    def __init__(
-        self, config: FrontendConfig, valid: NDArray[np.bool_], scales: tuple[int, ...] = (1, WIDE)
-    ) -> None:
-        self.by_scale = {scale: TemplateAligner(config, valid, scale) for scale in scales}
-        self.fine = self.by_scale[1]
 
-    def split(self, scale: NDArray[np.int64]) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_] | slice]]:
-        """The aligners of tracks with that `scale` (n,), each with its rows: mask (n,), or a slice of all."""
-        for size, aligner in self.by_scale.items():
-            rows = scale == size
-            if rows.all():
-                yield aligner, slice(None)
-            elif rows.any():
-                yield aligner, rows
+def split(
+    aligners: Aligners, scale: NDArray[np.int64]
+) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_] | slice]]:
+    """The aligners of tracks with that `scale` (n,), each with its rows: mask (n,), or a slice of all."""
+    for size, aligner in aligners.items():
+        rows = scale == size
+        if rows.all():
+            yield aligner, slice(None)
+        elif rows.any():
+            yield aligner, rows
 
-    def visible(self, candidates: Candidates) -> Candidates:
-        """Those whose templates can be warped as the images need them, and that start inside the image."""
-        kept = np.zeros(len(candidates.now), bool)
-        for aligner, rows in self.split(candidates.now.scale):
-            kept[rows] = aligner.visible(candidates.keep(rows))
-        return candidates.keep(kept)
 
-    def drift(self, tracks: Tracks, cam_from_previous: Array) -> Array:
-        """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17)."""
-        drift_px = np.zeros(len(tracks))
-        for aligner, rows in self.split(tracks.scale):
-            drift_px[rows] = aligner.noise.drift(tracks.points[rows], cam_from_previous)
-        return drift_px
+def visible(aligners: Aligners, candidates: Candidates) -> Candidates:
+    """Those whose templates can be warped as the images need them, and that start inside the image."""
+    kept = np.zeros(len(candidates.now), bool)
+    for aligner, rows in split(aligners, candidates.now.scale):
+        kept[rows] = aligner.visible(candidates.keep(rows))
+    return candidates.keep(kept)
 
-    def learn(self, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> None:
-        """Update each size's noise by the squared residuals of its accepted views; tracks (n,), views (n, 4)."""
-        coordinates = np.isfinite(z_px).sum(axis=1)
-        for aligner, rows in self.split(scale):
-            used = np.zeros(len(scale), bool)
-            used[rows] = motion.accepted[rows]
-            n = int(coordinates[used].sum())
-            fitted = round(6 * n / max(1, int(coordinates[motion.accepted].sum())))  # their share of the motion
-            aligner.noise.learn(float(motion.squared_residuals[used].sum()), n - fitted)
+
+def drift(aligners: Aligners, tracks: Tracks, cam_from_previous: Array) -> Array:
+    """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17)."""
+    drift_px = np.zeros(len(tracks))
+    for aligner, rows in split(aligners, tracks.scale):
+        drift_px[rows] = aligner.noise.drift(tracks.points[rows], cam_from_previous)
+    return drift_px
+
+
+def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> Aligners:
+    """The aligners after a frame: each size's noise by the squared residuals of its accepted views.
+
+    Tracks with that `scale` (n,), their views (n, 4).
+    """
+    coordinates, learnt = np.isfinite(z_px).sum(axis=1), dict(aligners)
+    for aligner, rows in split(aligners, scale):
+        used = np.zeros(len(scale), bool)
+        used[rows] = motion.accepted[rows]
+        n = int(coordinates[used].sum())
+        fitted = round(6 * n / max(1, int(coordinates[motion.accepted].sum())))  # their share of the motion
+        noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
+        learnt[aligner.scale] = replace(aligner, noise=noise)
+    return learnt

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FrontendConfig
 from ..geometry.se3 import Array
-from .alignment import WIDE, TemplateAligners
+from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages
+from .valid_area import contains
 
 # Iterations end after so many or with a step of so many half-size pixels: OpenCV's defaults are 30 and 0.01, and a
 # start needs less.
@@ -26,67 +26,61 @@ _SAME_GAIN = 0.05
 _SAME_LEVEL_GREY = 4.0
 
 
-class Flow:
-    """Lucas-Kanade flow between left images."""
+def track(
+    aligner: TemplateAligner,
+    before_half: Image,
+    images: PreparedImages,
+    left_px: Array,
+    predicted_px: Array,
+    levels: int,
+    zoom: float = 1.0,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Positions (n, 2) in the new left image, and which were found where a patch of the aligner shows the scene.
 
-    def __init__(self, config: FrontendConfig, aligners: TemplateAligners) -> None:
-        radius_px = 3 * config.window_radius_px // 4  # of the half-size image: one and a half times the patch
-        self._window = (2 * radius_px + 1, 2 * radius_px + 1)
-        self._wide_window = (2 * config.window_radius_px + 1, 2 * config.window_radius_px + 1)
-        self._levels = config.pyramid_levels
-        self._aligners = aligners
+    From positions `left_px` (n, 2) in the previous left image, given at half its size, started at `predicted_px`.
+    Pyramid of so many `levels`, halvings of the image. `zoom`: of the previous image around its middle, for patches
+    that have come closer.
+    """
+    radius_px = 3 * aligner.config.window_radius_px // 4  # of the half-size image: one and a half times the patch
+    before_half, left_half_px = _zoomed(before_half, left_px / 2, zoom)
+    at_px, found = _lucas_kanade(
+        before_half, images.left_half, left_half_px, predicted_px, 2, radius_px, levels - 1
+    )  # the lowest level is halved once already
+    return at_px, found & contains(aligner.area, at_px)
 
-    def track(
-        self,
-        before_half: Image,
-        images: PreparedImages,
-        left_px: Array,
-        predicted_px: Array,
-        levels: int | None = None,
-        zoom: float = 1.0,
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Positions (n, 2) in the new left image, and which were found within the valid area.
 
-        From positions `left_px` (n, 2) in the previous left image, given at half its size, started at `predicted_px`.
-        Pyramid of so many `levels`, halvings of the image (None: as configured). `zoom`: of the previous image around
-        its middle, for patches that have come closer.
-        """
-        start = np.ascontiguousarray(predicted_px, np.float32)
-        before_half, left_half_px = _zoomed(before_half, left_px / 2, zoom)
-        at, status, _ = cv2.calcOpticalFlowPyrLK(
-            before_half,
-            images.left_half,
-            np.ascontiguousarray(left_half_px, np.float32).reshape(-1, 1, 2),
-            start.reshape(-1, 1, 2) / 2,
-            winSize=self._window,
-            maxLevel=(self._levels if levels is None else levels) - 1,  # the lowest level is halved once already
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-            minEigThreshold=_MIN_EIGENVALUE,
-        )
-        found = status[:, 0] > 0  # the rest of what comes back is not initialised
-        positions: Array = np.where(found[:, None], 2 * np.asarray(at)[:, 0], start).astype(np.float64)
-        return positions, found & self._aligners.fine.area.contains(positions)
+def track_wide(
+    aligner: TemplateAligner, previous: PreparedImages, images: PreparedImages, left_px: Array, predicted_px: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """As `track`, for wide templates, in images at a quarter of the size with raised contrast."""
+    radius_px = aligner.config.window_radius_px
+    before, now = previous.quarter_flow, images.quarter_flow
+    at_px, found = _lucas_kanade(before, now, left_px / WIDE, predicted_px, WIDE, radius_px, _WIDE_LEVELS)
+    return at_px, found & contains(aligner.area, at_px)
 
-    def track_wide(
-        self, previous: PreparedImages, images: PreparedImages, left_px: Array, predicted_px: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """As `track`, for wide templates, in images at a quarter of the size with raised contrast."""
-        start = np.ascontiguousarray(predicted_px / WIDE, np.float32)
-        at, status, _ = cv2.calcOpticalFlowPyrLK(
-            previous.quarter_flow,
-            images.quarter_flow,
-            np.ascontiguousarray(left_px / WIDE, np.float32).reshape(-1, 1, 2),
-            start.reshape(-1, 1, 2),
-            winSize=self._wide_window,
-            maxLevel=_WIDE_LEVELS,
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-            minEigThreshold=_MIN_EIGENVALUE,
-        )
-        found = status[:, 0] > 0
-        positions: Array = WIDE * np.where(found[:, None], np.asarray(at)[:, 0], start).astype(np.float64)
-        return positions, found & self._aligners.by_scale[WIDE].area.contains(positions)
+
+def _lucas_kanade(
+    before: Image, now: Image, before_px: Array, predicted_px: Array, scale: int, radius_px: int, levels: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Image positions (n, 2) of what was at `before_px` (n, 2), pixels of images `scale` times smaller; what was found.
+
+    Windows of 2 `radius_px` + 1 pixels of these images, which are halved `levels` times.
+    """
+    start = np.ascontiguousarray(predicted_px, np.float32)
+    at, status, _ = cv2.calcOpticalFlowPyrLK(
+        before,
+        now,
+        np.ascontiguousarray(before_px, np.float32).reshape(-1, 1, 2),
+        start.reshape(-1, 1, 2) / scale,
+        winSize=(2 * radius_px + 1, 2 * radius_px + 1),
+        maxLevel=levels,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        minEigThreshold=_MIN_EIGENVALUE,
+    )
+    found = status[:, 0] > 0  # the rest of what comes back is not initialised
+    positions: Array = np.where(found[:, None], scale * np.asarray(at)[:, 0], start).astype(np.float64)
+    return positions, found
 
 
 def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:

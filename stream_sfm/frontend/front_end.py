@@ -1,6 +1,6 @@
 """The front-end of a pair: rectified images in, observations out.
 
-Each frame: follow the points (`tracker.py`), add new ones where they are missing (`new_points.py`), check the images
+Each frame: follow the points (`tracker.py`), begin new ones where they are missing (`new_points.py`), check the images
 (`image_checks.py`). A frame in which nothing can be followed and nothing new be found is skipped, and so is one in
 which the background is hidden: the next ones are followed from the last good frame, for a second.
 """
@@ -18,22 +18,23 @@ from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Observations, RigChange
-from .alignment import TemplateAligners
-from .depth_source import StereoDepth
+from .alignment import WIDE, TemplateAligner, drift
 from .image_checks import image_note
-from .new_points import NewPoints, renews
-from .pair_check import PairCheck, PairFit
+from .new_points import begin_points, renews
+from .pair_check import PairFit, problem_of
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
-from .right_turn import TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
+from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
+from .rows import Rows
+from .state import FrontEndState, Setup
 from .timing import Timing
-from .tracker import Followed, Tracker
+from .tracker import Followed, follow, learn_timing, lose, may_wait
 
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
 
 
 class StereoFrontEnd:
-    """Follows points through rectified pairs.
+    """Follows points through rectified pairs; nothing in it changes (see `FrontEnd`).
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
     which the observations do not have any more. `row_of`: as in `RigModel`.
@@ -47,157 +48,154 @@ class StereoFrontEnd:
         refinement: Refinement | None = None,
         row_of: Callable[[Array], Array] | None = None,
     ) -> None:
-        self.config = config.frontend
-        self._min_points = config.robust.min_inliers
-        self._gate_probability = config.robust.gate_probability
-        self.aligners = TemplateAligners(self.config, valid)
-        self.depth = depth = StereoDepth(projection, config, self.aligners)
-        self.turn_watch = None if config.rig.exact else TurnWatch(projection)
-        timing = Timing.unknown(projection, config.rig, row_of)
-        self.tracker = Tracker(projection, config, self.aligners, depth, timing, self.turn_watch)
-        self.new_points = NewPoints(self.tracker, self.aligners, depth)
-        self.pair_check = PairCheck(projection, depth, self.aligners.fine.noise)
-        self.persistence = Persistence(config.estimate_every)
+        self.setup = Setup(projection, config)
         self.rig = RigModel.of(projection, config.rig, refinement, row_of)
-        self._exact = config.rig.exact
+        self.start = FrontEndState(
+            aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
+            timing=Timing.unknown(projection, config.rig, row_of),
+            rows=Rows.unknown(projection, config),
+            turn=RightTurn(projection),
+            turn_watch=None if config.rig.exact else TurnWatch(projection),
+            persistence=Persistence(config.estimate_every),
+        )
 
-    def prepare(self, left: Image, right: Image, frame_index: int | None = None) -> PreparedImages:
-        """Compute from rectified images (h, w) uint8 the forms that `step` needs.
-
-        Pure: any thread may call it at any time, in any order, also for frames that are never stepped. With the
-        `frame_index` that the frame is going to have, its corners are computed here too and not in `step`; the
-        observations are the same.
-        """
-        images = PreparedImages.of(left, right, self.config.smoothing_px)
+    def prepare(
+        self,
+        left: Image,
+        right: Image,
+        frame_index: int | None = None,
+        stamp_ns: int | None = None,
+        grey_bits: int | None = None,
+    ) -> PreparedImages:
+        """As `FrontEnd.prepare`; the corners are computed here, too, where the frame is going to need them."""
+        images = PreparedImages.of(left, right, self.setup.config.frontend.smoothing_px, stamp_ns, grey_bits)
         if frame_index is not None and renews(frame_index):
             _ = images.corner_strength  # computed now, kept for `step`
         return images
 
-    def step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
-        """Observations of the next frame; indices count the frames from 0, stamps ascend."""
-        change = self._take_out_turn(frame_index)
-        observed = self._step(frame_index, stamp_ns, images)
+    def step(
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+    ) -> tuple[FrontEndState, Observations]:
+        """As `FrontEnd.step`."""
+        state, change = self._take_out_turn(state)
+        state, observed = self._step(state, images, stamp_ns)
+        state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         if change is None:
-            return observed
-        return replace(observed, rig_change=change, rig_change_root=root_of_turn(self.rig))
+            return state, observed
+        return state, replace(observed, rig_change=change, rig_change_root=root_of_turn(self.rig))
 
-    def _take_out_turn(self, frame_index: int) -> RigChange | None:
+    def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
         """Take a turn of the right camera that the frames before have shown out of all that is measured from now on."""
-        watch = self.turn_watch
+        watch = state.turn_watch
         rad = None if watch is None else watch.lasting_rad
         if watch is None or rad is None:
-            return None
-        first = frame_index - watch.suspected_frames
-        watch.forget()
-        self.depth.turn.add(rad)
-        return rig_change(self.tracker.projection, first, rad)
+            return state, None
+        first = state.frame_index - len(watch.unusual)
+        state = replace(state, turn=state.turn.turned(rad), turn_watch=watch.calm())
+        return state, rig_change(self.setup.projection, first, rad)
 
-    def _step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
+    def _step(
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+    ) -> tuple[FrontEndState, Observations]:
         """Observations of the next frame, with the right camera as it is known to stand."""
-        tracker = self.tracker
-        followed = tracker.follow(images, stamp_ns)
+        state, followed = follow(self.setup, state, images, stamp_ns)
         fit = self._fit(followed)
-        start_anew = self.pair_check.judge(images, tracker.previous, fit, tracker.next_id)
+        problem = problem_of(images, state.previous, fit, state.rows, state.aligners[1].noise.factor)
+        pair, start_anew = state.pair.after(problem, fit, state.next_id)
+        state = replace(state, pair=pair)
         if followed is None or start_anew:
-            return self._start_over(frame_index, stamp_ns, images, wait=not start_anew)
-        drift_px = self.aligners.drift(tracker.tracks, followed.cam_from_previous)
-        z_new, cov_new = self._new_views(images, frame_index)
+            return self._start_over(state, images, stamp_ns, wait=not start_anew)
+        drift_px = drift(state.aligners, state.tracks, followed.cam_from_previous)
+        z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
+        if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
+            state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        observed = self._observed(frame_index, stamp_ns, z_px, cov_px, self._note(images, z_px))
-        tracker.remember(images, stamp_ns)
-        return replace(
+        note = _note(state, images, z_px)
+        state, observed = self._observed(_remember(state, images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
-            rival_from_previous=None if followed.rival is None else followed.rival.cam_from_ref,
-            cov_rival=None if followed.rival is None else followed.rival.cov_pose,
+            rival_from_previous=None if followed.other is None else followed.other.cam_from_ref,
+            cov_rival=None if followed.other is None else followed.other.cov_pose,
             n_new=len(z_new),
             std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
         )
-
-    def _new_views(self, images: PreparedImages, frame_index: int) -> tuple[Array, Array]:
-        """Views (k, 4) of new points and their covariances; none while depths cannot be measured."""
-        if self.turn_watch is not None and self.turn_watch.suspected_frames:
-            return np.empty((0, 4)), np.empty((0, 4, 4))
-        return self.new_points.add(images, frame_index)
 
     def _fit(self, followed: Followed | None) -> PairFit | None:
         """How left and right fit each other, where tracks were followed."""
         if followed is None or followed.found is None:
             return None
-        return PairFit.of(followed.found, self.tracker.projection, self._gate_probability)
+        return PairFit.of(followed.found, self.setup.projection, self.setup.config.robust.gate_probability)
 
     def _start_over(
-        self, frame_index: int, stamp_ns: int, images: PreparedImages, wait: bool = True
-    ) -> Observations:
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int, wait: bool
+    ) -> tuple[FrontEndState, Observations]:
         """Observations of a frame that could not be followed: new points only, or none, and then it is skipped.
 
         Where nothing is to `wait` for, the tracks are dropped at once.
         """
-        tracker = self.tracker
-        waits, nothing = wait and tracker.may_wait(stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
-        if waits and tracker.background_hidden:
-            return self._observed(frame_index, stamp_ns, *nothing, _HIDDEN)
-        before = tracker.tracks, tracker.velocity
-        tracker.lose()
-        z_px, cov_px = self.new_points.add(images, frame_index)
-        note = self._note(images, z_px)
-        if waits and len(z_px) < self._min_points:
-            tracker.tracks, tracker.velocity = before
-            return self._observed(frame_index, stamp_ns, *nothing, note)
-        tracker.remember(images, stamp_ns)
-        return replace(self._observed(frame_index, stamp_ns, z_px, cov_px, note), n_new=len(z_px))
+        waits, nothing = wait and may_wait(state, stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
+        if waits and state.background_hidden:
+            return self._observed(state, stamp_ns, *nothing, _HIDDEN)
+        anew, z_px, cov_px = begin_points(self.setup, lose(state), images)
+        note = _note(anew, images, z_px)
+        if waits and len(z_px) < self.setup.config.robust.min_inliers:
+            return self._observed(state, stamp_ns, *nothing, note)
+        state, observed = self._observed(_remember(anew, images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        return state, replace(observed, n_new=len(z_px))
 
-    def _observed(self, frame_index: int, stamp_ns: int, z_px: Array, cov_px: Array, note: str) -> Observations:
+    def _observed(
+        self, state: FrontEndState, stamp_ns: int, z_px: Array, cov_px: Array, note: str
+    ) -> tuple[FrontEndState, Observations]:
         """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none."""
-        ids = self.tracker.tracks.ids[: len(z_px)]
-        return Observations(
-            frame_index=frame_index,
+        n = len(z_px)
+        ids, points = state.tracks.ids[:n], state.tracks.points[:n]
+        persistence, timing = state.persistence.after(ids, z_px, cov_px), state.timing
+        observed = Observations(
+            frame_index=state.frame_index,
             stamp_ns=stamp_ns,
             track_ids=ids,
             z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
-            note=self._turn_note() or note or self.pair_check.doubt,
-            doubtful=bool(self.pair_check.doubt),
-            std_drift_px=np.zeros(len(z_px)),
-            rig=None if self._exact else self.rig,
-            field_std_px=self.depth.rows.field_std_px,
-            inflation=self.persistence.inflation(ids, z_px, cov_px),
-            timing_px=self._timing_px(len(z_px)),
+            note=self._turn_note(state.turn_watch) or note or state.pair.problem,
+            doubtful=bool(state.pair.problem),
+            std_drift_px=np.zeros(n),
+            rig=None if self.setup.config.rig.exact else self.rig,
+            field_std_px=state.rows.field_std_px,
+            inflation=persistence.inflation,
+            timing_px=np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist),
         )
+        return replace(state, persistence=persistence), observed
 
-    def _timing_px(self, n: int) -> Array:
-        """What delay and readout do, as far as they are known, to the views of the first n tracks: (n, 4) px."""
-        points, timing = self.tracker.tracks.points[:n], self.tracker.timing
-        return np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
-
-    def _turn_note(self) -> str:
+    def _turn_note(self, watch: TurnWatch | None) -> str:
         """Say that the right camera seems to have turned."""
-        watch = self.turn_watch
-        if watch is None or not watch.suspected_frames:
+        if watch is None or not watch.unusual:
             return ""
-        shift_px = shift_of_turn(self.tracker.projection, watch.latest_rad)
+        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
         return (
             f"the right image has moved against the left one, by {shift_px:.2f} px: estimated from the left image "
             "until it is clear whether the cameras have moved"
         )
 
-    def _note(self, images: PreparedImages, z_px: Array) -> str:
-        """What is wrong with the images, from the views (n, 4) of all tracks."""
-        n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
-        return image_note(images, self.tracker.previous, len(z_px), n_in_both)
+    def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
+        """As `FrontEnd.learn`."""
+        return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
-    def learn(self, estimate: RigEstimate) -> None:
-        """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
-        self.tracker.learn(*self.rig.timing(estimate.mean, estimate.cov))
-
-    def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
-        """σ (n,) of the disparity error that all views of a point share, px, of points by id (n,)."""
-        return self.new_points.bias.std_px(ids)
-
-    def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
-        """Errors of the calibration in units of their σ, in pixels."""
+    def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
+        """As `FrontEnd.rig_in_px`."""
         if estimate is None:
             return None
-        found = self.rig.in_units(estimate)
-        return found if not self.depth.turn.rad.any() else with_turn(self.rig, found, self.depth.turn.rad)
+        found, rad = self.rig.in_units(estimate), state.turn.rad
+        return found if not rad.any() else with_turn(self.rig, found, rad)
+
+
+def _note(state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
+    """What is wrong with the images, from the views (n, 4) of all tracks."""
+    n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
+    return image_note(images, state.previous, len(z_px), n_in_both)
+
+
+def _remember(state: FrontEndState, images: PreparedImages, stamp_ns: int) -> FrontEndState:
+    """End the frame: the next one is followed from these images."""
+    return replace(state, previous=images.shrunk(), previous_ns=stamp_ns)

@@ -6,6 +6,8 @@ after smoothing. What the patch cannot know (perspective, interpolation, the len
 factor for all views.
 """
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ..geometry.se3 import Array
@@ -30,18 +32,25 @@ _UNKNOWN_ERROR_GREY = 255.0  # of a side that was not found: its covariance is l
 _DAMPING, _MIN_GRADIENT = 1e-3, 1e-6
 
 
+@dataclass(frozen=True, slots=True)
 class ViewNoise:
-    """Covariances of views; `factor` is the learnt variance factor, 1 before anything is known."""
+    """Covariances of views by templates of half width `radius_px` image pixels, whose pixels are `scale` of them wide.
 
-    def __init__(self, smoothing_px: float, radius_px: int, scale: int = 1) -> None:
-        """Templates of half width `radius_px`, in pixels that are `scale` image pixels wide."""
-        self.scale = scale
+    `shared_pixels`: how many pixels share one noise value after smoothing; `factor`: the variance factor learnt over
+    so many `frames`, 1 before anything is known.
+    """
+
+    scale: int
+    radius_px: int
+    shared_pixels: float
+    factor: float = 1.0
+    frames: int = 0
+
+    @classmethod
+    def unknown(cls, smoothing_px: float, radius_px: int, scale: int = 1) -> "ViewNoise":
+        """Return the noise before any frame; `radius_px` in pixels of the templates."""
         smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
-        self.shared_pixels = max(1.0, 4 * np.pi * smoothing_px**2)
-        self.min_error_grey = _MIN_ERROR_GREY / scale  # a mean over pixels is rounded by so much less
-        self.radius_px = scale * radius_px
-        self.factor = 1.0
-        self.frames = 0
+        return cls(scale, scale * radius_px, max(1.0, 4 * np.pi * smoothing_px**2))
 
     def covariance(self, gradients: Array, error_left: Array, error_right: Array) -> Array:
         """Covariances (n, 4, 4) px² of views, eq. (15).
@@ -54,9 +63,8 @@ class ViewNoise:
         cov = np.zeros((len(gradients), 4, 4))
         for side, error in ((slice(0, 2), error_left), (slice(2, 4), error_right)):
             grey = np.where(np.isfinite(error), error, _UNKNOWN_ERROR_GREY)
-            variance = (
-                0.5 * self.shared_pixels * np.maximum(grey, self.min_error_grey) ** 2
-            )  # half of it is the template's
+            # a mean over pixels is rounded by so much less; half of the variance is the template's
+            variance = 0.5 * self.shared_pixels * np.maximum(grey, _MIN_ERROR_GREY / self.scale) ** 2
             cov[:, side, side] = self.factor * (variance[:, None, None] * shape + _FLOOR_PX**2 * np.eye(2))
         return self.scale**2 * cov
 
@@ -72,13 +80,14 @@ class ViewNoise:
         across = np.sqrt(np.maximum(t @ t - along**2, 0.0))
         return np.asarray(self.radius_px * points[:, 3].clip(0) * np.hypot(_ACROSS * across, _ALONG * along))
 
-    def learn(self, chi2: float, dof: int) -> None:
-        """Update the common factor by the squared residuals of a frame's accepted views, eq. (16)."""
+    def learnt(self, chi2: float, dof: int) -> "ViewNoise":
+        """Return the noise after a frame whose accepted views have these squared residuals, eq. (16)."""
         if dof < _MIN_DOF:
-            return
-        self.frames += 1
-        gain = 1 / min(self.frames + 1, _MEMORY_FRAMES)
-        self.factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
+            return self
+        frames = self.frames + 1
+        gain = 1 / min(frames + 1, _MEMORY_FRAMES)
+        factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
+        return replace(self, factor=factor, frames=frames)
 
     def typical_cov(self, n: int) -> Array:
         """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""

@@ -3,11 +3,11 @@
 A frozen camera, one that was knocked, cameras exchanged or not triggered together: most of the left image may still
 move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Of the
 points whose left side agrees with the motion, nearly all should be found on the right, where their depth says. Where
-half of them are not, a doubt begins, which ends when points from before it are found in both images again, or when
+half of them are not, the motion is ambiguous until points from before are found in both images again, or until
 everything has long fitted together anew: then all tracks are dropped, and a new map begins.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,15 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
-from .depth_source import StereoDepth
 from .image_checks import frozen
-from .noise import ViewNoise
 from .prepared import PreparedImages
+from .rows import Rows
 
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
 _ENOUGH = 12  # points that the left image confirms: of fewer, no share is asked for
-_CONFIRMING = 8  # points from before a doubt, and half of those that are left, end it
+_CONFIRMING = 8  # points from before a problem, and half of those that are left, end it
 _GOOD_FRAMES = 20  # in a row that end it otherwise, where this share of all points found agree
 _GOOD_SHARE = 0.6
 # Of real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3.
@@ -80,76 +79,70 @@ class PairFit:
         return cls(found.ids[inside], left[inside], both[inside])
 
 
+@dataclass(frozen=True, slots=True)
 class PairCheck:
-    """Judges frame after frame; `doubt` says what is wrong, or is empty."""
+    """What frames have said so far: `problem` says what is wrong, or is empty.
 
-    def __init__(self, projection: StereoProjection, depth: StereoDepth, noise: ViewNoise) -> None:
-        self.depth = depth
-        self.noise = noise
-        self._calibration = _resolution_problem(projection)
-        self.doubt = ""
-        self._first_id: int | None = None  # of the tracks that began in doubt
-        self._good_frames = 0
+    `first_id`: of the tracks that began while something was wrong; None while nothing is. `good_frames`: since, in a
+    row.
+    """
 
-    def judge(
-        self, images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None, next_id: int
-    ) -> bool:
-        """Take in a frame: its images, those before, and how its tracks fit (None: none were followed).
+    problem: str = ""
+    first_id: int | None = None
+    good_frames: int = 0
 
-        Tracks that begin in this frame have ids from `next_id` on. Returns whether a doubt has ended without any
-        point from before it, so that all tracks are to be dropped.
+    def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
+        """Return the check after a frame: what is wrong in it, and how its tracks fit (None: none were followed).
+
+        Tracks that begin in this frame have ids from `next_id` on. Also returned is whether a problem has ended without
+        any point from before it, so that all tracks are to be dropped.
         """
-        problem = self._calibration or self._problem(images, previous, fit)
         if problem:
-            self.doubt, self._good_frames = problem, 0
-            if self._first_id is None:
-                self._first_id = next_id
-            return False
-        if self._first_id is None or fit is None:
-            return False
-        if self._confirmed(fit):
-            self._end()
-            return False
-        self._good_frames = self._good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
-        if self._good_frames < _GOOD_FRAMES:
-            return False
-        self._end()
-        return True
+            return PairCheck(problem, next_id if self.first_id is None else self.first_id), False
+        if self.first_id is None or fit is None:
+            return self, False
+        old = fit.ids < self.first_id
+        if (old & fit.both).sum() >= max(_CONFIRMING, _FIT * (old & fit.left).sum()):
+            return PairCheck(), False
+        good_frames = self.good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
+        if good_frames < _GOOD_FRAMES:
+            return replace(self, good_frames=good_frames), False
+        return PairCheck(), True
 
-    def _end(self) -> None:
-        self.doubt, self._first_id, self._good_frames = "", None, 0
 
-    def _confirmed(self, fit: PairFit) -> bool:
-        """Whether points from before the doubt are seen in both images again."""
-        old = fit.ids < (self._first_id or 0)
-        return bool((old & fit.both).sum() >= max(_CONFIRMING, _FIT * (old & fit.left).sum()))
+def problem_of(
+    images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None, rows: Rows, factor: float
+) -> str:
+    """What is wrong in a frame, with its likely cause, or nothing.
 
-    def _problem(self, images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None) -> str:
-        """What is wrong in this frame, with its likely cause, or nothing."""
-        rows_px, scatter_px = self.depth.rows.largest_px, self.depth.rows.scatter_px
-        if rows_px > _MAX_ROWS_PX:
-            return (
-                f"the rows of left and right differ by up to {rows_px:.1f} px: is the calibration of these cameras and "
-                "of this resolution, are left and right exchanged?"
-            )
-        if scatter_px > _MAX_SCATTER_PX:
-            return (
-                f"the rows of matches scatter by {scatter_px:.1f} px: are left and right exchanged, or the images not "
-                "of one moment?"
-            )
-        if self.noise.factor > _MAX_FACTOR:
-            return (
-                f"views are off by {np.sqrt(self.noise.factor):.1f} times what their images explain: is the "
-                "calibration of these cameras and of this resolution?"
-            )
-        if fit is not None and (problem := frozen(images, previous)):
-            return problem
-        if fit is None or fit.left.sum() < _ENOUGH or (fit.both & fit.left).sum() >= _FIT * fit.left.sum():
-            return ""
+    Its images, those before, how its tracks fit; what is known of the rows, and the variance factor of the views.
+    """
+    resolution = _resolution_problem(rows.projection)
+    if resolution:
+        return resolution
+    if rows.largest_px > _MAX_ROWS_PX:
         return (
-            f"of {fit.left.sum()} points that agree in the left image {fit.both.sum()} do in the right one: is one "
-            "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
+            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
+            "and of this resolution, are left and right exchanged?"
         )
+    if rows.scatter_px > _MAX_SCATTER_PX:
+        return (
+            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or the images not "
+            "of one moment?"
+        )
+    if factor > _MAX_FACTOR:
+        return (
+            f"views are off by {np.sqrt(factor):.1f} times what their images explain: is the calibration of these "
+            "cameras and of this resolution?"
+        )
+    if fit is not None and (problem := frozen(images, previous)):
+        return problem
+    if fit is None or fit.left.sum() < _ENOUGH or (fit.both & fit.left).sum() >= _FIT * fit.left.sum():
+        return ""
+    return (
+        f"of {fit.left.sum()} points that agree in the left image {fit.both.sum()} do in the right one: is one "
+        "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
+    )
 
 
 def _resolution_problem(projection: StereoProjection) -> str:

@@ -10,6 +10,8 @@ that, which decays by `_DECAY` per frame. From the model follows what the n-th v
 before it have said, eqs. (68) and (69).
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,44 +31,55 @@ _MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as i
 _MAX_AGE = 60  # views; information has then long been gained at a steady rate
 
 
+@dataclass(frozen=True, slots=True)
 class Persistence:
-    """Learns the ratio of lasting to white variance; `inflation` (n, 2) of each frame's views by side."""
+    """What is known of the ratio of lasting to white variance, and the tracks of the last frame.
 
-    def __init__(self, every: int = 1) -> None:
-        """`every`: of how many frames an estimator takes one; only the views of that one count."""
-        self._every, self._frames = every, 0
-        self._product = _FIRST_GUESS * _DECAY * _GUESS_PAIRS
-        self._pairs = _GUESS_PAIRS
-        self._ids = np.empty(0, np.int64)
-        self._ages = np.empty(0, np.intp)
-        self._rows = np.empty(0)
+    `every`: of how many frames an estimator takes one; only the views of that one count. `frames` so far; `product` and
+    `pairs`: sum of products of row differences of one track in consecutive frames, and of how many. `ids` (n,), with
+    `ages` (n,) in views and whitened `rows` (n,).
+    """
+
+    every: int = 1
+    frames: int = 0
+    product: float = _FIRST_GUESS * _DECAY * _GUESS_PAIRS
+    pairs: float = _GUESS_PAIRS
+    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    ages: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
+    rows: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def ratio(self) -> float:
         """Variance of the lasting part of errors over that of the white part."""
-        return max(self._product / self._pairs / _DECAY, 0.0)
+        return max(self.product / self.pairs / _DECAY, 0.0)
 
-    def inflation(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> Array:
-        """Take in a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances (n, 4, 4).
-
-        Returns by how much (n, 2) the variances of left and right side have to be multiplied where views of one track
-        are added up as if they were independent.
-        """
+    def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "Persistence":
+        """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
         rows = _whitened_rows(z_px, cov_px)
-        _, old, now = np.intersect1d(self._ids, ids, assume_unique=True, return_indices=True)
-        self._learn(self._rows[old] * rows[now])
-        ages = np.zeros(len(ids), np.intp)
-        ages[now] = np.minimum(self._ages[old] + (self._frames % self._every == 0), _MAX_AGE - 1)
-        self._frames += 1
-        self._ids, self._ages, self._rows = ids, ages, rows
-        left, right = (inflation_by_age(share * self.ratio, _DECAY**self._every) for share in (_LEFT_FRACTION, 1.0))
-        return np.stack([left[ages], right[ages]], axis=1)
-
-    def _learn(self, products: Array) -> None:
+        _, old, now = np.intersect1d(self.ids, ids, assume_unique=True, return_indices=True)
+        products = self.rows[old] * rows[now]
         products = products[np.isfinite(products)]
         keep = max(0.0, 1 - len(products) / _MEMORY_PAIRS)
-        self._pairs = keep * self._pairs + len(products)
-        self._product = keep * self._product + float(products.sum())
+        ages = np.zeros(len(ids), np.intp)
+        ages[now] = np.minimum(self.ages[old] + (self.frames % self.every == 0), _MAX_AGE - 1)
+        return Persistence(
+            every=self.every,
+            frames=self.frames + 1,
+            product=keep * self.product + float(products.sum()),
+            pairs=keep * self.pairs + len(products),
+            ids=ids,
+            ages=ages,
+            rows=rows,
+        )
+
+    @property
+    def inflation(self) -> Array:
+        """By how much (n, 2) the variances of the last views, left and right side, have to be multiplied.
+
+        For an estimator that adds up the views of one track as if they were independent.
+        """
+        left, right = (inflation_by_age(share * self.ratio, _DECAY**self.every) for share in (_LEFT_FRACTION, 1.0))
+        return np.stack([left[self.ages], right[self.ages]], axis=1)
 
 
 def inflation_by_age(ratio: float, decay: float = _DECAY) -> Array:

@@ -1,6 +1,6 @@
 """Rectified images of one frame in the forms that the front-end's steps need."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -22,27 +22,30 @@ _CONTRAST = 12.0
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
-    they came; `stamp_ns`: of the frame they were made of, where `of_frame` has said it. Other forms are computed when
-    they are first asked for."""
+    they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
+    be used, None of other images. Other forms are computed when they are first asked for."""
 
     left: Image
     right: Image
     left_half: Image
     rectified: tuple[Image, Image]
     stamp_ns: int | None = None
+    grey_bits: int | None = None
 
     @classmethod
-    def of(cls, left: Image, right: Image, sigma_px: float) -> "PreparedImages":
+    def of(
+        cls,
+        left: Image,
+        right: Image,
+        sigma_px: float,
+        stamp_ns: int | None = None,
+        grey_bits: int | None = None,
+    ) -> "PreparedImages":
         """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        return cls(left, right, _halved(left), rectified)
-
-    def of_frame(self, stamp_ns: int) -> "PreparedImages":
-        """Themselves, marked with the stamp of their frame: a step with those of another one can be refused."""
-        object.__setattr__(self, "stamp_ns", stamp_ns)
-        return self
+        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits)
 
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
@@ -81,14 +84,12 @@ class PreparedImages:
         """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
         return self.full_grey if scale == 1 else self.quarter_grey
 
-    def shrink(self) -> None:
-        """Let go of the large forms that only the newest frame needs."""
-        for name in ("full_grey", "corner_strength"):
-            self.__dict__.pop(name, None)
-
-    def equals(self, other: "PreparedImages") -> bool:
-        """Whether both images are bit for bit those of another frame."""
-        return np.array_equal(self.left, other.left) and np.array_equal(self.right, other.right)
+    def shrunk(self) -> "PreparedImages":
+        """The same without the large forms that only the newest frame needs."""
+        kept = replace(self)
+        forms = ("quarter_grey", "quarter_flow", "exposure")
+        kept.__dict__.update({name: self.__dict__[name] for name in forms if name in self.__dict__})
+        return kept
 
     @property
     def scale(self) -> float:

@@ -9,7 +9,7 @@ A frame whose turn is unusual is estimated from the left image: the depths of it
 three such frames in a row have shown the same turn, it is taken out of everything that is measured on the right.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,16 +94,16 @@ def root_of_turn(rig: RigModel) -> Array:
     return rig.root_of_turn(_STD_TURN_RAD)
 
 
+@dataclass(frozen=True, slots=True)
 class RightTurn:
     """By how much, `rad` (3,), the right camera has turned since the calibration; what is found is without it."""
 
-    def __init__(self, projection: StereoProjection) -> None:
-        self._projection = projection
-        self.rad = np.zeros(3)
+    projection: StereoProjection
+    rad: Array = field(default_factory=lambda: np.zeros(3))
 
-    def add(self, rad: Array) -> None:
-        """It has turned further, by (3,)."""
-        self.rad = self.rad + rad
+    def turned(self, rad: Array) -> "RightTurn":
+        """Return the turn after a further one, by (3,)."""
+        return replace(self, rad=self.rad + rad)
 
     def taken_out(self, right_px: Array) -> Array:
         """Positions (n, 2) in the right image as they would be without the turn."""
@@ -114,44 +114,34 @@ class RightTurn:
         return right_px + self._shift_px(right_px) if self.rad.any() else right_px
 
     def _shift_px(self, right_px: Array) -> Array:
-        return np.asarray(effects_of_turn(self._projection, right_px) @ self.rad)
+        return np.asarray(effects_of_turn(self.projection, right_px) @ self.rad)
 
 
+@dataclass(frozen=True, slots=True)
 class TurnWatch:
-    """Judges the turns of a run; `suspected_frames`: how many frames in a row, up to the latest, were unusual.
+    """What the turns of a run's frames say: the covariance of `usual` ones (3, 3), learnt from so many `frames`.
 
-    `lasting_rad` (3,): the turn of the right camera that they have shown, once it is believed.
+    `unusual`: the turns of the frames in a row, up to the latest, that were not usual.
     """
 
-    def __init__(self, projection: StereoProjection) -> None:
-        self._projection = projection
-        self._usual = np.eye(3) * _FIRST_GUESS_RAD**2
-        self._frames = _GUESS_FRAMES
-        self._seen: list[Turn] = []
-
-    @property
-    def suspected_frames(self) -> int:
-        """How many frames in a row, up to the latest one, showed an unusual turn."""
-        return len(self._seen)
-
-    @property
-    def latest_rad(self) -> Array:
-        """The latest of these turns (3,)."""
-        return self._seen[-1].rad
+    projection: StereoProjection
+    usual: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
+    frames: int = _GUESS_FRAMES
+    unusual: tuple[Turn, ...] = ()
 
     @property
     def lasting_rad(self) -> Array | None:
         """The turn (3,) that the latest frames have in common, once there are enough."""
-        latest = np.array([turn.rad for turn in self._seen[-_LASTS_FRAMES:]])
+        latest = np.array([turn.rad for turn in self.unusual[-_LASTS_FRAMES:]])
         if len(latest) < _LASTS_FRAMES:
             return None
         mean = latest.mean(axis=0)
         apart = np.linalg.norm(latest - mean, axis=1).max()
         return mean if apart < _SAME * np.linalg.norm(mean) else None
 
-    def forget(self) -> None:
-        """End a suspicion: the turn is taken out from now on, or there are no tracks left that could show it."""
-        self._seen = []
+    def calm(self) -> "TurnWatch":
+        """Return the same without unusual turns: they are taken out from now on, or no tracks are left to show them."""
+        return replace(self, unusual=())
 
     def judge(
         self,
@@ -161,8 +151,8 @@ class TurnWatch:
         cov_px: Array,
         cam_from_previous: Array,
         by_delay_rad: Array,
-    ) -> Turn | None:
-        """Return the turn that a frame shows if it is unusual.
+    ) -> tuple["TurnWatch", Turn | None]:
+        """Return the watch after a frame, and the turn that the frame shows if it is unusual.
 
         Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
@@ -170,36 +160,39 @@ class TurnWatch:
         """
         seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
         if len(seen) < _MIN_VIEWS:
-            self.forget()
-            return None
-        views = PointViews(self._projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
+            return self.calm(), None
+        views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = _fitted(views, cam_from_previous, 1)
         if self._chi2(turn, by_delay_rad) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
             turn = _fitted(views, cam_from_previous, _STEPS)
         if not self._is_unusual(turn, by_delay_rad):
-            return None
-        self._seen.append(turn)
+            return self._learnt(turn, by_delay_rad), None
         agree = np.zeros(len(z_px), bool)
         agree[seen] = turn.agree
-        return replace(turn, agree=agree)
+        turn = replace(turn, agree=agree)
+        return replace(self, unusual=(*self.unusual, turn)), turn
 
     def _is_unusual(self, turn: Turn, by_delay_rad: Array) -> bool:
-        """Whether a turn is so by those of the frames before; otherwise learn from it what is usual."""
+        """Whether a turn is so by those of the frames before, and there was not one like it for a long time."""
+        return len(self.unusual) < _PATIENCE_FRAMES and self._stands_out(turn, by_delay_rad)
+
+    def _stands_out(self, turn: Turn, by_delay_rad: Array) -> bool:
+        """Whether a turn is larger than usual, possible, and what most of the views show."""
+        px = self.projection.f_px * float(np.linalg.norm(turn.rad))
+        return self._chi2(turn, by_delay_rad) > _UNUSUAL and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
+
+    def _learnt(self, turn: Turn, by_delay_rad: Array) -> "TurnWatch":
+        """Return the watch after a frame whose turn counts as usual."""
+        square = np.outer(turn.rad, turn.rad)
+        if self._stands_out(turn, by_delay_rad):
+            return replace(self, usual=self.usual + square, unusual=())
+        frames = min(self.frames + 1, _MEMORY_FRAMES)
         chi2 = self._chi2(turn, by_delay_rad)
-        px = self._projection.f_px * float(np.linalg.norm(turn.rad))
-        if chi2 > _UNUSUAL and px < _MAX_TURN_PX and turn.agree.mean() > _AGREE:
-            if len(self._seen) < _PATIENCE_FRAMES:
-                return True
-            self._usual = self._usual + np.outer(turn.rad, turn.rad)
-        else:
-            self._frames = min(self._frames + 1, _MEMORY_FRAMES)
-            counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
-            self._usual = self._usual + (counts * np.outer(turn.rad, turn.rad) - self._usual) / self._frames
-        self.forget()
-        return False
+        counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
+        return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
 
     def _chi2(self, turn: Turn, by_delay_rad: Array) -> float:
-        cov = turn.cov + self._usual + np.outer(by_delay_rad, by_delay_rad)
+        cov = turn.cov + self.usual + np.outer(by_delay_rad, by_delay_rad)
         return float(turn.rad @ np.linalg.solve(cov, turn.rad))
 
 

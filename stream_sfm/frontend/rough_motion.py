@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FrontendConfig
 from ..geometry.resection import resect
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
-from .flow import Flow, exposure_hypotheses
+from .alignment import Aligners, split
+from .flow import exposure_hypotheses, track, track_wide
 from .prepared import Image, PreparedImages
+from .state import Setup
 from .tracks import Tracks
 
 _STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
@@ -59,110 +59,103 @@ class _Attempt:
 class _FlowInput:
     """What flow is computed from: `before_half`, the `previous` left image at half the size with today's exposure."""
 
+    setup: Setup
+    aligners: Aligners
     before_half: Image
     previous: PreparedImages
     images: PreparedImages
     tracks: Tracks
 
 
-class RoughMotionFinder:
-    """Finds rough motions by flow."""
+def find_rough_motion(
+    setup: Setup,
+    aligners: Aligners,
+    previous: PreparedImages,
+    images: PreparedImages,
+    tracks: Tracks,
+    predicted: Array,
+    motion_known: bool,
+) -> RoughMotion | None:
+    """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
+    best: RoughMotion | None = None
+    for attempt in _attempts(setup.config.frontend.pyramid_levels, tracks, predicted, motion_known):
+        for before_half in exposure_hypotheses(previous, images):
+            flow = _FlowInput(setup, aligners, before_half, previous, images, tracks)
+            found = _led(flow, attempt)
+            if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
+                best = found
+            if best is not None and best.share > _ENOUGH:
+                return best
+    if best is None or best.agree.sum() < max(_LEAST_VIEWS, _LEAST * len(tracks)):
+        return None
+    return best
 
-    def __init__(
-        self, projection: StereoProjection, config: FrontendConfig, flow: Flow, gate_probability: float
-    ) -> None:
-        self.projection = projection
-        self.config = config
-        self.flow = flow
-        self._gate_probability = gate_probability
 
-    def find(
-        self,
-        previous: PreparedImages,
-        images: PreparedImages,
-        tracks: Tracks,
-        predicted: Array,
-        motion_known: bool,
-    ) -> RoughMotion | None:
-        """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
-        best: RoughMotion | None = None
-        for attempt in self._attempts(tracks, predicted, motion_known):
-            for before_half in exposure_hypotheses(previous, images):
-                flow = _FlowInput(before_half, previous, images, tracks)
-                found = self._led(flow, attempt)
-                if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
-                    best = found
-                if best is not None and best.share > _ENOUGH:
-                    return best
-        if best is None or best.agree.sum() < max(_LEAST_VIEWS, _LEAST * len(tracks)):
-            return None
-        return best
+def _attempts(near: int, tracks: Tracks, predicted: Array, motion_known: bool) -> Iterator[_Attempt]:
+    """What to try, in order; `near`: pyramid levels for a motion that is predicted well."""
+    deep = near + _MORE_LEVELS
+    if motion_known:
+        yield _Attempt(predicted, near)
+    yield _Attempt(predicted, deep)
+    if motion_known:
+        yield _Attempt(np.eye(4), deep)
+    rho = float(np.median(tracks.points[:, 3]))
+    if rho > 0:
+        for zoom in _ZOOMS:
+            forward = np.eye(4)
+            forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
+            yield _Attempt(forward, deep, zoom)
 
-    def _attempts(self, tracks: Tracks, predicted: Array, motion_known: bool) -> Iterator[_Attempt]:
-        """What to try, in order."""
-        near, deep = self.config.pyramid_levels, self.config.pyramid_levels + _MORE_LEVELS
-        if motion_known:
-            yield _Attempt(predicted, near)
-        yield _Attempt(predicted, deep)
-        if motion_known:
-            yield _Attempt(np.eye(4), deep)
-        rho = float(np.median(tracks.points[:, 3]))
-        if rho > 0:
-            for zoom in _ZOOMS:
-                forward = np.eye(4)
-                forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
-                yield _Attempt(forward, deep, zoom)
 
-    def _led(self, flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
-        """The motion by flow of an attempt; where few agree with it, by flow started from that motion again."""
-        best = self._run(flow, attempt)
-        for _ in range(_LEAD_ROUNDS):
-            if best is None or best.share > _ENOUGH or best.agree.sum() < _LEAST_VIEWS:
-                break
-            again = _Attempt(best.cam_from_previous, self.config.pyramid_levels, attempt.zoom)
-            found = self._run(flow, again)
-            if found is None or found.agree.sum() <= best.agree.sum():
-                break
-            best = found
-        return best
+def _led(flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
+    """The motion by flow of an attempt; where few agree with it, by flow started from that motion again."""
+    best = _run(flow, attempt)
+    for _ in range(_LEAD_ROUNDS):
+        if best is None or best.share > _ENOUGH or best.agree.sum() < _LEAST_VIEWS:
+            break
+        again = _Attempt(best.cam_from_previous, flow.setup.config.frontend.pyramid_levels, attempt.zoom)
+        found = _run(flow, again)
+        if found is None or found.agree.sum() <= best.agree.sum():
+            break
+        best = found
+    return best
 
-    def _run(self, flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
-        """One run of flow, and the rigid motion that most of it agrees on."""
-        tracks = flow.tracks
-        at_px, found = self._track(flow, attempt)
-        z_px = np.full((int(found.sum()), 4), np.nan)
-        z_px[:, :2] = at_px[found]
-        cov_px = (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4)
-        points, cov_points = tracks.points[found], tracks.cov_points(self.projection)[found]
-        motion = resect(
-            self.projection,
-            points,
-            cov_points,
-            z_px,
-            cov_px,
-            attempt.start,
-            self._gate_probability,
-            tracks.weights[found],
-            find_second=False,
-        )
-        if not motion.ok:
-            return None
-        agree = np.zeros(len(tracks), bool)
-        agree[found] = motion.accepted
-        return RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
 
-    def _track(self, flow: _FlowInput, attempt: _Attempt) -> tuple[Array, NDArray[np.bool_]]:
-        """Positions (n, 2) of all tracks by flow, and which were found."""
-        tracks = flow.tracks
-        at_px = self.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
-        found = np.zeros(len(tracks), bool)
-        fine, wide = tracks.scale == 1, tracks.scale > 1
-        if fine.any():
-            at_px[fine], found[fine] = self.flow.track(
-                flow.before_half, flow.images, tracks.left_px[fine], at_px[fine], attempt.levels, attempt.zoom
+def _run(flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
+    """One run of flow, and the rigid motion that most of it agrees on."""
+    (projection, config), tracks = flow.setup, flow.tracks
+    at_px, found = _track(flow, attempt)
+    z_px = np.full((int(found.sum()), 4), np.nan)
+    z_px[:, :2] = at_px[found]
+    motion = resect(
+        projection,
+        tracks.points[found],
+        tracks.cov_points(projection)[found],
+        z_px,
+        (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4),
+        attempt.start,
+        config.robust.gate_probability,
+        tracks.weights[found],
+        find_second=False,
+    )
+    if not motion.ok:
+        return None
+    agree = np.zeros(len(tracks), bool)
+    agree[found] = motion.accepted
+    return RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
+
+
+def _track(flow: _FlowInput, attempt: _Attempt) -> tuple[Array, NDArray[np.bool_]]:
+    """Positions (n, 2) of all tracks by flow, and which were found."""
+    tracks = flow.tracks
+    at_px = flow.setup.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
+    found = np.zeros(len(tracks), bool)
+    for aligner, rows in split(flow.aligners, tracks.scale):
+        before_px, start_px = tracks.left_px[rows], at_px[rows]
+        if aligner.scale == 1:
+            at_px[rows], found[rows] = track(
+                aligner, flow.before_half, flow.images, before_px, start_px, attempt.levels, attempt.zoom
             )
-        if wide.any():
-            at_px[wide], found[wide] = self.flow.track_wide(
-                flow.previous, flow.images, tracks.left_px[wide], at_px[wide]
-            )
-        return at_px, found
+        else:
+            at_px[rows], found[rows] = track_wide(aligner, flow.previous, flow.images, before_px, start_px)
+    return at_px, found

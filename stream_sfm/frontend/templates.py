@@ -33,6 +33,7 @@ _GAIN_RANGE = (0.1, 10.0)  # of grey values now over then, chosen by hand: no ex
 _MIN_EXPLAINED = 0.5  # fraction of the image's variance, chosen by hand: at less it shows something else
 _PARAMETERS = 4  # that a patch's residual has been fitted with: position, gain, offset
 _RIDGE, _MIN_INFORMATION = 1e-6, 1e-3  # relative to the trace, and grey²: patches without texture stay invertible
+_BEYOND = 2  # the window, for its derivatives and interpolation, px
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 # Area of the template that one pixel of today covers: at less the patch has grown by more than √5 and shows
 # detail that the template lacks.
@@ -161,43 +162,48 @@ class Patches:
         return np.asarray(grey - level[:, None]), np.asarray(level)
 
 
+@dataclass(frozen=True, slots=True)
 class TemplateAtlas:
-    """Patches of all tracks by slot.
+    """Patches of all tracks by slot, in one image `grey`, which interpolation needs.
 
     `radius_px` of the alignment window (2r+1 pixels wide); patches are stored half as large again, so that a warp
     finds its pixels.
     """
 
-    def __init__(self, slots: int, radius_px: int) -> None:
-        self.radius = radius_px
-        self.reach = radius_px + 2  # window, its derivatives, and interpolation
-        self.half = int(_STORED * self.reach)
-        self.side = 2 * self.half + 1
-        # one image, which interpolation needs, and the same memory by patch
-        self.atlas = np.zeros((-(-slots // _COLUMNS) * self.side, _COLUMNS * self.side), np.float32)
-        self.by_patch = self.atlas.reshape(-1, self.side, _COLUMNS, self.side)
+    radius_px: int
+    grey: Grey
 
-    def store(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> None:
-        """Cut patches around whole pixels (n, 2)."""
-        margin = self.half
-        wide = cv2.copyMakeBorder(image, margin, margin, margin, margin, cv2.BORDER_REPLICATE)
-        every = sliding_window_view(np.asarray(wide), (self.side, self.side))
-        self.by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = every[points_px[:, 1], points_px[:, 0]]
+    @classmethod
+    def empty(cls, slots: int, radius_px: int) -> "TemplateAtlas":
+        """Return an atlas with so many slots."""
+        side = 2 * _half(radius_px) + 1
+        return cls(radius_px, np.zeros((-(-slots // _COLUMNS) * side, _COLUMNS * side), np.float32))
+
+    def stored(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> "TemplateAtlas":
+        """Return the atlas with patches cut around whole pixels (n, 2) in these slots (n,)."""
+        half, grey = _half(self.radius_px), self.grey.copy()
+        side = 2 * half + 1
+        wide = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
+        every = sliding_window_view(np.asarray(wide), (side, side))
+        by_patch = grey.reshape(-1, side, _COLUMNS, side)
+        by_patch[slots // _COLUMNS, :, slots % _COLUMNS] = every[points_px[:, 1], points_px[:, 0]]
+        return TemplateAtlas(self.radius_px, grey)
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
-        reach = np.abs(anchor_from_now).sum(axis=2) * self.reach  # of W u, and of h·u, over the window
-        inside: NDArray[np.bool_] = reach[:, :2].max(axis=1) < self.half * (1 - reach[:, 2])
+        # of W u, and of h·u, over the window
+        reach = np.abs(anchor_from_now).sum(axis=2) * (self.radius_px + _BEYOND)
+        inside: NDArray[np.bool_] = reach[:, :2].max(axis=1) < _half(self.radius_px) * (1 - reach[:, 2])
         inside &= np.abs(np.linalg.det(anchor_from_now[:, :2])) > _MIN_AREA
         return inside
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """The templates of `slots` (n,) as today's image should show them; warps (n, 3, 2) of pixel offsets."""
-        return Patches.of_grey(self._grey(slots, anchor_from_now, self.radius), _SPACING_PX)
+        return Patches.of_grey(self._grey(slots, anchor_from_now, self.radius_px), _SPACING_PX)
 
     def inner(self, slots: NDArray[np.intp]) -> Patches:
         """The inner halves of templates as they were cut, of every pixel."""
-        return Patches.of_grey(self._grey(slots, facing(len(slots)), self.radius // 2), 1)
+        return Patches.of_grey(self._grey(slots, facing(len(slots)), self.radius_px // 2), 1)
 
     def _grey(self, slots: NDArray[np.intp], anchor_from_now: Array, radius: int) -> Grey:
         """Patches (n, 2r + 3, 2r + 3), one pixel of today's image between neighbours."""
@@ -207,7 +213,13 @@ class TemplateAtlas:
         pixels = Samples.of(radius + 1, 1)
         grid = np.stack([pixels.u_px, pixels.v_px])
         w = anchor_from_now.astype(np.float32)
-        centre = np.stack([slots % _COLUMNS, slots // _COLUMNS], axis=1) * self.side + self.half
+        half = _half(self.radius_px)
+        centre = np.stack([slots % _COLUMNS, slots // _COLUMNS], axis=1) * (2 * half + 1) + half
         nearer = 1 + w[:, 2] @ grid
         x, y = ((w[:, i] @ grid) / nearer + centre[:, i, None].astype(np.float32) for i in (0, 1))
-        return np.asarray(cv2.remap(self.atlas, x, y, cv2.INTER_LINEAR), np.float32).reshape(-1, side, side)
+        return np.asarray(cv2.remap(self.grey, x, y, cv2.INTER_LINEAR), np.float32).reshape(-1, side, side)
+
+
+def _half(radius_px: int) -> int:
+    """Half width of a stored patch."""
+    return int(_STORED * (radius_px + _BEYOND))

@@ -76,6 +76,10 @@ class Tracks:
             rows = np.flatnonzero(rows)  # once, not once per column
         return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
 
+    def missing(self, wanted: int) -> int:
+        """How many tracks of ordinary templates more there should be; rejected ones do not count."""
+        return wanted - int(((self.scale == 1) & (self.rejected == 0)).sum())
+
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""
         return Tracks(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
@@ -88,12 +92,12 @@ class Tracks:
         """
         return _NO_HISTORY + np.minimum(self.agreed, _FULL_HISTORY)
 
-    def judged(self, accepted: NDArray[np.bool_], contested: bool) -> "Tracks":
-        """After a frame whose motion `accepted` (n,) agree with; where another one contests it, all keep their history.
+    def judged(self, accepted: NDArray[np.bool_], ambiguous: bool) -> "Tracks":
+        """After a frame whose motion `accepted` (n,) agree with; where another may be right, all keep their history.
 
         Otherwise a body that is once taken for the background would outvote it soon.
         """
-        agreed = self.agreed if contested else np.where(accepted, self.agreed + 1, self.agreed // 2)
+        agreed = self.agreed if ambiguous else np.where(accepted, self.agreed + 1, self.agreed // 2)
         return replace(self, agreed=agreed, rejected=np.where(accepted, 0, self.rejected + 1))
 
     def moved(self, cam_from_previous: Array) -> "Tracks":

@@ -47,11 +47,12 @@ _CALM_SHARE = 0.8
 # residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
 _CALM_SPREAD = 4.0
 _SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and say nothing about the noise
-# A second motion is a rival where it has at least this share of the first one's evidence. Bodies that pass in a room
-# have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a history.
-_RIVAL_SHARE = 0.1
-_RIVAL_BEYOND = 2.0  # gates: views that are clearly not of the first motion
-_MIN_RIVAL_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+# A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
+# pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
+# history.
+_AMBIGUOUS_SHARE = 0.1
+_BEYOND = 2.0  # gates: views that are clearly not of the first motion
+_MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,9 @@ class SecondMotion:
     odds: float
 
     @property
-    def is_rival(self) -> bool:
+    def is_ambiguous(self) -> bool:
         """Whether the views cannot tell which of the two motions is that of the background."""
-        return self.odds >= _RIVAL_SHARE
+        return self.odds >= _AMBIGUOUS_SHARE
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +99,9 @@ class Resection:
     cov_amplitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
-    def rival(self) -> SecondMotion | None:
+    def ambiguous(self) -> SecondMotion | None:
         """The second motion where the views cannot tell which of the two is that of the background."""
-        return self.second if self.second and self.second.is_rival else None
+        return self.second if self.second and self.second.is_ambiguous else None
 
 
 class _Motion(NamedTuple):
@@ -196,18 +197,18 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     Many views may agree with both motions; they say nothing about which of the two is that of the background.
     With errors that all views share it takes as many views more.
     """
-    off = found.squared_residuals > _RIVAL_BEYOND * views.gate
-    if not found.ok or off.sum() < _MIN_RIVAL_VIEWS:
+    off = found.squared_residuals > _BEYOND * views.gate
+    if not found.ok or off.sum() < _MIN_SECOND_VIEWS:
         return found
     seen = views.without_shared(found.amplitudes)
-    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_RIVAL_VIEWS)
+    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_SECOND_VIEWS)
     other = _least_squares(views, weights, _Motion(start, found.amplitudes), *views.linearise(start))
     only_other = off & other.accepted
-    if not other.ok or only_other.sum() < _MIN_RIVAL_VIEWS + len(found.amplitudes):
+    if not other.ok or only_other.sum() < _MIN_SECOND_VIEWS + len(found.amplitudes):
         return found
-    only_found = found.accepted & (other.squared_residuals > _RIVAL_BEYOND * views.gate)
+    only_found = found.accepted & (other.squared_residuals > _BEYOND * views.gate)
     odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
-    if odds > 1 / _RIVAL_SHARE:
+    if odds > 1 / _AMBIGUOUS_SHARE:
         second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
         return replace(other, second=second)
     return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))

@@ -65,8 +65,8 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
         z_px = o.z_px
         for _ in range(_STEPS if error.any() else 0):
             z_px = o.z_px + model.effects(z_px) @ amplitudes
-        inflation = persistence.inflation(o.track_ids, z_px, o.cov_px)
-        result.append(replace(o, z_px=z_px, rig=model, inflation=inflation))
+        persistence = persistence.after(o.track_ids, z_px, o.cov_px)
+        result.append(replace(o, z_px=z_px, rig=model, inflation=persistence.inflation))
     return tuple(result)
 
 

@@ -24,7 +24,10 @@ def frame_to_frame_over_window(ratio: float, scenes: int = 10) -> np.ndarray:
         if ratio:
             observations = with_lasting_errors(s, ratio, np.random.default_rng(seed))
         persistence = Persistence()
-        learnt = [replace(o, inflation=persistence.inflation(o.track_ids, o.z_px, o.cov_px)) for o in observations]
+        learnt = []
+        for o in observations:
+            persistence = persistence.after(o.track_ids, o.z_px, o.cov_px)
+            learnt.append(replace(o, inflation=persistence.inflation))
         for name, found in squares.items():
             estimator = make_estimator(name, s.projection, Config())
             poses = np.array([estimator.step(o).world_from_cam for o in learnt])

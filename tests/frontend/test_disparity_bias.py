@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config import Config
 from stream_sfm.frontend.disparity_bias import _REMEMBERED, MIN_BIAS_PX, DisparityBias
-from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.types import StereoFrame
+from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, rig
 
 
 def test_points_across_a_depth_edge_say_so() -> None:
     """The same wall nearer by 6 px of disparity in the right half of the left image."""
     stereo = rig()
-    rectifier = Rectifier(stereo)
     left, right = Wall(7).frame(stereo, np.eye(4), 0).images
     edge = left.shape[1] // 2
     nearer = np.roll(right, -6, axis=1)
@@ -21,10 +19,10 @@ def test_points_across_a_depth_edge_say_so() -> None:
     split[:, edge - 30 :] = nearer[:, edge - 30 :]  # the edge is about there in the right image
     std_px = {}
     for name, image in (("wall", right), ("edge", split)):
-        front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
-        seen = front.step(0, 0, front.prepare(left, image))
+        front = SteppedFrontEnd(stereo)
+        seen = front.step(StereoFrame(0, left, image))
         near_edge = np.abs(seen.z_px[:, 2] - (edge - 30)) < 9
-        std_px[name] = np.median(front.std_bias_px(seen.track_ids)[near_edge])
+        std_px[name] = np.median(front.state.bias.std_px(seen.track_ids)[near_edge])
     assert std_px["edge"] > 1.5 * std_px["wall"]
 
 
@@ -34,7 +32,8 @@ def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
     assert bias.std_px(np.empty(0, np.int64)).shape == (0,)
     for start in range(0, 5 * _REMEMBERED, 100):
         ids = np.arange(start, start + 100)
-        bias.learn(ids, np.full(100, 0.3))
+        bias = bias.learnt(ids, np.full(100, 0.3))
         assert bias.std_px(ids) == pytest.approx(np.hypot(MIN_BIAS_PX, 0.3))
-    assert len(bias._recent) + len(bias._older) <= 2 * _REMEMBERED + 200
-    assert bias.std_px(np.array([5 * _REMEMBERED - _REMEMBERED]))[0] > 0.3
+    assert len(bias.ids) == len(bias.stds_px) == _REMEMBERED
+    assert bias.std_px(np.array([4 * _REMEMBERED]))[0] > 0.3
+    assert bias.std_px(np.array([4 * _REMEMBERED - 1]))[0] == MIN_BIAS_PX

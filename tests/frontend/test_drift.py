@@ -6,7 +6,7 @@ import pytest
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.geometry import se3
 
-NOISE = ViewNoise(smoothing_px=1.0, radius_px=10)
+NOISE = ViewNoise.unknown(smoothing_px=1.0, radius_px=10)
 
 
 def drift(ray: tuple[float, float], depth_m: float, motion_m: tuple[float, float, float]) -> float:

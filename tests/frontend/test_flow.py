@@ -6,9 +6,9 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig
-from stream_sfm.frontend.alignment import TemplateAligners
+from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.corners import corner_strength, detect
-from stream_sfm.frontend.flow import Flow, exposure_hypotheses
+from stream_sfm.frontend.flow import exposure_hypotheses, track
 from stream_sfm.frontend.prepared import PreparedImages
 from tests.helpers.wall import Wall, rig
 
@@ -23,9 +23,8 @@ def reached(levels: int, shift_px: int) -> float:
     valid = np.ones(image.shape, bool)
     corners = detect(corner_strength(image), np.empty((0, 2)), valid, 60, 12.0, 1e-5).astype(float)
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
-    config = FrontendConfig(pyramid_levels=levels)
-    flow = Flow(config, TemplateAligners(config, valid))
-    at, found = flow.track(prepared(image).left_half, prepared(np.roll(image, shift_px, axis=1)), corners, corners)
+    aligner, moved = TemplateAligner.empty(FrontendConfig(), valid), prepared(np.roll(image, shift_px, axis=1))
+    at, found = track(aligner, prepared(image).left_half, moved, corners, corners, levels)
     return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
 
 

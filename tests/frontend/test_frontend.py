@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config import Config
 from stream_sfm.frontend.corners import corner_strength, detect
-from stream_sfm.frontend.front_end import StereoFrontEnd
 from stream_sfm.frontend.stereo_matching import match_along_rows
 from stream_sfm.geometry import se3
-from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tests.helpers.front_end import SteppedFrontEnd
+from tests.helpers.wall import Wall, camera_path, rig
 
 
 def test_detect_covers_evenly_and_keeps_its_distance() -> None:
@@ -37,16 +35,15 @@ def test_row_search_finds_shifts_and_refuses_repetition() -> None:
 def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None:
     """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
     stereo, wall, poses = rig(vergence_rad), Wall(3), camera_path(20)
-    rectifier = Rectifier(stereo)
-    front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
+    front = SteppedFrontEnd(stereo)
+    rectifier = front.rectifier
     c = np.eye(4)
     c[:3, :3] = rectifier.rect_from_cam
     normal, origin = wall.world_from_wall[:3, 2], wall.world_from_wall[:3, 3]
     born: dict[int, np.ndarray] = {}
     errors, squares = [], []
     for n, pose in enumerate(poses):
-        pair = front.prepare(*rectifier.rectify(*_images(wall.frame(stereo, pose, n))))
-        observations = front.step(n, n * PERIOD_NS, pair)
+        observations = front.step(wall.frame(stereo, pose, n))
         world_from_rect = pose @ c.T
         p = rectifier.projection
         for i, z, cov in zip(observations.track_ids, observations.z_px, observations.cov_px, strict=True):
@@ -66,7 +63,3 @@ def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None
     assert (np.abs(np.median(errors, axis=0)) < 0.03).all()
     assert (1.4826 * np.median(np.abs(errors), axis=0) < 0.15).all()
     assert 0.1 < np.median(squares) < 10
-
-
-def _images(frame) -> tuple[np.ndarray, np.ndarray]:
-    return frame.left, frame.right

@@ -1,14 +1,12 @@
-"""When left and right count as fitting each other: doubts begin, are confirmed away, or end with a new start."""
+"""When left and right count as fitting each other: problems begin, and end with old points or with a new start."""
 
 import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.alignment import TemplateAligners
-from stream_sfm.frontend.depth_source import RowMatches, StereoDepth
-from stream_sfm.frontend.noise import ViewNoise
-from stream_sfm.frontend.pair_check import PairCheck, PairFit
+from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of
 from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.frontend.rows import Rows
 from stream_sfm.geometry.stereo import StereoProjection
 
 PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
@@ -30,99 +28,103 @@ class Run:
     """A check that is shown frame after frame, each with images of its own."""
 
     def __init__(self, projection: StereoProjection = PROJECTION) -> None:
-        aligners = TemplateAligners(Config().frontend, np.ones((240, 320), bool))
-        self.depth = StereoDepth(projection, Config(), aligners)
-        self.noise = ViewNoise(1.0, 10)
-        self.check = PairCheck(projection, self.depth, self.noise)
+        self.rows, self.factor = Rows.unknown(projection, Config()), 1.0
+        self.check = PairCheck()
         self.frame = 0
+
+    @property
+    def problem(self) -> str:
+        return self.check.problem
 
     def learn_rows(self, at_px: np.ndarray, difference_px: np.ndarray) -> None:
         """Of points far away, whose rows do not move."""
-        points = np.tile([0.0, 0.0, 1.0, 0.0], (len(at_px), 1))
-        self.depth.learn_rows(RowMatches(at_px, difference_px, points), np.zeros(6))
+        self.rows = self.rows.learnt(at_px, difference_px, np.zeros(len(at_px)))
 
-    def show(self, fitting: PairFit | None, next_id: int = 1000) -> bool:
+    def show(self, fitting: PairFit | None, next_id: int = 1000, frozen: bool = False) -> bool:
         self.frame += 1
-        return self.check.judge(images(self.frame), images(self.frame - 1), fitting, next_id)
+        now, before = images(self.frame), images(self.frame - (not frozen))
+        problem = problem_of(now, before, fitting, self.rows, self.factor)
+        self.check, start_anew = self.check.after(problem, fitting, next_id)
+        return start_anew
 
 
-def test_a_good_pair_raises_no_doubt():
+def test_a_good_pair_is_no_problem():
     run = Run()
     assert not any(run.show(fit(0, 95, both)) for both in (95, 80, 60))
-    assert run.check.doubt == ""
+    assert run.problem == ""
 
 
-def test_right_sides_that_are_missing_are_a_doubt_until_old_points_are_back():
+def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():
     run = Run()
     run.show(fit(0, 95, 95))
     run.show(fit(0, 95, 20))
-    assert "20 do in the right one" in run.check.doubt
+    assert "20 do in the right one" in run.problem
     run.show(None)
     run.show(fit(0, 15, 7))  # too few to confirm anything
-    assert run.check.doubt
-    run.show(fit(1000, 95, 95))  # tracks that began in doubt do not confirm it away
-    assert run.check.doubt
+    assert run.problem
+    run.show(fit(1000, 95, 95))  # tracks that began meanwhile do not end it
+    assert run.problem
     assert not run.show(fit(0, 40, 35))
-    assert run.check.doubt == ""
+    assert run.problem == ""
 
 
 def test_few_points_are_no_evidence():
     run = Run()
     run.show(fit(0, 11, 0))
-    assert run.check.doubt == ""
+    assert run.problem == ""
 
 
-def test_a_doubt_without_old_points_ends_with_a_new_start():
+def test_a_problem_without_old_points_ends_with_a_new_start():
     run = Run()
     run.show(fit(0, 95, 0), next_id=100)
     ended = [run.show(fit(100, 95, 90), next_id=300) for _ in range(20)]
     assert ended == [False] * 19 + [True]
-    assert run.check.doubt == ""
+    assert run.problem == ""
     assert not run.show(fit(300, 95, 90))
 
 
-def test_what_hardly_fits_ends_no_doubt():
+def test_what_hardly_fits_ends_no_problem():
     run = Run()
     run.show(fit(0, 95, 0), next_id=100)
     assert not any(run.show(fit(100, 60, 55)) for _ in range(40))
-    assert run.check.doubt
+    assert run.problem
 
 
-def test_the_left_image_of_the_frame_before_is_a_doubt():
-    check = Run().check
-    check.judge(images(1), images(1), fit(0, 95, 95), 1000)
-    assert "are the cameras frozen" in check.doubt
+def test_the_left_image_of_the_frame_before_is_a_problem():
+    run = Run()
+    run.show(fit(0, 95, 95), frozen=True)
+    assert "are the cameras frozen" in run.problem
 
 
-def test_rows_that_no_calibration_has_wrong_are_a_doubt():
+def test_rows_that_no_calibration_has_wrong_are_a_problem():
     run = Run()
     x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
     at = np.stack([x.ravel(), y.ravel()], axis=1)
     for _ in range(10):
         run.learn_rows(at, 0.02 * (at[:, 0] - 160))
-    assert 3.0 < run.depth.rows.largest_px < 3.4
+    assert 3.0 < run.rows.largest_px < 3.4
     run.show(fit(0, 95, 95))
-    assert "the rows of left and right differ" in run.check.doubt
+    assert "the rows of left and right differ" in run.problem
 
 
-def test_rows_that_scatter_are_a_doubt():
+def test_rows_that_scatter_are_a_problem():
     run = Run()
     at = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
     for seed in range(40):
         run.learn_rows(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
     run.show(fit(0, 95, 95))
-    assert "not of one moment" in run.check.doubt
+    assert "not of one moment" in run.problem
 
 
-def test_noise_that_no_image_explains_is_a_doubt():
+def test_noise_that_no_image_explains_is_a_problem():
     run = Run()
-    run.noise.factor = 9.0
+    run.factor = 9.0
     run.show(fit(0, 95, 95))
-    assert "3.0 times what their images explain" in run.check.doubt
+    assert "3.0 times what their images explain" in run.problem
 
 
 @pytest.mark.parametrize(("factor", "name"), [(0.5, "half"), (2.0, "twice")])
-def test_a_calibration_of_another_resolution_is_a_doubt_from_the_first_frame(factor: float, name: str):
+def test_a_calibration_of_another_resolution_is_a_problem_from_the_first_frame(factor: float, name: str):
     p = PROJECTION
     wrong = StereoProjection(
         factor * p.f_px,
@@ -133,6 +135,6 @@ def test_a_calibration_of_another_resolution_is_a_doubt_from_the_first_frame(fac
         p.width,
         p.height,
     )
-    check = Run(wrong).check
-    check.judge(images(1), None, None, 0)
-    assert f"images of {name} the size" in check.doubt
+    run = Run(wrong)
+    run.show(None)
+    assert f"images of {name} the size" in run.problem

@@ -40,10 +40,11 @@ def test_the_ratio_is_learnt_from_rows(ratio: float) -> None:
     for n in range(FRAMES):
         z = rng.normal(size=(150, 4)) * STD_PX
         z[:, 1] += slow[n] + 0.3  # a row offset of the whole frame is not an error of tracks
-        inflation = persistence.inflation(ids, z, cov)
+        persistence = persistence.after(ids, z, cov)
     # differences are limited at three deviations, which takes a few per cent; scatter of 150 independent tracks
     standard_error = np.sqrt(2 / 150) * ratio + 0.02
     assert abs(persistence.ratio - ratio) < 3 * standard_error + 0.15 * ratio * (ratio > 1)
+    inflation = persistence.inflation
     assert (inflation >= 1).all() and (inflation[:, 1] >= inflation[:, 0]).all()
 
 
@@ -59,8 +60,8 @@ def nees_of_short_motions(observations: list, sequence: Sequence, learnt: bool) 
     estimator, persistence = make_estimator("cross-frame", sequence.projection, Config()), Persistence()
     values = []
     for o in observations:
-        inflation = persistence.inflation(o.track_ids, o.z_px, o.cov_px)
-        solution = estimator.step(replace(o, inflation=inflation if learnt else None))
+        persistence = persistence.after(o.track_ids, o.z_px, o.cov_px)
+        solution = estimator.step(replace(o, inflation=persistence.inflation if learnt else None))
         if o.frame_index >= 8:
             error = se3.log(se3.inverse(solution.world_from_cam) @ sequence.world_from_cam[o.frame_index])
             values.append(error @ np.linalg.solve(solution.cov_pose, error))
@@ -94,7 +95,7 @@ def test_views_that_no_estimator_takes_do_not_count(every: int) -> None:
     cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (50, 4, 4))
     rng = np.random.default_rng(5)
     for frame in range(2 * every + 1):
-        inflation = persistence.inflation(ids, STD_PX * rng.normal(size=(50, 4)), cov_px)
+        persistence = persistence.after(ids, STD_PX * rng.normal(size=(50, 4)), cov_px)
         if frame % every == 0:
             expected = inflation_by_age(persistence.ratio, _DECAY**every)[frame // every]
-            assert inflation[:, 1] == pytest.approx(expected)
+            assert persistence.inflation[:, 1] == pytest.approx(expected)

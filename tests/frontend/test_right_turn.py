@@ -53,7 +53,7 @@ def watched(
     rng, watch = np.random.default_rng(seed), TurnWatch(P)
     unusual, measured = [], []
     for rad in turns:
-        turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), by_delay_rad)
+        watch, turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), by_delay_rad)
         unusual.append(turn is not None)
         if turn is not None:
             measured.append(turn.rad)
@@ -71,7 +71,7 @@ def test_a_turn_taken_out_and_put_in_again_is_none() -> None:
     turn = RightTurn(P)
     px = right_view(points(np.random.default_rng(2)), np.zeros(3))
     assert turn.taken_out(px) is px
-    turn.add(3e-3 * np.array([1.0, -1.0, 1.0]))
+    turn = turn.turned(3e-3 * np.array([1.0, -1.0, 1.0]))
     apart = np.abs(turn.taken_out(px) - px).max()
     assert apart > 1
     assert np.abs(turn.put_in(turn.taken_out(px)) - px).max() < 0.01 * apart  # of second order
@@ -101,14 +101,14 @@ def test_a_knock_is_noticed_at_once_and_measured(axis: int, mrad: float) -> None
     assert unusual == [False] * 12 + [True] * 2
     assert watch.lasting_rad is None
     watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 3)
-    assert watch.suspected_frames == 3 and watch.lasting_rad is not None
+    assert len(watch.unusual) == 3 and watch.lasting_rad is not None
     assert np.abs(watch.lasting_rad - knocked).max() < 0.1e-3 + 0.02 * np.linalg.norm(knocked)
 
 
 def test_what_does_not_last_is_not_believed() -> None:
     watch, unusual, _ = watched([np.zeros(3)] * 12 + [YAW] * 2 + [np.zeros(3)])
     assert unusual == [False] * 12 + [True] * 2 + [False]
-    assert watch.suspected_frames == 0 and watch.lasting_rad is None
+    assert not watch.unusual and watch.lasting_rad is None
 
 
 def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:
@@ -138,6 +138,6 @@ def test_few_views_and_impossible_turns_tell_nothing() -> None:
     rng, watch = np.random.default_rng(5), TurnWatch(P)
     known, cov_points, z, cov_px, motion = frame(rng, YAW, np.eye(4))
     z[25:, 2:] = np.nan
-    assert watch.judge(known, cov_points, z, cov_px, motion, NONE) is None
+    assert watch.judge(known, cov_points, z, cov_px, motion, NONE)[1] is None
     known, cov_points, z, cov_px, motion = frame(rng, 20 * YAW, np.eye(4))
-    assert watch.judge(known, cov_points, z, cov_px, motion, NONE) is None
+    assert watch.judge(known, cov_points, z, cov_px, motion, NONE)[1] is None

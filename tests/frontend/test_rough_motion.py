@@ -3,27 +3,18 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config import Config
-from stream_sfm.frontend.front_end import StereoFrontEnd
 from stream_sfm.geometry import se3
 from stream_sfm.types import Observations
-from tests.helpers.wall import PERIOD_NS, Wall, rig
+from tests.helpers.front_end import SteppedFrontEnd
+from tests.helpers.wall import Wall, rig
 
 STEREO = rig()
 
 
 def observed(poses: list[np.ndarray]) -> list[Observations]:
     """Observations of a wall 3 m away from these poses."""
-    rectifier = Rectifier(STEREO)
-    front_end = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
-    wall = Wall(4)
-    found = []
-    for index, pose in enumerate(poses):
-        frame = wall.frame(STEREO, pose, index)
-        images = front_end.prepare(*rectifier.rectify(frame.left, frame.right))
-        found.append(front_end.step(index, index * PERIOD_NS, images))
-    return found
+    front_end, wall = SteppedFrontEnd(STEREO), Wall(4)
+    return [front_end.step(wall.frame(STEREO, pose, index)) for index, pose in enumerate(poses)]
 
 
 @pytest.mark.parametrize(

@@ -49,16 +49,16 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         first, second = seen(grey(scene), 1, 0, rng), seen(grey(scene, shift), gain, offset, rng)
         points = corners(first)
         atlas, slots, facing = (
-            TemplateAtlas(64, RADIUS_PX),
+            TemplateAtlas.empty(64, RADIUS_PX),
             np.arange(len(points)),
             np.stack([FACING] * len(points)),
         )
-        atlas.store(first, points, slots)
+        atlas = atlas.stored(first, points, slots)
         patches = atlas.warped(slots, facing)
         at, found, error = patches.align(second, points + 0.5)
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
-        cov = ViewNoise(1.0, RADIUS_PX).covariance(patches.gradients, error, error)[found, :2, :2]
+        cov = ViewNoise.unknown(1.0, RADIUS_PX).covariance(patches.gradients, error, error)[found, :2, :2]
         cov = 2 * cov - _FLOOR_PX**2 * np.eye(2)  # half of the grey difference is the template's noise
         errors.append(away)
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
@@ -80,8 +80,8 @@ def test_light_that_changes_on_one_patch_alone_makes_it_worth_less() -> None:
     lit = scene.copy()
     u, v = points[0]
     lit[v - 12 : v + 13, u - 12 : u + 13] *= 1.3
-    atlas, slots = TemplateAtlas(64, RADIUS_PX), np.arange(len(points))
-    atlas.store(first, points, slots)
+    atlas, slots = TemplateAtlas.empty(64, RADIUS_PX), np.arange(len(points))
+    atlas = atlas.stored(first, points, slots)
     patches = atlas.warped(slots, np.stack([FACING] * len(points)))
     error = {name: patches.align(seen(s, 0.8, 10, rng), points)[2] for name, s in (("", scene), ("lit", lit))}
     far = np.abs(points - points[0]).max(axis=1) > 40
@@ -93,8 +93,8 @@ def test_what_is_not_there_is_not_found() -> None:
     rng = np.random.default_rng(6)
     first, other = (seen(grey(texture(rng)), 1, 0, rng) for _ in range(2))
     points = corners(first)
-    atlas, slots = TemplateAtlas(64, RADIUS_PX), np.arange(len(points))
-    atlas.store(first, points, slots)
+    atlas, slots = TemplateAtlas.empty(64, RADIUS_PX), np.arange(len(points))
+    atlas = atlas.stored(first, points, slots)
     patches = atlas.warped(slots, np.stack([FACING] * len(points)))
     for image in (other, 255 - first, np.full_like(first, 7)):
         at, found, error = patches.align(image, points)
@@ -108,7 +108,7 @@ def test_what_is_not_there_is_not_found() -> None:
 
 
 def test_no_patches_are_no_special_case() -> None:
-    atlas = TemplateAtlas(64, RADIUS_PX)
+    atlas = TemplateAtlas.empty(64, RADIUS_PX)
     patches = atlas.warped(np.empty(0, int), np.empty((0, 3, 2)))
     assert isinstance(patches, Patches)
     at, found, error = patches.align(np.zeros((50, 60), np.float32), np.empty((0, 2)))

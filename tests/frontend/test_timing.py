@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config import Config, RigConfig
-from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.config import RigConfig
+from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.frontend.timing import Timing
+from stream_sfm.frontend.tracker import learn_timing
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tests.helpers.front_end import SteppedFrontEnd
+from tests.helpers.wall import Wall, camera_path, rig
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 TWIST = np.array([0.5, 0.1, -1.0, 0.3, 0.6, -0.2])  # per second
@@ -88,32 +89,34 @@ def test_tracks_are_where_corrected_views_put_them() -> None:
 def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
     """And what is told a second time changes nothing more: no part of it is taken out twice."""
     stereo = rig()
-    rectifier = Rectifier(stereo)
-    front = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid, row_of=rectifier.rows_of)
+    front, projection = SteppedFrontEnd(stereo), SteppedFrontEnd(stereo).rectifier.projection
     *frames, later = Wall(2).frames(stereo, camera_path(5))
-    for index, frame in enumerate(frames):
-        front.step(index, index * PERIOD_NS, front.prepare(*frame.images))
-    tracker = front.tracker
-    before, twist = tracker.tracks, tracker.timing.twist
+    for frame in frames:
+        front.step(frame)
+    start = front.state
+    before, twist = start.tracks, start.timing.twist
     assert twist is not None and len(before) > 100
-    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
-    placed = tracker.tracks.points
-    expected = before.shifted(tracker.projection, tracker.timing.taken_out(before.points, twist)).points
+
+    def told_of(state: FrontEndState, seconds: list[float]) -> FrontEndState:
+        return learn_timing(projection, state, np.array(seconds), 1e-8 * np.eye(2))
+
+    told_once = told_of(start, [8e-3, 20e-3])
+    placed = told_once.tracks.points
+    expected = before.shifted(projection, told_once.timing.taken_out(before.points, twist)).points
     assert placed == pytest.approx(expected, abs=1e-12)
     assert np.abs(placed - before.points).max() > 1e-3
-    assert (tracker.tracks.left_px == before.left_px).all()  # it was seen there
+    assert (told_once.tracks.left_px == before.left_px).all()  # it was seen there
 
-    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
-    assert (tracker.tracks.points == placed).all()
-    tracker.learn(np.zeros(2), 1e-8 * np.eye(2))
+    assert (told_of(told_once, [8e-3, 20e-3]).tracks.points == placed).all()
+    back = told_of(told_once, [0.0, 0.0])
     # taken back, but for what the columns change over the few mrad by which the points were moved
-    assert np.abs(tracker.tracks.points - before.points).max() < 0.05 * np.abs(placed - before.points).max()
+    assert np.abs(back.tracks.points - before.points).max() < 0.05 * np.abs(placed - before.points).max()
 
-    tracker.learn(np.array([8e-3, 20e-3]), 1e-8 * np.eye(2))
-    observed = front.step(4, 4 * PERIOD_NS, front.prepare(*later.images))
+    front.state = told_once
+    observed = front.step(later)
     assert np.abs(observed.timing_px).max() > 0.2
     without = (
         observed.z_px - observed.timing_px
     )  # views are handed out as they were seen; tracks are where they would be
-    off = (tracker.projection.project_homogeneous(tracker.tracks.points) - without)[:, :2]
+    off = (projection.project_homogeneous(front.state.tracks.points) - without)[:, :2]
     assert np.abs(off).max() < 0.05 * np.abs(observed.timing_px).max()

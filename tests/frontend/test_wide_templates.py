@@ -3,14 +3,14 @@
 import cv2
 import numpy as np
 
-from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.frontend.alignment import WIDE
-from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.types import Solution
+from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
 
 
@@ -23,22 +23,18 @@ class BareWall(Wall):
         self.texture = 200 + 1.5 * (blotches - blotches.mean()) / blotches.std()
 
 
-def followed(wall: Wall, stereo: StereoRig, poses: np.ndarray) -> tuple[StereoFrontEnd, list[Solution]]:
-    """The front-end after those frames of the wall, and the solutions of the default estimator."""
-    rectifier = Rectifier(stereo)  # of a rectified pair: its axes are the camera's
-    front_end = StereoFrontEnd(rectifier.projection, Config(), rectifier.valid)
-    estimator = CrossFrame(rectifier.projection, Config())
-    solutions = []
-    for index, frame in enumerate(wall.frames(stereo, poses)):
-        images = front_end.prepare(frame.left, frame.right)
-        solutions.append(estimator.step(front_end.step(index, frame.stamp_ns, images)))
-    return front_end, solutions
+def followed(wall: Wall, stereo: StereoRig, poses: np.ndarray) -> tuple[Tracks, list[Solution]]:
+    """The tracks after those frames of the wall, and the solutions of the default estimator."""
+    front_end = SteppedFrontEnd(stereo)  # of a rectified pair: its axes are the camera's
+    estimator = CrossFrame(front_end.rectifier.projection, Config())
+    solutions = [estimator.step(front_end.step(frame)) for frame in wall.frames(stereo, poses)]
+    return front_end.state.tracks, solutions
 
 
 def test_a_bare_wall_is_followed_by_wide_templates() -> None:
     poses = camera_path(12)
-    front_end, solutions = followed(BareWall(3), rig(width=640, height=480), poses)
-    assert (front_end.tracker.tracks.scale == WIDE).sum() > 20
+    tracks, solutions = followed(BareWall(3), rig(width=640, height=480), poses)
+    assert (tracks.scale == WIDE).sum() > 20
     assert "lost" not in [s.status for s in solutions]
     for solution, pose in zip(solutions[1:], poses[1:], strict=True):
         error = se3.log(se3.inverse(solution.world_from_cam) @ pose)
@@ -47,5 +43,5 @@ def test_a_bare_wall_is_followed_by_wide_templates() -> None:
 
 
 def test_textured_images_get_ordinary_templates_only() -> None:
-    front_end, _ = followed(Wall(3), rig(), camera_path(4))
-    assert (front_end.tracker.tracks.scale == 1).all()
+    tracks, _ = followed(Wall(3), rig(), camera_path(4))
+    assert (tracks.scale == 1).all()

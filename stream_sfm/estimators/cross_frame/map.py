@@ -168,7 +168,7 @@ class Map:
         third set, which is hidden; and with the error of the other, eq. (36a). The differences of frames in a row have
         one sign.
         """
-        rival = motion.rival
+        rival = motion.ambiguous
         if rival is None:
             self._frames_in_doubt = 0
             return

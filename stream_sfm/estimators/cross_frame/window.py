@@ -90,7 +90,7 @@ class CrossFrame:
             absorb_oldest_frame(current)
         self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, rejected, contested=motion.rival is not None)
+        current.enter(frame, rejected, contested=motion.ambiguous is not None)
         current.doubt(motion)
         current.renew_rig_effects()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)

@@ -11,17 +11,21 @@ from numpy.typing import NDArray
 
 from ...config import Config, RigConfig
 from ...geometry import se3
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import MapStart, Observations
-from ..alignment import TemplateAligners
+from ..alignment import TemplateAligner
+from ..disparity_bias import DisparityBias
 from ..image_checks import image_note
+from ..new_points import begin_tracks, detect_missing
+from ..persistence import Persistence
 from ..prepared import Image, PreparedImages
+from ..right_turn import RightTurn
+from ..rows import Rows
+from ..state import FrontEndState, Setup
 from ..timing import Timing
-from ..tracker import Followed, Tracker
-from .map_start import MIN_TRACKS, MapStartFinder
-from .parallax import ParallaxDepth
+from ..tracker import Followed, follow, lose
+from .map_start import MIN_TRACKS, begin_map, open_map
 from .virtual_views import DEPTH_STD_FACTOR, UNKNOWN_DEPTH_STD, with_virtual_right
 
 _KNOWN = 3.0  # inverse depth over its σ from which a depth counts as known, as in the estimator
@@ -30,33 +34,46 @@ _LOST = "the motion was lost; a new map needs parallax"
 
 
 class MonoFrontEnd:
-    """Follows points through the rectified images of one camera; `projection` has a virtual right one."""
+    """Follows points through the rectified images of one camera; nothing in it changes (see `FrontEnd`).
+
+    `projection` has a virtual right camera.
+    """
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         import scipy.optimize  # noqa: F401 - what starts the map: here, so that its BLAS is found before the first frame
 
-        self.projection = projection
-        self.config = config.frontend
-        aligners = TemplateAligners(self.config, valid, scales=(1,))
-        self.aligner = aligners.fine
-        depth = ParallaxDepth(projection, self.aligner)
-        timing = Timing.unknown(projection, RigConfig(exact=True), None)  # one camera has no right one that is late
-        self.tracker = Tracker(projection, config, aligners, depth, timing)
-        self.map_start = MapStartFinder(self.tracker, self.aligner)
-        self.mapped = False
-        self.first_unseen_id = 0  # ids from here on have not been handed out
+        self.setup = Setup(projection, config)
+        self.start = FrontEndState(
+            aligners={1: TemplateAligner.empty(config.frontend, valid)},
+            timing=Timing.unknown(projection, RigConfig(exact=True), None),  # there is no right camera that is late
+            rows=Rows.unknown(projection, config),
+            turn=RightTurn(projection),
+            turn_watch=None,
+            persistence=Persistence(),
+            bias=DisparityBias(least_px=0.0),  # there is no other patch
+        )
 
-    def prepare(self, left: Image, right: Image | None = None, frame_index: int | None = None) -> PreparedImages:
-        """As `StereoFrontEnd.prepare`, of the left image; corners are rarely wanted, and computed in `step`."""
-        return PreparedImages.of(left, left, self.config.smoothing_px)
+    def prepare(
+        self,
+        left: Image,
+        right: Image,
+        frame_index: int | None = None,
+        stamp_ns: int | None = None,
+        grey_bits: int | None = None,
+    ) -> PreparedImages:
+        """As `FrontEnd.prepare`, of the left image; corners are rarely wanted, and computed in `step`."""
+        return PreparedImages.of(left, left, self.setup.config.frontend.smoothing_px, stamp_ns, grey_bits)
 
-    def step(self, frame_index: int, stamp_ns: int, images: PreparedImages) -> Observations:
-        """Observations of the next frame as `StereoFrontEnd.step`; none while depths are not observable."""
-        tracker = self.tracker
-        followed = self._follow(images, stamp_ns) if self.mapped else self._begin_map(images)
-        self.mapped = followed is not None
+    def step(
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+    ) -> tuple[FrontEndState, Observations]:
+        """As `FrontEnd.step`; no views while depths are not observable."""
+        if state.map.mapped:
+            state, followed = self._follow(state, images, stamp_ns)
+        else:
+            state, followed = begin_map(self.setup, state, images)
         observed = Observations(
-            frame_index=frame_index,
+            frame_index=state.frame_index,
             stamp_ns=stamp_ns,
             track_ids=np.empty(0, np.int64),
             z_px=np.empty((0, 4)),
@@ -64,89 +81,85 @@ class MonoFrontEnd:
             std_drift_px=np.zeros(0),
         )
         if followed is not None:
-            observed = self._with_right_sides(observed, followed)
-        self._add_points(images)
-        n = len(tracker.tracks)
-        note = image_note(images, tracker.previous, n, n)
-        tracker.remember(images, stamp_ns)
-        return replace(observed, note=note or ("" if self.mapped else self.map_start.waiting))
+            state, observed = self._with_right_sides(state, observed, followed)
+        state = self._add_points(state, images)
+        n = len(state.tracks)
+        note = image_note(images, state.previous, n, n) or ("" if state.map.mapped else state.map.waiting)
+        state = replace(
+            state,
+            frame_index=state.frame_index + 1,
+            stamp_ns=stamp_ns,
+            previous=images.shrunk(),
+            previous_ns=stamp_ns,
+        )
+        return state, replace(observed, note=note)
 
-    def learn(self, estimate: RigEstimate) -> None:
-        """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
+    def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
+        """As `FrontEnd.learn`; one camera has no rig that could err."""
+        return state
 
-    def std_bias_px(self, ids: NDArray[np.int64]) -> Array:
-        """As `StereoFrontEnd.std_bias_px`: zero, because there is no other patch."""
-        return np.zeros(len(ids))
-
-    def rig_in_px(self, estimate: RigEstimate | None) -> RigEstimate | None:
-        """As `StereoFrontEnd.rig_in_px`: None, because a single camera has no rig."""
+    def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
+        """As `FrontEnd.rig_in_px`: None, because a single camera has no rig."""
         return None
 
-    def _begin_map(self, images: PreparedImages) -> Followed | None:
-        """Views of the frame in which a map begins; None before."""
-        self.first_unseen_id = self.tracker.next_id
-        return self.map_start.find(images)
-
-    def _follow(self, images: PreparedImages, stamp_ns: int) -> Followed | None:
+    def _follow(
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+    ) -> tuple[FrontEndState, Followed | None]:
         """Follow the map's points, without those that the motion puts behind the camera."""
-        followed = self.tracker.follow(images, stamp_ns)
+        state, followed = follow(self.setup, state, images, stamp_ns)
         if followed is None:
-            self.tracker.lose()
-            self.map_start.open(_LOST)
-            return None
-        tracks = self.tracker.tracks
+            return open_map(lose(state), _LOST), None
+        tracks = state.tracks
         front = tracks.points[:, 3] > -_KNOWN * np.sqrt(tracks.var_rho)
         if front.mean() < _MIN_IN_FRONT:
-            self.map_start.open(_LOST)
-            return None
-        self.tracker.tracks = tracks.keep(front)
-        return followed.keep(front)
+            return open_map(state, _LOST), None
+        return replace(state, tracks=tracks.keep(front)), followed.keep(front)
 
-    def _with_right_sides(self, observed: Observations, followed: Followed) -> Observations:
+    def _with_right_sides(
+        self, state: FrontEndState, observed: Observations, followed: Followed
+    ) -> tuple[FrontEndState, Observations]:
         """The views, with virtual right sides where a track is handed out for the first time; and, where a map could
         begin, all of them with right sides."""
-        p, tracks, start = self.projection, self.tracker.tracks, self.map_start
+        p, tracks, rho_scene = self.setup.projection, state.tracks, state.map.rho_scene
         rho = tracks.points[:, 3]
         known = rho > _KNOWN * np.sqrt(tracks.var_rho)
         if known.sum() >= MIN_TRACKS:
-            start.rho_scene = float(np.median(rho[known]))
+            rho_scene = float(np.median(rho[known]))
         var_known = DEPTH_STD_FACTOR**2 * tracks.var_rho
-        var_new = var_known + (UNKNOWN_DEPTH_STD * start.rho_scene) ** 2
+        var_new = var_known + (UNKNOWN_DEPTH_STD * rho_scene) ** 2
         z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
-        new = tracks.ids >= self.first_unseen_id
-        self.first_unseen_id = self.tracker.next_id
+        new = tracks.ids >= state.map.first_unseen_id
+        state = replace(state, map=replace(state.map, rho_scene=rho_scene, first_unseen_id=state.next_id))
         z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
-        return replace(
+        return state, replace(
             observed,
             track_ids=tracks.ids,
             z_px=np.where(new[:, None], z_new, followed.z_px),
             cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
             cam_from_previous=followed.cam_from_previous,
             n_new=int(new.sum()),
-            std_drift_px=self.aligner.noise.drift(tracks.points, followed.cam_from_previous),
-            start=MapStart(z_all, cov_all, se3.inverse(self.tracker.cam_from_start), start.cov_start),
+            std_drift_px=state.aligners[1].noise.drift(tracks.points, followed.cam_from_previous),
+            start=MapStart(z_all, cov_all, se3.inverse(state.cam_from_start), state.map.cov_start),
         )
 
-    def _add_points(self, images: PreparedImages) -> None:
+    def _add_points(self, state: FrontEndState, images: PreparedImages) -> FrontEndState:
         """Begin tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
-        tracker, cfg = self.tracker, self.config
-        opened = len(tracker.tracks) > 0 and not self.mapped
-        if opened or tracker.missing < cfg.max_tracks * cfg.renew_fraction:
-            return
-        corners_px = tracker.detect_corners(images) * round(1 / images.scale)
+        cfg, mapped = self.setup.config.frontend, state.map.mapped
+        opened = len(state.tracks) > 0 and not mapped
+        if opened or state.tracks.missing(cfg.max_tracks) < cfg.max_tracks * cfg.renew_fraction:
+            return state
+        corners_px = detect_missing(self.setup, state, images) * round(1 / images.scale)
         n = len(corners_px)
         if not n:
-            return
-        slots = self.aligner.cut(images, corners_px, tracker.tracks.slots)
-        rho = np.full(n, self.map_start.rho_scene if self.mapped else 0.0)
-        tracker.add(
-            slots,
-            corners_px.astype(float),
-            self.aligner.noise.typical_cov(n),
-            rho,
-            (UNKNOWN_DEPTH_STD * rho) ** 2,
-            np.zeros((n, 2)),
-            np.zeros((n, 2)),
+            return state
+        aligner, slots = state.aligners[1].cut(images, corners_px, state.tracks.slots)
+        rho, still = np.full(n, state.map.rho_scene if mapped else 0.0), np.zeros((n, 2))
+        cov_px, var_rho = aligner.noise.typical_cov(n), (UNKNOWN_DEPTH_STD * rho) ** 2
+        state = replace(
+            state,
+            aligners={1: aligner},
+            map=state.map if mapped else replace(state.map, n_opened=n),
         )
-        if not self.mapped:
-            self.map_start.n_opened = n
+        return begin_tracks(
+            self.setup.projection, state, slots, corners_px.astype(float), cov_px, rho, var_rho, still, still
+        )

@@ -6,49 +6,43 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
 from ..alignment import AlignedViews, Candidates, TemplateAligner
-from ..depth_source import FORGETTING
 from ..prepared import PreparedImages
+from ..stereo_depth import FORGETTING
 from ..tracks import Tracks
 
 _NO_PARALLAX = 1e-12  # information about inverse depth of a view that shows none: keeps its variance finite
 
 
-class ParallaxDepth:
-    """A source of depth (see `DepthSource`): the left image alone; views have no right side."""
+def align_left_only(aligner: TemplateAligner, images: PreparedImages, candidates: Candidates) -> AlignedViews:
+    """Find the candidates (n) in the left image; their views have no right side."""
+    left = aligner.align_left(images, candidates.now.slots, candidates.left_warps, candidates.left_px)
+    no_error = np.full(len(left.at_px), np.nan)
+    z_px = np.concatenate([left.at_px, np.full_like(left.at_px, np.nan)], axis=1)
+    cov_px = aligner.noise.covariance(left.patches.gradients, left.error_grey, no_error)
+    return AlignedViews(left.found, z_px, cov_px, z_px)
 
-    def __init__(self, projection: StereoProjection, aligner: TemplateAligner) -> None:
-        self.projection = projection
-        self.aligner = aligner
 
-    def align(self, images: PreparedImages, candidates: Candidates) -> AlignedViews:
-        """Find the candidates (n) in the left image."""
-        left = self.aligner.align_left(images, candidates.now.slots, candidates.left_warps, candidates.left_px)
-        no_error = np.full(len(left.at_px), np.nan)
-        z_px = np.concatenate([left.at_px, np.full_like(left.at_px, np.nan)], axis=1)
-        cov_px = self.aligner.noise.covariance(left.patches.gradients, left.error_grey, no_error)
-        return AlignedViews(left.found, z_px, cov_px, z_px)
+def update_by_parallax(
+    p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array
+) -> Tracks:
+    """Tracks put where they were seen; 1/Z by a scalar Kalman update in the anchor camera, where the parallax of
+    all frames since adds up.
 
-    def update(self, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array) -> Tracks:
-        """Tracks put where they were seen; 1/Z by a scalar Kalman update in the anchor camera, where the parallax of
-        all frames since adds up.
-
-        With Z(ρ) = (R a)₃ + t₃ ρ, a point of inverse depth ρ there has ρ/Z here.
-        """
-        p = self.projection
-        now_from_anchor = cam_from_start @ se3.inverse(tracks.anchor_from_start)
-        rays = p.rays(z_px)
-        cov_rays = cov_px[:, :2, :2] / p.f_px**2
-        seen, var_seen = depths_from_motion(now_from_anchor, tracks.anchor_rays, rays, cov_rays)
-        far = np.maximum(directions(now_from_anchor, tracks.anchor_rays)[:, 2], MIN_DEPTH)
-        t = now_from_anchor[:, 2, 3]
-        rho = tracks.points[:, 3] * far / np.maximum(1 - t * tracks.points[:, 3], MIN_DEPTH)
-        before = FORGETTING * tracks.var_rho * (np.maximum(far + t * rho, MIN_DEPTH) ** 2 / far) ** 2
-        gain = before / (before + var_seen)
-        rho = rho + gain * (seen - rho)
-        depth = np.maximum(far + t * rho, MIN_DEPTH)
-        return tracks.placed(
-            rays, z_px[:, :2], cov_px[:, :2, :2], rho / depth, (1 - gain) * before * (far / depth**2) ** 2
-        )
+    With Z(ρ) = (R a)₃ + t₃ ρ, a point of inverse depth ρ there has ρ/Z here.
+    """
+    now_from_anchor = cam_from_start @ se3.inverse(tracks.anchor_from_start)
+    rays = p.rays(z_px)
+    cov_rays = cov_px[:, :2, :2] / p.f_px**2
+    seen, var_seen = depths_from_motion(now_from_anchor, tracks.anchor_rays, rays, cov_rays)
+    far = np.maximum(directions(now_from_anchor, tracks.anchor_rays)[:, 2], MIN_DEPTH)
+    t = now_from_anchor[:, 2, 3]
+    rho = tracks.points[:, 3] * far / np.maximum(1 - t * tracks.points[:, 3], MIN_DEPTH)
+    before = FORGETTING * tracks.var_rho * (np.maximum(far + t * rho, MIN_DEPTH) ** 2 / far) ** 2
+    gain = before / (before + var_seen)
+    rho = rho + gain * (seen - rho)
+    depth = np.maximum(far + t * rho, MIN_DEPTH)
+    var_rho = (1 - gain) * before * (far / depth**2) ** 2
+    return tracks.placed(rays, z_px[:, :2], cov_px[:, :2, :2], rho / depth, var_rho)
 
 
 def depths_from_motion(

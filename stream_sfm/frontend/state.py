@@ -1,0 +1,76 @@
+"""What the front-end knows between two frames: one record, which a step replaces and never changes."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera.pixels import FEWEST_BITS
+from ..config import Config
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+from .alignment import Aligners
+from .ambiguity import AmbiguityMemory
+from .disparity_bias import DisparityBias
+from .mono.map_state import MapState
+from .pair_check import PairCheck
+from .persistence import Persistence
+from .prepared import PreparedImages
+from .right_turn import RightTurn, TurnWatch
+from .rows import Rows
+from .stereo_depth import RowMatches
+from .timing import Timing
+from .tracks import Tracks
+
+
+class Setup(NamedTuple):
+    """What does not change during a run: the projection of the rectified images, and all settings."""
+
+    projection: StereoProjection
+    config: Config
+
+    @property
+    def std_acceleration(self) -> Array:
+        """σ (2,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
+        motion = self.config.motion
+        return np.array([motion.std_acceleration_m_s2, motion.std_angular_acceleration_rad_s2])
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrontEndState:
+    """The state between two frames; nothing in it is ever written to.
+
+    - `frame_index`: of the next frame; `stamp_ns`: of the latest one, None before the first; `grey_bits`: of 16-bit
+      images that are used, by the brightest ones so far.
+    - `previous`: the images that the next frame is followed from, of a frame at `previous_ns`. `tracks` are the points
+      that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
+      motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second.
+    - `aligners`: templates and noise of views; `rows`, `turn`, `timing`: what is known of the cameras; `rows_waiting`:
+      matches of a frame whose velocity is not known yet, which a late camera would turn into rows that are off.
+    - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
+      `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions.
+    - `bias` and `persistence`: errors that views of a point share.
+    - `map`: with one camera, how far the map has come.
+    """
+
+    aligners: Aligners
+    timing: Timing
+    rows: Rows
+    turn: RightTurn
+    turn_watch: TurnWatch | None
+    persistence: Persistence
+    frame_index: int = 0
+    stamp_ns: int | None = None
+    grey_bits: int = FEWEST_BITS
+    previous: PreparedImages | None = None
+    previous_ns: int = 0
+    tracks: Tracks = field(default_factory=Tracks.none)
+    next_id: int = 0
+    cam_from_start: Array = field(default_factory=lambda: np.eye(4))
+    velocity: Array = field(default_factory=lambda: np.zeros(6))
+    background_hidden: bool = False
+    ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
+    rows_waiting: RowMatches | None = None
+    pair: PairCheck = field(default_factory=PairCheck)
+    bias: DisparityBias = field(default_factory=DisparityBias)
+    map: MapState = field(default_factory=MapState)

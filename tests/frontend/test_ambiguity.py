@@ -1,0 +1,58 @@
+"""An ambiguity is remembered for a while after the views that spoke for it have gone, then forgotten."""
+
+import numpy as np
+
+from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.tracks import Tracks
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.resection import Resection, SecondMotion
+
+FIRST = se3.exp([0.01, 0, 0.02, 0, 0.01, 0])
+OTHER_FROM_FIRST = se3.exp([0.05, 0.01, 0, 0, 0, 0.02])
+
+
+def motion(cam_from_ref: np.ndarray, odds: float | None) -> Resection:
+    """A resection of ten views with a second motion of such odds, or without one."""
+    second = None
+    if odds is not None:
+        second = SecondMotion(OTHER_FROM_FIRST @ cam_from_ref, np.eye(6), np.zeros(10, bool), odds)
+    return Resection(cam_from_ref, np.eye(6), np.ones(10, bool), 0.0, 34, 1.0, True, np.zeros(10), 1.0, second)
+
+
+def others(motions: list[Resection]) -> list[np.ndarray | None]:
+    """The other motion of each frame, where there is one."""
+    memory, found = AmbiguityMemory(), []
+    for frame in motions:
+        memory, other = memory.after(frame)
+        found.append(None if other is None else other.cam_from_ref)
+    return found
+
+
+def test_an_ambiguity_outlives_its_views_by_ten_frames_with_the_same_difference() -> None:
+    turned = FIRST @ se3.exp([0, 0, 0, 0, 0.1, 0])
+    small = motion(FIRST, 0.01)  # a body that has no history
+    none, of_body, own, *remembered = others(
+        [motion(FIRST, None), small, motion(FIRST, 0.5), *[motion(turned, None)] * 11]
+    )
+    assert none is None and of_body is None
+    assert own is not None and np.array_equal(own, OTHER_FROM_FIRST @ FIRST)
+    assert remembered.pop() is None
+    assert all(np.allclose(other, OTHER_FROM_FIRST @ turned, atol=1e-12) for other in remembered)
+
+
+def test_a_long_ambiguity_lasts_for_as_long_again() -> None:
+    clear, ambiguous = motion(FIRST, None), motion(FIRST, 0.5)
+    found = [other is not None for other in others([ambiguous] * 25 + [clear] * 30 + [ambiguous] + [clear] * 30)]
+    # the second one is a new one, of which nothing is remembered but itself
+    assert found == [True] * 50 + [False] * 5 + [True] * 11 + [False] * 20
+
+
+def test_no_track_earns_history_while_the_motion_is_ambiguous() -> None:
+    none = Tracks.none()
+    agreed = np.array([10, 10, 0, 0])
+    arrays = {name: np.zeros((4, *getattr(none, name).shape[1:])) for name in Tracks.__dataclass_fields__}
+    tracks = Tracks(**arrays | {"agreed": agreed, "rejected": np.zeros(4, np.int64)})
+    accepted = np.array([True, False, True, False])
+    kept = tracks.judged(accepted, ambiguous=True)
+    assert kept.agreed.tolist() == [10, 10, 0, 0] and kept.rejected.tolist() == [0, 1, 0, 1]
+    assert tracks.judged(accepted, ambiguous=False).agreed.tolist() == [11, 5, 1, 0]

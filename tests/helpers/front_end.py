@@ -1,0 +1,25 @@
+"""A front-end together with its state, for tests that show it frame after frame."""
+
+from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.camera.rig import StereoRig
+from stream_sfm.config import Config
+from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.frontend.state import FrontEndState
+from stream_sfm.types import Observations, StereoFrame
+
+
+class SteppedFrontEnd:
+    """The front-end of a rig, and its `state` after the frames that it was shown."""
+
+    def __init__(self, rig: StereoRig) -> None:
+        self.rectifier = Rectifier(rig)
+        self.front_end = StereoFrontEnd(
+            self.rectifier.projection, Config(), self.rectifier.valid, row_of=self.rectifier.rows_of
+        )
+        self.state: FrontEndState = self.front_end.start
+
+    def step(self, frame: StereoFrame) -> Observations:
+        """Observations of the next frame."""
+        images = self.front_end.prepare(*self.rectifier.rectify(frame.left, frame.right))
+        self.state, observed = self.front_end.step(self.state, images, frame.stamp_ns)
+        return observed
