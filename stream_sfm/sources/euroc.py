@@ -3,6 +3,7 @@
 Ground truth is the body in the world; it is carried into the left camera here.
 """
 
+from os.path import isdir, isfile
 from pathlib import Path
 
 from ..camera.calibration import euroc
@@ -44,8 +45,8 @@ def _mav(folder: Path) -> Path | None:
     for mav in (folder / "mav0", folder):
         cameras = mav / "cam0", mav / "cam1"
         # Folders of these names may hold images alone.
-        known = any((camera / name).is_file() for camera in cameras for name in _FILES)
-        if known and all(camera.is_dir() for camera in cameras):
+        known = any(isfile(camera / name) for camera in cameras for name in _FILES)
+        if known and all(isdir(camera) for camera in cameras):
             return mav
     return None
 

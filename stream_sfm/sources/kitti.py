@@ -3,6 +3,7 @@
 Poses are camera 0 in the world; with the colour cameras they are carried into camera 2, the left one then.
 """
 
+from os.path import isdir
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,8 @@ def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSourc
 
 
 def _cameras(folder: Path) -> tuple[int, int] | None:
-    return next((c for c in _PAIRS if all((folder / f"image_{i}").is_dir() for i in c)), None)
+    # `isdir`, as that of a Path raises OSError where a name is too long
+    return next((c for c in _PAIRS if all(isdir(folder / f"image_{i}") for i in c)), None)
 
 
 def _stamp(file: Path, stamps: list[int]) -> int:
