@@ -1,6 +1,7 @@
 """The templates of the pages, and how they write numbers and names."""
 
 import re
+from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -14,6 +15,12 @@ _LARGE = 1000  # from here on all digits before the point are shown
 
 def render(template: str, /, **values: Any) -> str:
     """Fill in a template of this folder; inserted text is escaped, and an unknown name in the template is an error."""
+    return _environment().get_template(template).render(version=__version__, **values)
+
+
+@cache
+def _environment() -> Environment:
+    """Templates are compiled once per process: that takes longer than to fill them in."""
     environment = Environment(
         loader=PackageLoader("stream_sfm.report", "."),
         autoescape=True,
@@ -22,7 +29,7 @@ def render(template: str, /, **values: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"num": num, "sig": sig, "breakable": breakable, "times": times}
-    return environment.get_template(template).render(version=__version__, **values)
+    return environment
 
 
 def num(value: float | None, digits: int = 2, factor: float = 1.0) -> str:
