@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.command_line import CommandLine
 from tests.helpers.wall_log import write_wall_log
 
 # Signals act on tests, and on the processes they start, even where whatever started them ignores these: nohup ignores
@@ -40,6 +41,12 @@ def _limits_end_only_what_hangs() -> Iterator[None]:
 def path(tmp_path: Path) -> Path:
     """Where a test may write its log."""
     return tmp_path / "log.mcap"
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+    """The commands, in this process."""
+    return CommandLine(capsys)
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ import dataclasses
 import datetime
 import pickle
 import threading
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ import stream_sfm as sfm
 from stream_sfm.camera.pixels import GreyScaler, to_grey
 from stream_sfm.frontend.disparity_bias import MIN_BIAS_PX
 from stream_sfm.geometry import se3
-from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tests.helpers.wall import Wall, camera_path, rig
 
 N = 24
 
@@ -43,11 +44,11 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
     assert all(e.status == sfm.Status.OK for e in estimates[1:])
     truth = camera_path(N)
     error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ truth[-1])
-    assert np.linalg.norm(error[:3]) < 0.015 and np.linalg.norm(error[3:]) < 0.004
+    assert np.linalg.norm(error[:3]) < 0.015 and np.linalg.norm(error[3:]) < 0.004  # m of 0.6, rad
     last = estimates[-1]
     wall_from_cam = se3.inverse(Wall(5).world_from_wall) @ truth[-1]
     off_wall = se3.transform(wall_from_cam, last.points_in_cam)[:, 2]
-    assert np.median(np.abs(off_wall)) < 0.02
+    assert np.median(np.abs(off_wall)) < 0.02  # m at 3 m: a tenth of a pixel is 17 mm
     assert np.abs(last.world_from_cam[:3, :3] @ last.world_from_cam[:3, :3].T - np.eye(3)).max() < 1e-12
 
 
@@ -68,7 +69,7 @@ def test_points_now_and_ended_keep_the_doubt_that_all_their_views_share(frames, 
             std_m = np.sqrt(np.einsum("ni,nij,nj->n", ray, cov, ray))
             # the least of it; the depth of the rectified camera, which is turned by a hundredth or two
             assert (std_m > 0.98 * distance * points[:, 2] * shift).all()
-    assert count > 10
+    assert count > 10  # points that have left the window
 
 
 def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
@@ -80,7 +81,7 @@ def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
     assert all(e.status == sfm.Status.OK for e in estimates[1:])
     truth = se3.inverse(poses[0]) @ poses[-1]
     error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ truth)
-    assert np.linalg.norm(error[:3]) < 0.01 * 2.3 and np.linalg.norm(error[3:]) < 0.004
+    assert np.linalg.norm(error[:3]) < 0.01 * 2.3 and np.linalg.norm(error[3:]) < 0.004  # 1 % of the path
 
 
 def test_something_else_moving_in_a_third_of_the_image_does_little_harm() -> None:
@@ -114,13 +115,6 @@ def test_a_view_that_jumps_at_every_frame_is_lost_and_found_without_a_fault(fram
         assert np.isfinite(e.cov_pose).all() and np.isfinite(e.world_from_cam).all()
 
 
-def test_a_sudden_fourfold_darkness_is_survived(frames, engine) -> None:
-    for n, frame in enumerate(frames[:18]):
-        dim = 1 if n < 8 else 4
-        e = engine.step(sfm.StereoFrame(frame.stamp_ns, frame.left // dim, frame.right // dim))
-    assert e.status == sfm.Status.OK
-
-
 def test_every_estimate_is_complete(frames, engine) -> None:
     for frame in frames[:12]:
         e = engine.step(frame)
@@ -138,14 +132,6 @@ def test_every_estimate_is_complete(frames, engine) -> None:
     assert len(e.window_frame_indices) == 8
 
 
-def test_two_runs_give_the_same_bytes(frames) -> None:
-    runs = []
-    for _ in range(2):
-        engine = sfm.Engine(rig(0.03), sfm.Config())
-        runs.append([_bytes(engine.step(f)) for f in frames])
-    assert runs[0] == runs[1]
-
-
 def test_lost_is_a_result_and_the_map_goes_on_when_the_view_comes_back(frames, engine) -> None:
     estimates = [engine.step(black(f) if 10 <= n < 14 else f) for n, f in enumerate(frames)]
     statuses = [e.status for e in estimates]
@@ -153,8 +139,8 @@ def test_lost_is_a_result_and_the_map_goes_on_when_the_view_comes_back(frames, e
     assert "black" in estimates[10].reason
     assert all(s == sfm.Status.OK for s in statuses[14:])
     before, lost, after = (estimates[n].cov_pose[0, 0] for n in (9, 13, 15))
-    assert lost > 100 * before and after < 10 * before
-    assert len(np.intersect1d(estimates[9].track_ids, estimates[14].track_ids)) > 50
+    assert lost > 100 * before and after < 10 * before  # a fifth of a second of unknown motion
+    assert len(np.intersect1d(estimates[9].track_ids, estimates[14].track_ids)) > 50  # of 250: the map was kept
     error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ camera_path(N)[-1])
     assert error @ np.linalg.solve(estimates[-1].cov_pose, error) < 22.5  # χ²(6), 0.999
 
@@ -162,45 +148,34 @@ def test_lost_is_a_result_and_the_map_goes_on_when_the_view_comes_back(frames, e
 def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     engine.step(frames[0])
     good = frames[1]
+    changed = partial(dataclasses.replace, good)
     wrong = [
-        (dataclasses.replace(good, stamp_ns=0), "stamps must increase"),
-        (dataclasses.replace(good, stamp_ns=1.5), r"frame 1: stamp_ns is of type float \(1.5\); give an integer"),
+        (changed(stamp_ns=0), "stamps must increase"),
+        (changed(stamp_ns=-1), "or make a new engine if the clock was set back"),
+        (changed(stamp_ns=1.5), r"frame 1: stamp_ns is of type float \(1.5\); give an integer"),
+        (changed(stamp_ns=np.float32(2)), r"of seconds, round\(seconds \* 1e9\)"),
+        (changed(stamp_ns=np.datetime64("2026-01-01")), r"int\(stamp.astype\('datetime64\[ns\]'\)"),
+        (changed(stamp_ns=datetime.datetime(2026, 1, 1)), r"round\(stamp.timestamp\(\) \* 1e9\)"),
+        (changed(stamp_ns=SimpleNamespace(sec=1, nanosec=2)), r"stamp.sec \* 10\*\*9"),
         ((good.stamp_ns, good.left, good.right), "frame 1 is of type tuple; give a StereoFrame"),
         (None, "frame 1 is None; give a StereoFrame"),
         (sfm.MonoFrame(good.stamp_ns, good.left), "one image only; give a StereoFrame"),
-        (dataclasses.replace(good, stamp_ns=np.float32(2)), r"of seconds, round\(seconds \* 1e9\)"),
-        (
-            dataclasses.replace(good, stamp_ns=np.datetime64("2026-01-01")),
-            r"int\(stamp.astype\('datetime64\[ns\]'\)",
-        ),
-        (dataclasses.replace(good, stamp_ns=datetime.datetime(2026, 1, 1)), r"round\(stamp.timestamp\(\) \* 1e9\)"),
-        (dataclasses.replace(good, stamp_ns=SimpleNamespace(sec=1, nanosec=2)), r"stamp.sec \* 10\*\*9"),
-        (dataclasses.replace(good, left=good.left / 255), r"left image is float64; give .*255 \* image\)\.astype"),
-        (dataclasses.replace(good, left=good.left.astype(int)), r"is int64; give .* image.astype\(np.uint16\)"),
-        (dataclasses.replace(good, right=None), "right image is None; give a NumPy array"),
-        (
-            dataclasses.replace(good, right=good.right.tolist()),
-            r"of type list; give a NumPy array, such as np.asarray",
-        ),
-        (
-            dataclasses.replace(good, right=good.right[:-1]),
-            "calibration says .*; give images of the .*, not cropped",
-        ),
-        (dataclasses.replace(good, right=good.right[::2, ::2]), "K scales with the images"),
-        (dataclasses.replace(good, right=good.right.T), r"give \(h, w\), not \(w, h\): image.T"),
-        (
-            dataclasses.replace(good, left=np.stack([good.left] * 3)),
-            r"channels first; give image.transpose\(1, 2, 0\)",
-        ),
-        (dataclasses.replace(good, left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour as OpenCV"),
-        (dataclasses.replace(good, left=np.hstack([good.left, good.right])), r"side by side: image\[:, :320\]"),
-        (dataclasses.replace(good, stamp_ns=-1), "or make a new engine if the clock was set back"),
+        (changed(left=good.left / 255), r"left image is float64; give .*255 \* image\)\.astype"),
+        (changed(left=good.left.astype(int)), r"is int64; give .* image.astype\(np.uint16\)"),
+        (changed(left=np.stack([good.left] * 3)), r"channels first; give image.transpose\(1, 2, 0\)"),
+        (changed(left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour as OpenCV"),
+        (changed(left=np.hstack([good.left, good.right])), r"side by side: image\[:, :320\]"),
+        (changed(right=None), "right image is None; give a NumPy array"),
+        (changed(right=good.right.tolist()), r"of type list; give a NumPy array, such as np.asarray"),
+        (changed(right=good.right[:-1]), "calibration says .*; give images of the .*, not cropped"),
+        (changed(right=good.right[::2, ::2]), "K scales with the images"),
+        (changed(right=good.right.T), r"give \(h, w\), not \(w, h\): image.T"),
     ]
     for frame, message in wrong:
         with pytest.raises(sfm.FrameError, match=message):
             engine.step(frame)
     with pytest.raises(
-        sfm.FrameError, match=r"prepared is of type list; give what `prepare` returned for this frame"
+        sfm.FrameError, match="prepared is of type list; give what `prepare` returned for this frame"
     ):
         engine.step(good, [good.left, good.right])
     fresh = sfm.Engine(rig(0.03), sfm.Config())
@@ -221,29 +196,28 @@ def coloured(image: np.ndarray, channels: int) -> np.ndarray:
     return np.stack([image] * 3 + [np.full_like(image, 255)] * (channels - 3), axis=2)
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        lambda image: image[:, :, None],
-        lambda image: coloured(image, 3),
-        lambda image: coloured(image, 4),
-        lambda image: np.hstack([image, image])[:, image.shape[1] :],
-        lambda image: image.astype(np.uint16) << 8,
-        lambda image: image.astype(np.uint16)[:, :, None] << 8,
-        lambda image: coloured(image.astype(np.uint16) << 8, 3),
-        lambda image: image[::-1].copy()[::-1],
-    ],
-    ids=[
-        "h w 1",
-        "BGR",
-        "BGRA",
-        "half of a wider one",
-        "16 bits",
-        "16 bits h w 1",
-        "BGR of 16 bits",
-        "reversed twice",
-    ],
-)
+def read_only(image: np.ndarray) -> np.ndarray:
+    """In Fortran's order."""
+    other = np.asfortranarray(image)
+    other.flags.writeable = False
+    return other
+
+
+FORMS = {
+    "h w 1": lambda image: image[:, :, None],
+    "BGR": lambda image: coloured(image, 3),
+    "BGRA": lambda image: coloured(image, 4),
+    "half of a wider one": lambda image: np.hstack([image, image])[:, image.shape[1] :],
+    "every second column": lambda image: np.repeat(image, 2, axis=1)[:, ::2],
+    "16 bits": lambda image: image.astype(np.uint16) << 8,
+    "16 bits h w 1": lambda image: image.astype(np.uint16)[:, :, None] << 8,
+    "BGR of 16 bits": lambda image: coloured(image.astype(np.uint16) << 8, 3),
+    "reversed twice": lambda image: image[::-1].copy()[::-1],
+    "Fortran's, read-only": read_only,
+}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 def test_images_are_taken_in_the_forms_in_which_logs_have_them(frames, engine, form) -> None:
     """The same pixels give the same estimates."""
     plain = sfm.Engine(rig(0.03), sfm.Config())
@@ -274,10 +248,7 @@ def test_prepare_refuses_what_step_refuses(frames, engine) -> None:
 @pytest.mark.parametrize(
     "arguments,message",
     [
-        (
-            ("cal.toml",),
-            r"the rig is of type str \('cal.toml'\); give a StereoRig .*from_calibration\('cal.toml'\)",
-        ),
+        (("cal.toml",), r"the rig is of type str \('cal.toml'\); give a StereoRig .*from_calibration\('cal"),
         ((Path("cal.toml"),), r"from_calibration\('cal.toml'\)"),
         ((None,), "the rig is None; give a StereoRig"),
         ((sfm.StereoRig,), "the rig is the class StereoRig; give a StereoRig"),
@@ -303,10 +274,7 @@ def pair(*pose_and_refinement) -> sfm.StereoRig:
 @pytest.mark.parametrize(
     "make,message",
     [
-        (
-            lambda: sfm.Camera(K, 320, 240),
-            r"the camera's size holds an array: give .* Camera\(width=640, height=480",
-        ),
+        (lambda: sfm.Camera(K, 320, 240), r"size holds an array: give .* Camera\(width=640, height=480"),
         (lambda: sfm.Camera(320.5, 240, K), r"the camera's size holds 320.5"),
         (lambda: sfm.Camera(float("nan"), 240, K), r"the camera's size holds nan"),
         (lambda: sfm.Camera(320, 240, "K.txt"), r"the camera's K is 'K.txt': give an array of numbers"),
@@ -318,10 +286,7 @@ def pair(*pose_and_refinement) -> sfm.StereoRig:
         (lambda: pair((np.eye(3), [-0.1, 0, 0])), r"of rotation and translation it is \[\[R, t\], \[0, 1\]\]"),
         (lambda: pair(POSE.T), r"last row 0 0 0 1, got .*; it is transposed"),
         (lambda: pair(POSE, 0.5), "the refinement is of type float; give a Refinement"),
-        (
-            lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE),
-            "the right camera is of type NoneType; give a",
-        ),
+        (lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE), "right camera is of type NoneType; give a"),
         (lambda: sfm.StereoRig.from_calibration(None), "the calibration is None; give a file, the files of left"),
         (lambda: sfm.StereoRig.from_calibration({}), "the calibration is of type dict; give a file"),
         (lambda: sfm.StereoRig.from_calibration([]), "the calibration is of type list; give a file"),
@@ -361,22 +326,6 @@ def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frame
     results.append(engine.step(frames[2], prepared))
     alone = sfm.Engine(rig(0.03), sfm.Config())
     assert [_bytes(alone.step(f)) for f in frames[:3]][1:] == [_bytes(e) for e in results]
-
-
-def test_views_of_any_memory_layout_are_taken(frames, engine) -> None:
-    fresh = sfm.Engine(rig(0.03), sfm.Config())
-    for frame in frames[:3]:
-        left = np.asfortranarray(frame.left)
-        left.flags.writeable = False
-        right = np.repeat(frame.right, 2, axis=1)[:, ::2]
-        odd = sfm.StereoFrame(frame.stamp_ns, left, right)
-        assert _bytes(engine.step(odd)) == _bytes(fresh.step(frame))
-
-
-def test_a_camera_at_rest_stays_where_it_is(frames, engine) -> None:
-    for n in range(15):
-        e = engine.step(dataclasses.replace(frames[0], stamp_ns=n * PERIOD_NS))
-    assert np.linalg.norm(se3.log(e.world_from_cam)) < 1e-4
 
 
 def _bytes(estimate: sfm.FrameEstimate) -> bytes:

@@ -43,7 +43,7 @@ def test_live(tmp_path: Path) -> None:
             cv2.imwrite(str(tmp_path / side / f"{number:06d}.png"), image)
     folders = ("--folders", tmp_path / "left", tmp_path / "right", "--timeout", 0.5)
     said = run("live.py", tmp_path / "calibration.toml", *folders, "--no-view", "--rrd", tmp_path / "live.rrd")
-    assert f"{FRAMES} frames" in said and (tmp_path / "live.rrd").stat().st_size > 1000
+    assert f"{FRAMES} frames" in said and (tmp_path / "live.rrd").stat().st_size > 1000  # bytes
     rate_hz, codec = 10, cv2.VideoWriter.fourcc(*"mp4v")
     left, right, both = (str(tmp_path / name) for name in ("left.mp4", "right.mp4", "both.mp4"))
     frames = list(log.frames(sfm.Selection(max_frames=FRAMES)))
@@ -60,7 +60,7 @@ def test_live(tmp_path: Path) -> None:
         writer.release()
     for given in (("--videos", left, right), ("--video", both)):
         said = run("live.py", tmp_path / "calibration.toml", *given, "--no-view", "--out", tmp_path / given[0])
-        assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2]
+        assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2]  # bytes
         assert len(sfm.read_results(tmp_path / given[0]).stamps_ns) == FRAMES
 
 

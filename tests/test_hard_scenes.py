@@ -41,7 +41,7 @@ def test_bodies_move_and_the_room_stays() -> None:
     crowd = small("crowd")
     still = Recording(crowd.scene, crowd.rig, 2, 1.0, lambda _: crowd.path(0.0), crowd.bodies)
     changed = np.abs(still.shot(1, 0).depth_m - still.shot(0, 0).depth_m) > 0.05
-    assert 0.05 < changed.mean() < 0.95
+    assert 0.05 < changed.mean() < 0.95  # a share of the image, neither nothing nor all
 
 
 def _striped(rng: np.random.Generator, width_m: float, height_m: float, texel_m: float) -> Image:
@@ -63,7 +63,7 @@ def test_a_mirror_shows_what_the_mirrored_camera_sees_and_has_the_depth_of_the_g
     assert np.allclose(middle, 2.98, atol=1e-6)  # the glass, 3 m less its thickness
     # whoever faces the wall behind the camera has its bright half, at +y, on the right; in the mirror +y is on the left
     left, right = shot.left[36, 20:44].mean(), shot.left[36, 52:76].mean()
-    assert right < 0.6 * left
+    assert right < 0.6 * left  # grey levels of 60 and 200, less the shade
 
 
 def test_an_open_shutter_blurs_along_the_motion_without_a_shift() -> None:
@@ -82,6 +82,7 @@ def test_an_open_shutter_blurs_along_the_motion_without_a_shift() -> None:
     blurred = (
         Recording(scene, rig, 1, 1.0, path, shutter_s=open_s, sensor=Sensor(0, 0)).shot(0, 0).left.astype(float)
     )
+    # six pixels are averaged
     assert np.abs(np.diff(blurred, axis=1)).mean() < 0.7 * np.abs(np.diff(sharp, axis=1)).mean()
     errors = [np.abs(blurred[:, 8:-8] - np.roll(sharp, k, axis=1)[:, 8:-8]).mean() for k in (-3, 0, 3)]
     assert errors[1] < min(errors[0], errors[2])

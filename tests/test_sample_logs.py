@@ -145,6 +145,7 @@ def test_topics_counts_and_size(log):
         "/ground_truth/pose": FRAMES,
         "/ground_truth/depth": DEPTHS,
     }
+    # bytes: it is part of the checkout
     assert sum(path.stat().st_size for path in (ROOT / "logs").glob("*.mcap")) < 6e6
     stamps = np.array([stamp for stamp, _ in log["/camera/left/image"]])
     assert np.all(np.diff(stamps) == 100_000_000)
@@ -158,7 +159,7 @@ def test_images_are_grey_and_of_the_calibrated_size(log, rig):
             image = decoded(message)
             assert image.shape == (rig.left.height, rig.left.width)
             assert image.dtype == np.uint8
-            assert 20 < image.std() < 60
+            assert 20 < image.std() < 60  # grey levels: neither flat nor black and white
 
 
 def test_ground_truth_starts_at_the_world_and_moves_smoothly(log):
@@ -170,8 +171,8 @@ def test_ground_truth_starts_at_the_world_and_moves_smoothly(log):
     assert 3.5 < length.sum() < 5
     assert turn.sum() > 90  # it goes around corners
     assert length.max() < 0.07
-    assert turn.max() < 3.5
-    assert np.abs(np.diff(steps, axis=0)).max() < 0.012
+    assert turn.max() < 3.5  # degrees per frame, of 10 per second
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.012  # m and rad per frame: no jerk
 
 
 def test_calibration_rectifies_as_opencv_does(log, rig):
@@ -226,8 +227,8 @@ def test_depth_and_pose_carry_a_frame_through_time(log, rig, ahead):
         keep = visible_twice(seen, depth_later, depth_m > 0)
         later = decoded(images[i + ahead][1])
         shift, mean, spread = residual_shift(left.astype(np.float32), later, seen, keep)
-        assert abs(mean) < 0.3
-        assert spread < 6
+        assert abs(mean) < 0.3  # grey levels
+        assert spread < 6  # grey levels: noise of two images
         shifts.append(shift)
     assert_no_shift(shifts)
 
@@ -237,11 +238,12 @@ def test_corners_can_be_tracked_and_matched(log):
     images = [decoded(message) for _, message in log["/camera/left/image"]]
     for i in range(0, FRAMES - 1, 10):
         corners = cv2.goodFeaturesToTrack(images[i], 500, 0.003, 9)
-        assert len(corners) > 250
+        assert len(corners) > 250  # the front-end wants as many
         options = {"winSize": (15, 15), "maxLevel": 4}
         there, found, _ = cv2.calcOpticalFlowPyrLK(images[i], images[i + 1], corners, None, **options)
         back, found_back, _ = cv2.calcOpticalFlowPyrLK(images[i + 1], images[i], there, None, **options)
         returned = np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5
+        # the rest is hidden or at the rim
         assert np.mean(returned & (found.ravel() == 1) & (found_back.ravel() == 1)) > 0.6
 
 
@@ -261,7 +263,7 @@ def test_the_renderer_still_makes_this_scene(log, rig):
     recording = render.Recording(scene, ours, 1, 1.0, lambda _: path[i], sensor=render.CLEAN)
     shot = recording.shot(0, seed=0)
     known = depth_m > 0
-    assert known.mean() > 0.99
+    assert known.mean() > 0.99  # no sky in a room
     np.testing.assert_allclose(shot.depth_m[known], depth_m[known], atol=6e-5)
     again = recording.shot(0, seed=0)
     np.testing.assert_array_equal(again.right, shot.right)

@@ -56,7 +56,7 @@ def test_what_is_read_has_a_short_repr() -> None:
     assert repr(one[1]) == "<Mesh 3 vertices, 1 triangles>"
     assert repr(one[3]) == "<Surface of 2 frames: <Mesh 3 vertices, 1 triangles>>"
     for a, b in zip(one, other, strict=True):
-        assert len(repr(a)) < 120 and a == a and a != b
+        assert len(repr(a)) < 120 and a == a and a != b  # one line
 
 
 def records(estimate: sfm.FrameEstimate) -> list[object]:

@@ -1,7 +1,7 @@
 """Hostile inputs, many more than the tests try: `python -m tools.fuzz --count 20000`. Exit code 1 on any failure.
 
 Damaged logs are made as in tests/faults/mutations.py, with `--attacks` everything else as in tests/faults/attacks.py:
-definitions, special files, images, texts, outputs that are inputs, names, escapes, damage. Each seed is one input;
+definitions, images, texts, names, escapes. Each seed is one input;
 `--first` continues where another run ended.
 """
 
@@ -22,7 +22,7 @@ _MAX_ATTACK_SECONDS = 60.0  # of CPU
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=20_000, metavar="N", help="how many, over all kinds")
-    parser.add_argument("--first", type=int, default=2000, metavar="SEED", help="the tests use those below 400")
+    parser.add_argument("--first", type=int, default=2000, metavar="SEED", help="the tests use those below 120")
     parser.add_argument(
         "--attacks", action="store_true", help="hostile inputs of all kinds instead of damaged logs"
     )

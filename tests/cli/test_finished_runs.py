@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from tests.helpers.places import ROOM
 
 FRAMES = 8
@@ -26,62 +25,52 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return found
 
 
-def test_figures_are_those_of_the_replay(runs: list[Path], capsys) -> None:
-    assert main(["evaluate", *map(str, runs), "--json"]) == 0
-    for run, found in zip(runs, json.loads(capsys.readouterr().out)["runs"], strict=True):
+def test_figures_are_those_of_the_replay(runs: list[Path], cli) -> None:
+    for run, found in zip(runs, cli("evaluate", *runs, "--json").json["runs"], strict=True):
         summary = json.loads((run / "summary.json").read_bytes())
         assert (found["run"], found["method"], found["log"]) == (str(run), run.name, str(ROOM))
         told, figures = summary["ground_truth"], found["ground_truth"]
         same = {key for key in told if key in figures and not key.startswith("local_")}
         assert {"ate_rmse_m", "nees_pose_mean", "relative_consistency", "std_truth"} <= same
-        assert [figures[key] for key in sorted(same)] == [told[key] for key in sorted(same)], (
-            "poses are stored exactly"
-        )
+        assert {key: figures[key] for key in same} == {key: told[key] for key in same}  # poses are stored exactly
 
 
-def test_runs_stand_side_by_side(runs: list[Path], capsys) -> None:
-    assert main(["evaluate", *map(str, runs)]) == 0
-    said = capsys.readouterr().out
+def test_runs_stand_side_by_side(runs: list[Path], cli) -> None:
+    said = cli("evaluate", *runs).out
     assert "cross-frame" in said and "ekf" in said and "ATE" in said and "NEES" in said
 
 
-def test_a_file_is_the_truth_in_its_own_time(runs: list[Path], tmp_path: Path, capsys) -> None:
+def test_a_file_is_the_truth_in_its_own_time(runs: list[Path], tmp_path: Path, cli) -> None:
     """A run compared with its own path, whose stamps are a second early: no error once they are moved."""
     shifted = tmp_path / "path.tum"
     lines = [line.split() for line in (runs[0] / "trajectory.tum").read_text().splitlines()]
     shifted.write_text("\n".join(" ".join([f"{float(t) - 1:.9f}", *pose]) for t, *pose in lines))
     given = ["--ground-truth", str(shifted), "--json"]
-    assert main(["evaluate", str(runs[0]), *given]) == 0
-    assert json.loads(capsys.readouterr().out)["runs"][0]["ground_truth"]["frames_compared"] == 0
-    assert main(["evaluate", str(runs[0]), *given, "--ground-truth-offset", "1"]) == 0
-    figures = json.loads(capsys.readouterr().out)["runs"][0]["ground_truth"]
+    assert cli("evaluate", runs[0], *given).json["runs"][0]["ground_truth"]["frames_compared"] == 0
+    figures = cli("evaluate", runs[0], *given, "--ground-truth-offset", "1").json["runs"][0]["ground_truth"]
     assert figures["frames_compared"] == FRAMES
     assert figures["ate_rmse_m"] < 1e-6, "a micrometre: the digits of the file"
     ignored = ["--ground-truth-offset", "1", "--ignore-ground-truth", "0:3"]
-    assert main(["evaluate", str(runs[0]), *given, *ignored]) == 0
-    assert json.loads(capsys.readouterr().out)["runs"][0]["ground_truth"]["frames_compared"] == FRAMES - 3
+    (found,) = cli("evaluate", runs[0], *given, *ignored).json["runs"]
+    assert found["ground_truth"]["frames_compared"] == FRAMES - 3
 
 
-def test_what_cannot_be_read_of_a_run_is_told(runs: list[Path], tmp_path: Path, capsys) -> None:
+def test_what_cannot_be_read_of_a_run_is_told(runs: list[Path], tmp_path: Path, cli) -> None:
     damaged = Path(shutil.copytree(runs[0], tmp_path / "damaged"))
     content = bytearray((damaged / "estimates.mcap").read_bytes())
     content[len(content) // 2] ^= 1  # in the chunk of the first frames or in that of the last
     (damaged / "estimates.mcap").write_bytes(content)
-    assert main(["evaluate", str(damaged), "--json"]) == 3
-    said = capsys.readouterr()
+    said = cli("evaluate", damaged, "--json", code=3)
     assert 0 < json.loads(said.out)["runs"][0]["ground_truth"]["frames_compared"] < FRAMES
     assert f"warning: {damaged / 'estimates.mcap'} at byte" in said.err
 
 
-def test_what_is_not_a_run_is_named(tmp_path: Path, capsys) -> None:
-    assert main(["evaluate", str(tmp_path)]) == 3
-    assert f"{tmp_path} holds no results" in capsys.readouterr().err
+def test_what_is_not_a_run_is_named(tmp_path: Path, cli) -> None:
+    assert f"{tmp_path} holds no results" in cli("evaluate", tmp_path, code=3).err
 
 
 @pytest.mark.parametrize("with_log", [True, False])
-def test_a_run_is_shown_with_the_images_of_its_log(
-    with_log: bool, runs: list[Path], tmp_path: Path, capsys
-) -> None:
+def test_a_run_is_shown_with_the_images_of_its_log(with_log: bool, runs: list[Path], tmp_path: Path, cli) -> None:
     pytest.importorskip("rerun")
     run = runs[0]
     if not with_log:
@@ -89,8 +78,7 @@ def test_a_run_is_shown_with_the_images_of_its_log(
         run.mkdir()
         (run / "estimates.mcap").write_bytes((runs[0] / "estimates.mcap").read_bytes())
     rrd = tmp_path / "run.rrd"
-    assert main(["view", str(run), "--rrd", str(rrd)]) == 0
-    assert ("shown without images" in capsys.readouterr().err) != with_log
+    assert ("shown without images" in cli("view", run, "--rrd", rrd).err) != with_log
     stats = [sys.executable, "-m", "rerun", "rrd", "stats", str(rrd)]
     told = subprocess.run(stats, capture_output=True, text=True, check=True).stdout
     assert "local_structure" in told and ("EncodedImage" in told) == with_log

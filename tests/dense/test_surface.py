@@ -1,6 +1,5 @@
 """Dense stereo and surfaces: the truth is found, σ says how well, edges stay open, files can be read."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,6 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from stream_sfm import open_log
 from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.cli.main import main
 from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
 from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays
@@ -287,14 +285,13 @@ def test_what_is_certain_or_uncertain_throughout_stays_whole() -> None:
         assert near_part(mesh) is mesh
 
 
-def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, capsys):
+def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, cli):
     files = {name: tmp_path / f"a.{name}" for name in ("ply", "png", "rrd")}
     arguments = ["--preview", str(files["png"]), "--rrd", str(files["rrd"]), "--viewpoint", "-20", "10", "--json"]
-    assert main(["surface", str(wall_log), "--out", str(files["ply"]), "--all", "--max-frames=5", *arguments]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli("surface", wall_log, "--out", files["ply"], "--all", "--max-frames=5", *arguments).json
     assert said["complete"] and said["frames"] == {"read": 5, "used": 5} and said["voxel_m"] > 0
     mesh = trimesh.load(files["ply"], process=False)
-    assert len(mesh.vertices) == said["vertices"] > 1000
+    assert len(mesh.vertices) == said["vertices"] > 1000  # of 76 800 pixels
     plane = Wall(5).world_from_wall
     apart = (mesh.vertices - plane[:3, 3]) @ plane[:3, 2]
     assert np.median(np.abs(apart)) < 0.01  # a tenth of a pixel is 17 mm in one frame
@@ -302,15 +299,14 @@ def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Pat
     assert b"surface" in files["rrd"].read_bytes()
 
 
-def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, capsys):
+def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, cli):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(wall_log.read_bytes()[: wall_log.stat().st_size * 7 // 10])
-    assert main(["surface", str(cut), "--out", str(tmp_path / "a.ply"), "--all"]) == 3
-    said = capsys.readouterr()
+    said = cli("surface", cut, "--out", tmp_path / "a.ply", "--all", code=3)
     assert "read in part only" in said.err and "frames" in said.out
-    assert len(trimesh.load(tmp_path / "a.ply", process=False).faces) > 1000
-    assert main(["surface", str(cut), "--out", str(tmp_path / "b.ply"), "--frame", "11"]) == 3
-    assert "frame 11 could not be read" in capsys.readouterr().err
+    assert len(trimesh.load(tmp_path / "a.ply", process=False).faces) > 1000  # of 76 800 pixels
+    said = cli("surface", cut, "--out", tmp_path / "b.ply", "--frame", "11", code=3)
+    assert "frame 11 could not be read" in said.err
 
 
 @pytest.mark.parametrize(
@@ -325,18 +321,16 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
         (["--viewpoint", "left", "0"], 2, "degrees"),
     ],
 )
-def test_wrong_use_is_told_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, capsys):
+def test_wrong_use_is_told_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
-    assert main(["surface", str(wall_log), "--out", "a.ply", *arguments]) == code
-    said = capsys.readouterr()
-    assert says in said.err and "Traceback" not in said.err and said.out == ""
+    said = cli("surface", wall_log, "--out", "a.ply", *arguments, code=code)
+    assert says in said.err and said.out == ""
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("which", [["--frame", "0"], ["--all"]])
-def test_nothing_to_be_seen_is_3_with_what_to_do(which: list[str], tmp_path: Path, capsys):
+def test_nothing_to_be_seen_is_3_with_what_to_do(which: list[str], tmp_path: Path, cli):
     log = colour_log(tmp_path / "black.mcap", np.zeros((120, 160, 3), np.uint8))
-    assert main(["surface", str(log), "--out", str(tmp_path / "a.ply"), *which]) == 3
-    said = capsys.readouterr().err
+    said = cli("surface", log, "--out", tmp_path / "a.ply", *which, code=3).err
     assert "black.mcap" in said and "no surface was found" in said and "inspect" in said
     assert not (tmp_path / "a.ply").exists()

@@ -38,7 +38,7 @@ def test_gains_are_differences(arc):
             numerical = se3.log(se3.inverse(poses[1]) @ poses[0]) / 2e-3
             # Gauss-Newton leaves out curvature times residual, some hundredths of the gain
             scale = np.abs(gains.of_current[k]).max(axis=1)
-            assert (np.abs(gains.of_current[k, :, c] - numerical) < 0.1 * scale).all()
+            assert (np.abs(gains.of_current[k, :, c] - numerical) < 0.1 * scale).all()  # see above
 
 
 @pytest.mark.slow

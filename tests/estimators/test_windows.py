@@ -41,8 +41,10 @@ def test_one_window_is_the_batch(method, tolerance, arc, batch):
     difference = s.world_from_cam[:3, 3] - batch.world_from_cam[-1, :3, 3]
     assert (np.abs(difference) < tolerance * deviation + 1e-9).all()
     scale = np.sqrt(np.diag(batch.cov_poses[-1]))
+    # the batch is linearised at convergence
     assert np.abs((s.cov_pose - batch.cov_poses[-1]) / np.outer(scale, scale)).max() < max(tolerance, 1e-4)
     rows = np.searchsorted(batch.track_ids, s.track_ids)
+    # σ of a point is about a centimetre
     assert np.abs(s.points_in_world - batch.points_in_world[rows]).max() < tolerance * 0.01 + 1e-9
 
 

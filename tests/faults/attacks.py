@@ -1,4 +1,4 @@
-"""Hostile inputs of many kinds, made by a seed: definitions, files, images, texts, names, outputs and damage.
+"""Hostile inputs of many kinds, made by a seed: definitions, images, texts, names and commands of a terminal.
 
 Each attack puts files into a folder and gives the words of a command. Whatever they are, the command ends with the
 exit code of a success or of a named error, prints nothing that a terminal obeys, and changes no file but its results.
@@ -10,22 +10,18 @@ import os
 import random
 import re
 import shutil
-import socket
 import string
 import struct
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from stream_sfm.cli.main import main
-from tests.faults.damage_kinds import INDEXES, KINDS, Whole, whole_log
 from tests.faults.fuzz import Trial
-from tests.faults.mutations import BASES, Base, make_base, mutate
-from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
+from tests.helpers.stereo_logs import START_NS, LogWriter, Spec, write_log
 from tests.helpers.wall import rig
 
 _FAST = ["--method", "frame-to-frame", "--max-frames", "4"]
@@ -42,7 +38,6 @@ _ENCODINGS = (
 _TYPES = (
     "sensor_msgs/msg/Image", "sensor_msgs/Image", "foxglove.CompressedImage", "p/msg/T", "tf2_msgs/msg/TFMessage",
 )  # fmt: skip
-_REPLACED = ("folder", "empty", "noise", "dangling")  # what a user may name as an output
 _OTHER = b"a file of somebody else"
 
 
@@ -71,19 +66,6 @@ class Ammunition:
     @property
     def _picture(self) -> np.ndarray:
         return np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8)
-
-    @cached_property
-    def wholes(self) -> list[Whole]:
-        """Undamaged logs, chunked."""
-        return [
-            whole_log(write_log(self._folder / "whole.mcap", Spec(), **CONTAINERS[name]))
-            for name in ("zstd", "lz4", "uncompressed chunks")
-        ]
-
-    @cached_property
-    def bases(self) -> list[Base]:
-        """Undamaged logs of all layouts."""
-        return [make_base(name, self._folder) for name in BASES]
 
 
 def _command(rng: random.Random, log: str, folder: Path) -> list[str]:
@@ -119,46 +101,6 @@ def definitions(rng: random.Random, ammunition: Ammunition, folder: Path) -> Att
             log.add(topic, name, encodings, text.encode("utf-8", "replace"), START_NS + n, rng.randbytes(40))
     log.close()
     return Attack(_command(rng, str(folder / "log.mcap"), folder), ("out", "out.ply"))
-
-
-def files(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
-    """Pipes, sockets, devices, folders, dangling links and empty files where a file is wanted."""
-    odd = folder / "odd"
-    kind = rng.choice(("pipe", "socket", "zero", "null", "folder", "dangling", "loop", "empty", "noise", "stdin"))
-    if kind == "pipe":
-        os.mkfifo(odd)
-    elif kind == "socket":
-        with socket.socket(socket.AF_UNIX) as s, contextlib.chdir(folder):
-            s.bind("odd")
-    elif kind in ("zero", "null"):
-        odd.symlink_to(f"/dev/{kind}")
-    elif kind == "folder":
-        (odd / "sub").mkdir(parents=True)
-    elif kind in ("dangling", "loop"):
-        odd.symlink_to(odd if kind == "loop" else folder / "nothing")
-    else:
-        odd.write_bytes(rng.randbytes(rng.choice((0, 1, 8, 5000))) if kind == "noise" else b"")
-    name = "-" if kind == "stdin" else str(odd)
-    log = str(shutil.copy(ammunition.log, folder / "log.mcap"))
-    out = str(folder / "out")
-    return Attack(
-        rng.choice(
-            [
-                _command(rng, name, folder),
-                ["replay", log, "--out", out, "--calibration", name, *_FAST],
-                ["replay", log, "--out", out, "--config", name, *_FAST],
-                ["replay", log, "--out", out, "--ground-truth", name, *_FAST],
-                ["replay", log, "--out", name, *_FAST],
-                ["replay", log, "--out", out, "--rrd", name, *_FAST],
-                ["surface", log, "--out", name],
-                ["recover", log, name],
-                ["import", "images", "--left", name, "--right", name, "--calibration", name, f"{out}.mcap"],
-                ["import", rng.choice(("kitti", "euroc")), name, f"{out}.mcap"],
-                ["convert-calibration", name, "--out", f"{out}.toml"],
-            ]
-        ),
-        ("out", "out.ply", "out.mcap", "out.toml", "-", "nothing", *(["odd"] if kind in _REPLACED else [])),
-    )
 
 
 def _changed_image(rng: random.Random, image: bytes) -> bytes:
@@ -239,49 +181,6 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     )
 
 
-def outputs(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
-    """Results whose names are those of the input, of its temporary file, or of a link to it."""
-    out = folder / "out"
-    out.mkdir()
-    name = rng.choice([*_result_names()[:6], "log.mcap", "x.ply", "report.html"])
-    log = out / name
-    shutil.copy(ammunition.log, log)
-    target = rng.choice((log, out / f"{name}.part", out / "link", out / "hard"))
-    if target.name == "link":
-        target.symlink_to(log)
-    elif target.name == "hard":
-        os.link(log, target)
-    given = str(rng.choice((log, target if target.exists() else log)))
-    words = rng.choice(
-        [
-            ["replay", given, "--out", str(out), *_FAST],
-            ["replay", given, "--out", str(folder / "new"), "--rrd", str(target), *_FAST],
-            ["compare", given, "--out", str(out), "--methods", "frame-to-frame", "--max-frames", "4"],
-            ["surface", given, "--out", str(target), "--max-frames", "1"],
-            ["surface", given, "--out", str(folder / "new.ply"), "--preview", str(target), "--max-frames", "1"],
-            ["recover", given, str(target), "--force"],
-            ["convert-calibration", given, "--out", str(target)],
-        ]
-    )
-    # The log stays whatever the words are; only a run whose results have other names may write beside it.
-    results = ["new", "new.ply", *(f"out/{n}" for n in _result_names() if n != name)]
-    return Attack(words, tuple(results))
-
-
-def _result_names() -> list[str]:
-    files = [
-        "estimates.mcap",
-        "trajectory.tum",
-        "trajectory.kitti",
-        "metadata.yaml",
-        "trajectory.csv",
-        "summary.json",
-        "config.toml",
-    ]
-    pages = ["report.html", "report.json", "frame_to_frame", "log.mcap.part", "x.ply.part"]
-    return files + pages + [f"{name}.part" for name in files + pages[:2]]
-
-
 def names(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     """Logs and results called `..`, or with characters that a file system, a shell or a terminal could obey."""
     stem = "".join(rng.choices([*_ODD_TEXTS, *string.ascii_letters], k=rng.choice((1, 2, 3, 8, 300))))
@@ -326,22 +225,7 @@ def escapes(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     return Attack(_command(rng, str(path), folder), ("out", "out.ply"))
 
 
-def damage(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
-    """Logs that are damaged, cut off, or changed with their checksums."""
-    path = folder / "log.mcap"
-    if rng.random() < 0.5:
-        whole = rng.choice(ammunition.wholes)
-        data = bytearray(INDEXES[rng.choice(list(INDEXES))](whole))
-        for kind in rng.sample(list(KINDS), rng.choice((1, 1, 3))):
-            with contextlib.suppress(IndexError):  # beyond the end that another one has cut off
-                KINDS[kind](rng, whole, data)
-        path.write_bytes(data)
-    else:
-        path.write_bytes(mutate(rng.choice(ammunition.bases), rng.randrange(2**31))[1])
-    return Attack(_command(rng, str(path), folder), ("out", "out.ply"))
-
-
-ATTACKS = {f.__name__: f for f in (definitions, files, images, texts, outputs, names, escapes, damage)}
+ATTACKS = {f.__name__: f for f in (definitions, images, texts, names, escapes)}
 
 
 def attacked(kind: str, folder: Path) -> Trial:

@@ -44,7 +44,7 @@ def replay_and_check(log: Path, out: Path, due: list[int], checked: bool) -> tup
     trajectory.unlink(missing_ok=True)
     printed, errors = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
-        code = main(["replay", str(log), "--out", str(out), "--json"])
+        code = main(["replay", str(log), "--out", str(out), "--json", "--method", "frame-to-frame"])
     if code not in (0, 3) or "Traceback" in errors.getvalue():
         return code, f"exit code {code}: {errors.getvalue()[-500:]}"
     estimated = read_tum(trajectory).stamps_ns.tolist() if trajectory.exists() else []
@@ -88,10 +88,13 @@ def fuzz(
     """
     outcome = Outcome()
     at, end = first, first + count
-    spawn = multiprocessing.get_context("spawn")  # not a fork: the memory measured is to be the worker's own
+    server = multiprocessing.get_context(
+        "forkserver"
+    )  # not a fork of this one: the memory is to be the worker's own
+    server.set_forkserver_preload(["tests.faults.attacks"])  # with everything imported
     while at < end:
-        receive, send = spawn.Pipe(duplex=False)
-        worker = spawn.Process(target=_work, args=(send, prepare, at, end, folder, max_seconds))
+        receive, send = server.Pipe(duplex=False)
+        worker = server.Process(target=_work, args=(send, prepare, at, end, folder, max_seconds))
         worker.start()
         send.close()
         with receive, contextlib.suppress(EOFError):

@@ -10,10 +10,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.batch.logs import names_for
-from stream_sfm.cli.main import main
 from stream_sfm.files import PartFile, write_whole
 from stream_sfm.outputs import only_writer, refuse_overwriting
 from stream_sfm.results.folder import ResultFolder
+from tests.helpers.command_line import CommandLine
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -40,9 +40,7 @@ ATTACKS = {
 
 @pytest.mark.parametrize("attack", ATTACKS)
 @pytest.mark.parametrize("through", ["itself", "a symbolic link", "a hard link"])
-def test_an_output_that_is_an_input_is_refused(
-    attack: str, through: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_output_that_is_an_input_is_refused(attack: str, through: str, tmp_path: Path, cli: CommandLine) -> None:
     name, command = ATTACKS[attack]
     log = there = tmp_path / name
     log.parent.mkdir(exist_ok=True, parents=True)
@@ -60,30 +58,20 @@ def test_an_output_that_is_an_input_is_refused(
         words[1] = str(there)  # its name makes the folder
     if "--preview" in words:
         words[-1] = str(there)
-    assert main([*words, "-q"]) == 3
-    said = capsys.readouterr().err
-    assert "it is an input of this run" in said and "Traceback" not in said
+    assert "it is an input of this run" in cli(*words, "-q", code=3).err
     assert everything(tmp_path) == before
 
 
-def test_settings_are_not_replaced_by_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_are_not_replaced_by_others(tmp_path: Path, cli: CommandLine) -> None:
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     out.mkdir()
     mine = out / "config.toml"
     mine.write_text("# tuned for the tunnel\n[window]\nframes = 7\n")
-    assert main(["replay", str(log), "--out", str(out), "--config", str(mine), *FAST]) == 3
-    assert "config.toml: it is an input" in capsys.readouterr().err and "tunnel" in mine.read_text()
-    assert main(["replay", str(log), "--out", str(tmp_path / "b"), "--config", str(mine), *FAST]) == 0
-    again = [
-        "replay",
-        str(log),
-        "--out",
-        str(tmp_path / "b"),
-        "--config",
-        str(tmp_path / "b" / "config.toml"),
-        "-q",
-    ]
-    assert main(again) == 0  # the same settings: nothing of it is lost
+    assert "config.toml: it is an input" in cli("replay", log, "--out", out, "--config", mine, *FAST, code=3).err
+    assert "tunnel" in mine.read_text()
+    cli("replay", log, "--out", tmp_path / "b", "--config", mine, *FAST)
+    same = tmp_path / "b" / "config.toml"
+    cli("replay", log, "--out", tmp_path / "b", "--config", same, "-q")  # the same settings: nothing of it is lost
 
 
 def test_the_library_refuses_too(tmp_path: Path) -> None:
@@ -193,14 +181,14 @@ def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: 
         write_whole(tmp_path / "x", b"content")
 
 
-def test_a_batch_stays_in_its_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch_stays_in_its_folder(tmp_path: Path, cli: CommandLine) -> None:
     """The stem of `...mcap` is `..`; results went beside the folder, over whatever was there."""
     (tmp_path / "logs").mkdir()
     log = write_log(tmp_path / "logs" / "...mcap")
     (tmp_path / "config.toml").write_text("mine")
     out = tmp_path / "out"
     before = everything(tmp_path)
-    assert main(["batch", str(log), "--out", str(out), *FAST]) == 0, capsys.readouterr().err
+    cli("batch", log, "--out", out, *FAST)
     after = everything(tmp_path)
     assert {name: content for name, content in after.items() if not name.startswith("out/")} == before
     assert (out / "log" / "estimates.mcap").exists()
@@ -212,21 +200,20 @@ def test_names_are_plain() -> None:
     assert names == ["l-..", "hidden", "a_b", "l-...", "_[31m"]
 
 
-def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, cli: CommandLine) -> None:
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     (out / "log").mkdir(parents=True)
     (out / "stop").write_text("mine")
     (out / "log" / "config.toml").write_text("mine too")
-    assert main(["batch", str(log), "--out", str(out), *FAST]) == 3
-    assert "no batch wrote (config.toml)" in capsys.readouterr().err
+    assert "no batch wrote (config.toml)" in cli("batch", log, "--out", out, *FAST, code=3).err
     assert (out / "stop").read_text() == "mine"
     assert everything(out / "log") == {"config.toml": b"mine too"}
 
 
-def test_two_batches_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_batches_do_not_share_a_folder(tmp_path: Path, cli: CommandLine) -> None:
     log = write_log(tmp_path / "log.mcap")
     (tmp_path / "out").mkdir()
     with only_writer(tmp_path / "out"):
-        assert main(["batch", str(log), "--out", str(tmp_path / "out"), *FAST]) == 3
-    assert "another run is writing there" in capsys.readouterr().err
+        said = cli("batch", log, "--out", tmp_path / "out", *FAST, code=3)
+    assert "another run is writing there" in said.err
     assert not list((tmp_path / "out").iterdir())

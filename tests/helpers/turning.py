@@ -6,12 +6,7 @@ from stream_sfm.camera.models import Camera
 from stream_sfm.geometry import se3
 from tests.helpers.wall import Wall
 
-AXES = {
-    "yaw": (0.0, 1.0, 0.0),
-    "pitch": (1.0, 0.0, 0.0),
-    "roll": (0.0, 0.0, 1.0),
-    "mixed": (0.5, 0.7, 0.5),
-}
+AXES = {"yaw": (0.0, 1.0, 0.0), "pitch": (1.0, 0.0, 0.0), "roll": (0.0, 0.0, 1.0), "mixed": (0.5, 0.7, 0.5)}
 _RATE = np.radians(1.5)  # per frame, at most: 7 pixels
 _PERIOD = 24  # frames
 

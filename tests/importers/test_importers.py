@@ -110,14 +110,14 @@ def _folders(tmp_path, left, right):
     ]
 
 
-def test_images_are_given_as_a_folder_as_files_or_by_a_glob_that_the_shell_expands(tmp_path):
+def test_images_are_given_as_a_folder_as_files_or_by_a_glob_that_the_shell_expands(tmp_path, cli):
     names = [f"{n}.png" for n in (1, 2, 10)]
     files = _folders(tmp_path, names, names)
     (tmp_path / "l" / "notes.txt").write_text("not an image")
     out = str(tmp_path / "o.mcap")
     calibration = ["--calibration", str(tmp_path / "c.toml")]
     for left, right in (files, ([str(tmp_path / "l")], [str(tmp_path / "r")])):
-        assert main(["import", "images", "--left", *left, "--right", *right, *calibration, "--force", out]) == 0
+        cli("import", "images", "--left", *left, "--right", *right, *calibration, "--force", out)
         pairs = list(sfm.open_log(out).pairs())
         assert [p.left.data for p in pairs] == [(tmp_path / "l" / n).read_bytes() for n in names]
         assert [p.right.data for p in pairs] == [(tmp_path / "r" / n).read_bytes() for n in names]
@@ -181,7 +181,7 @@ def test_nothing_is_replaced_unless_it_is_allowed_and_never_an_input(tmp_path, c
     assert main(command) == 3 and out.read_bytes() == b"mine"
     said = capsys.readouterr().err
     assert "exists already" in said and said.endswith("hint: use --force\n")
-    assert main([*command, "--force"]) == 0 and out.stat().st_size > 1000
+    assert main([*command, "--force"]) == 0 and out.stat().st_size > 1000  # bytes: six images
     image = tmp_path / "00" / "image_0" / "000000.png"
     before = image.read_bytes()
     with pytest.raises(sfm.OutputError, match="it is an input of this run"):

@@ -1,6 +1,5 @@
 """`inspect` names what is wrong with a log, from rendered logs with one defect each, and its cure cures."""
 
-import json
 from dataclasses import replace
 
 import cv2
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import open_log
-from stream_sfm.cli.main import main
 from stream_sfm.inspection import inspect_log
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
@@ -93,6 +91,7 @@ def test_an_angle_between_the_cameras_that_the_calibration_has_not(path):
     wall, stereo = Wall(5), rig(0.062)
     frames = wall.frames(stereo, camera_path(4))
     found = inspect_log(write(path, frames))
+    # only the far part of the wall
     assert 0.05 < found["calibration_check"]["negative_share"] < 0.5 and found["problems"] == []
     assert any("negative disparity" in w and "angle between the cameras" in w for w in found["warnings"])
     assert inspect_log(write(path, frames, calibration_of(stereo, "plumb_bob")))["warnings"] == []
@@ -169,16 +168,13 @@ def test_a_log_without_texture_cannot_be_checked_and_says_so(path, frames):
     assert "stands 0.2 m to the left" in found["problems"][0]
 
 
-def test_exit_codes_and_json(path, frames, capsys):
-    assert main(["inspect", str(write(path, frames)), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_exit_codes_and_json(path, frames, cli):
+    found = cli("inspect", write(path, frames), "--json").json
     assert found["problems"] == [] and found["images"]["left"]["size"] == [320, 240]
-    assert main(["inspect", str(path)]) == 0
-    text = capsys.readouterr().out
+    text = cli("inspect", path).out
     for words in ("baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "this log can be replayed"):
         assert words in text
-    assert main(["inspect", str(write(path, frames, swapped=True))]) == 3
-    assert "the images are swapped" in capsys.readouterr().out
+    assert "the images are swapped" in cli("inspect", write(path, frames, swapped=True), code=3).out
 
 
 def test_the_calibration_from_outside_is_the_one_that_counts(path, frames, tmp_path):

@@ -17,8 +17,8 @@ from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
+from tests.helpers.wall_log import write_wall_log
 
-LOG = ROOT / "logs/room.mcap"
 PAGE = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
 
 
@@ -53,9 +53,15 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 
 
 @pytest.fixture(scope="module")
-def replayed(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("formats") / "run"
-    replay(LOG, folder, selection=Selection(max_frames=8), there_and_back=True, self_test=True)
+def log(tmp_path_factory) -> Path:
+    """40 frames, which are the fewest with ratios between methods."""
+    return write_wall_log(tmp_path_factory.mktemp("formats") / "wall.mcap", n=21, times=2)
+
+
+@pytest.fixture(scope="module")
+def replayed(log: Path) -> Path:
+    folder = log.parent / "run"
+    replay(log, folder, selection=Selection(max_frames=8), there_and_back=True, self_test=True)
     return folder
 
 
@@ -87,12 +93,12 @@ def test_trajectories(replayed: Path) -> None:
     assert all(len(line.split()) == 12 for line in (replayed / "trajectory.kitti").read_text().splitlines())
 
 
-def test_report(tmp_path: Path) -> None:
-    """40 frames are the fewest with ratios between methods; there and back, so that this is in it too."""
+def test_report(log: Path, tmp_path: Path) -> None:
+    """There and back, so that this is in it too."""
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
-    methods, chosen = ("cross-frame", "frame-to-frame"), Selection(max_frames=40)
-    compare(LOG, tmp_path, selection=chosen, methods=methods, there_and_back=True, self_test=True)
+    methods = ("cross-frame", "frame-to-frame")
+    compare(log, tmp_path, methods=methods, there_and_back=True, self_test=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])
@@ -102,12 +108,12 @@ def test_report(tmp_path: Path) -> None:
         assert inner and set(figures["there_and_back"]) == set(inner[1].split(", "))
 
 
-def test_batch(tmp_path: Path) -> None:
+def test_batch(log: Path, tmp_path: Path) -> None:
     of_all, of_log = map(names, tables("batch.json, job.json"))
-    content = replay_batch([LOG], tmp_path, selection=Selection(max_frames=3), workers=1)
+    content = replay_batch([log], tmp_path, selection=Selection(max_frames=3), workers=1)
     assert json.loads((tmp_path / "batch.json").read_bytes()) == json.loads(json.dumps(content))
     assert_same(of_all, set(paths(content)))
-    assert set(json.loads((tmp_path / "room/job.json").read_bytes())) == of_log
+    assert set(json.loads((tmp_path / "wall/job.json").read_bytes())) == of_log
     assert set(content["logs"][0]) == of_log | {"summary"}
 
 

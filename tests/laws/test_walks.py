@@ -27,6 +27,7 @@ def functions(file: Path) -> set[str]:
 
 
 def test_both_walks_are_read() -> None:
+    # two walks of some fourteen steps
     assert [file for file, _ in STEPS].count("run/loop.py") == 2 and len(STEPS) > 25
 
 

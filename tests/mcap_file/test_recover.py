@@ -1,6 +1,5 @@
 """What is recovered of a damaged file is what can be read of it, unchanged, in a file that every reader opens."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,6 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
 from tests.faults.damage_kinds import INDEXES, KINDS, trial, whole_log
@@ -96,20 +94,16 @@ def test_the_start_may_be_damaged(path: Path, tmp_path: Path) -> None:
     assert len(list(sfm.open_log(path).pairs())) == 12
 
 
-def test_the_command_says_what_was_lost(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_was_lost(path: Path, tmp_path: Path, cli) -> None:
     write_log(path, Spec(), **CONTAINERS["zstd"])
     whole = path.read_bytes()
     out = tmp_path / "out.mcap"
-    assert main(["recover", str(path), str(out)]) == 0
-    assert "26 messages; nothing was lost" in capsys.readouterr().out
+    assert "26 messages; nothing was lost" in cli("recover", path, out).out
     path.write_bytes(whole[: len(whole) // 2])
-    assert main(["recover", str(path), str(out)]) == 3
-    assert "use --force" in capsys.readouterr().err
-    assert main(["recover", str(path), str(out), "--force", "--json"]) == 3
-    printed = json.loads(capsys.readouterr().out)
-    assert not printed["complete"] and 4 < sum(printed["messages"].values()) < 26
-    assert main(["recover", str(path), str(out), "--force", "-q"]) == 3
-    said = capsys.readouterr()
+    assert "use --force" in cli("recover", path, out, code=3).err
+    printed = cli("recover", path, out, "--force", "--json", code=3).json
+    assert not printed["complete"] and 4 < sum(printed["messages"].values()) < 26  # half of the file was left
+    said = cli("recover", path, out, "--force", "-q", code=3)
     assert said.out == "" and "is cut off or damaged at byte" in said.err
 
 

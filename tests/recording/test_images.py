@@ -38,6 +38,7 @@ def test_channels_are_taken_in_their_order(order, bits):
 def test_bayer_patterns_are_told_apart(pattern):
     values = [{"r": RED, "g": GREEN, "b": BLUE}[c] for c in pattern]
     pixels = np.tile(np.array(values, np.uint8).reshape(2, 2), (10, 15))
+    # a whole grey level, and demosaicing rounds
     assert decode_grey(raw(f"bayer_{pattern}8", pixels))[8, 8] == pytest.approx(LUMA, abs=1.5)
     wide = (pixels.astype(np.uint16) * 256).astype("<u2")
     assert decode_grey(raw(f"bayer_{pattern}16", wide))[8, 8] == pytest.approx(256 * LUMA, abs=400)

@@ -116,7 +116,7 @@ def test_random_logs_keep_the_laws():
             assert stamps == sorted(set(stamps))
             assert set(stamps) <= set(sides[i])
             assert counts.paired + counts.unpaired[i] + counts.disordered[i] == len(sides[i]) == counts.read[i]
-        assert all(abs(a - b) <= 60 for a, b in pairs)
+        assert all(abs(a - b) <= 60 for a, b in pairs)  # half a period, and the jitter
         exact = set(sides[0]) & set(sides[1])
         assert {(t, t) for t in exact} <= set(pairs)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from tests.helpers.data_sets import BODY_FROM_LEFT, write_euroc
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec, write_log, write_transform
@@ -127,12 +126,10 @@ def test_mistakes_are_named(tmp_path, log, text, words):
     assert str(path) in str(caught.value)
 
 
-def test_the_command_line_takes_it(tmp_path, log, capsys):
+def test_the_command_line_takes_it(tmp_path, log, cli):
     bare = write_log(tmp_path / "bare.mcap")
     path = tum(tmp_path / "gt.txt", stamps=[s - 10**9 for s in STAMPS_NS])
     options = ["--ground-truth", str(path), "--ground-truth-offset", "1", "--ground-truth-frame", "left"]
     out = ["--out", str(tmp_path / "out"), "--json", "-q", "--method", "frame-to-frame"]
-    assert main(["replay", str(bare), *options, *out]) == 0
-    assert '"ground_truth"' in capsys.readouterr().out
-    assert main(["replay", str(bare), "--ground-truth", str(tmp_path / "none.txt"), *out]) == 3
-    assert "cannot read poses" in capsys.readouterr().err
+    assert '"ground_truth"' in cli("replay", bare, *options, *out).out
+    assert "cannot read poses" in cli("replay", bare, "--ground-truth", tmp_path / "none.txt", *out, code=3).err

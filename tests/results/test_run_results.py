@@ -56,8 +56,8 @@ def test_points_are_in_the_camera_of_their_frame(run: sfm.RunResults, estimates)
 def test_points_of_the_map_are_in_the_world_whatever_the_frames(run: sfm.RunResults, estimates) -> None:
     last = estimates[-1]
     live = np.isin(run.map_points.track_ids, last.track_ids)
-    assert np.allclose(run.map_points.points[live], last.points_in_world, atol=1e-5)
-    assert np.allclose(run.map_points.cov_points[live], last.cov_points_in_world, atol=1e-6)
+    assert np.allclose(run.map_points.points[live], last.points_in_world, atol=1e-5)  # float32
+    assert np.allclose(run.map_points.cov_points[live], last.cov_points_in_world, atol=1e-6)  # float32
 
 
 def test_the_table_has_rotations_and_sigmas_along_the_axes_of_the_world(run: sfm.RunResults, estimates) -> None:

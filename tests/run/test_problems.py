@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.inspection import inspect_log
 from stream_sfm.types import StereoFrame
@@ -66,17 +65,15 @@ def test_a_camera_that_is_knocked_on_the_way_is_a_warning(tmp_path) -> None:
     assert summary["rig"]["applied"] and summary["statuses"]["degraded"] == 3
 
 
-def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames, tmp_path, capsys) -> None:
+def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames, tmp_path, cli) -> None:
     log = write(tmp_path / "a.mcap", swapped(frames))
-    assert main(["replay", str(log), "--out", str(tmp_path / "out")]) == 3
-    errors = capsys.readouterr().err.splitlines()
+    errors = cli("replay", log, "--out", tmp_path / "out", code=3).err.splitlines()
     assert errors[0].startswith("problem: ") and errors[-1].startswith("stream-sfm: ")
     assert all("a.mcap: the images are swapped" in line for line in (errors[0], errors[-1]))
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["frames"]["estimated"] == 8 and "swapped" in summary["problems"][0]
     for command in (["inspect", str(log)], ["compare", str(log), "--methods", "ekf", "--out", str(tmp_path / "c")]):
-        assert main(command) == 3
-        output = capsys.readouterr()
+        output = cli(*command, code=3)
         assert "the images are swapped" in " ".join((output.out + output.err).split())
 
 
@@ -92,20 +89,18 @@ def test_nothing_is_learnt_from_exchanged_cameras_and_their_surface_is_doubted(f
     assert "the images are swapped" in sfm.surface(log).warnings[0]
 
 
-def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, capsys) -> None:
+def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, cli) -> None:
     log = write(tmp_path / "a.mcap", black(frames))
-    assert main(["replay", str(log), "--out", str(tmp_path / "out")]) == 3
-    assert "a.mcap: tracking was lost in every frame: " in capsys.readouterr().err
+    assert "a.mcap: tracking was lost in every frame: " in cli("replay", log, "--out", tmp_path / "out", code=3).err
     assert "image is black" in json.loads((tmp_path / "out" / "summary.json").read_text())["problems"][0]
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 8, "what there is, is written"
 
 
-def test_a_single_frame_is_enough_only_if_it_was_asked_for(frames, tmp_path, capsys) -> None:
+def test_a_single_frame_is_enough_only_if_it_was_asked_for(frames, tmp_path, cli) -> None:
     log = write(tmp_path / "a.mcap", frames[:1])
-    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "-q"]) == 3
-    assert "only one stereo frame" in capsys.readouterr().err
+    assert "only one stereo frame" in cli("replay", log, "--out", tmp_path / "out", "-q", code=3).err
     log = write(tmp_path / "b.mcap", frames)
-    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "-q", "--max-frames", "1"]) == 0
+    cli("replay", log, "--out", tmp_path / "out", "-q", "--max-frames", "1")
 
 
 @pytest.mark.parametrize("baseline_m, asks", [(110.0, "are these millimetres?"), (1e-4, "are these another unit?")])

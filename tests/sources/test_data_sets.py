@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_kitti
 from stream_sfm.inspection import inspect_log
@@ -98,11 +97,10 @@ def test_folders_called_as_those_of_euroc_may_hold_images_alone(tmp_path):
     assert len(list(log.frames())) == 2
 
 
-def test_a_folder_of_recordings_names_them(tmp_path, capsys):
+def test_a_folder_of_recordings_names_them(tmp_path, cli):
     for name in ("a", "b"):
         write_kitti(tmp_path / name)
     (tmp_path / "notes.txt").touch()
     with pytest.raises(sfm.LogError, match=r"give one of .*/a, .*/b$"):
         sfm.open_log(tmp_path)
-    assert main(["inspect", str(tmp_path)]) == 3
-    assert "stream-sfm batch DIR" in capsys.readouterr().err
+    assert "stream-sfm batch DIR" in cli("inspect", tmp_path, code=3).err
