@@ -9,7 +9,6 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli import simulate
-from stream_sfm.cli.main import main
 from stream_sfm.simulation import calibration, figure6, rates, studies
 from stream_sfm.simulation.scenes import Scene
 
@@ -43,9 +42,8 @@ SAID = {
 
 
 @pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
-def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
-    assert main(["simulate", experiment, *TRIALS, str(tmp_path)]) == 0
-    captured = capsys.readouterr()
+def test_writes_results_and_figures(experiment, short, tmp_path, cli):
+    captured = cli("simulate", experiment, *TRIALS, tmp_path)
     assert SAID[experiment] in captured.out
     report = json.loads((tmp_path / "results.json").read_text())
     assert (report["experiment"], report["trials"], report["seed"]) == (experiment, 2, 0)
@@ -54,10 +52,9 @@ def test_writes_results_and_figures(experiment, short, tmp_path, capsys):
     assert all(line.startswith("simulate ") for line in captured.err.splitlines())  # a slow run shows progress
 
 
-def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, capsys):
-    assert main(["simulate", "rates", *TRIALS, str(tmp_path), "--json", "--quiet"]) == 0
+def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, cli):
     report = sfm.simulate("rates", trials=2, workers=1)
-    assert report == json.loads(capsys.readouterr().out)
+    assert report == cli("simulate", "rates", *TRIALS, tmp_path, "--json", "--quiet").json
     assert set(report["table"][0]["exponents"]) == {"cross-frame", "cross-frame-wc", "cross-frame-cc"}
     over_window = report["estimators_over_window"]["variance_over_bound"]["cross-frame-cc"]["rotation"]
     assert len(over_window) == len(rates.BATCHES) and all(v["low"] <= v["value"] <= v["high"] for v in over_window)
@@ -67,11 +64,10 @@ def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_re
         sfm.simulate("magic")
 
 
-def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatch, capsys):
+def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatch, cli):
     """The studies take minutes; matplotlib is asked for at their end."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.delitem(sys.modules, "stream_sfm.simulation.figures", raising=False)
     monkeypatch.delattr("stream_sfm.simulation.figures", raising=False)
-    assert main(["simulate", "figure6", *TRIALS, str(tmp_path), "-q"]) == 2
-    assert "the package matplotlib is missing" in capsys.readouterr().err
+    assert "the package matplotlib is missing" in cli("simulate", "figure6", *TRIALS, tmp_path, "-q", code=2).err
     assert json.loads((tmp_path / "results.json").read_text())
