@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 def evaluate(
     *runs: Annotated[str, Parameter("RUN")],
+    out: options.MaybeOutFile = None,
     truth: options.Truth = options.Truth(),
     json: options.Json = False,
 ) -> int:
@@ -25,25 +26,37 @@ def evaluate(
 
     Args:
         runs: result folders: of replays, of methods of a comparison, of logs of a batch
+        out: also write a page with charts, an .html
     """
+    from ..evaluation.association import without_frames
+    from ..files import write_whole
+    from ..report.evaluation_page import Evaluated, render_evaluation
     from ..results.run_results import read_results
     from .printing import print_json, print_notes
     from .summaries import print_evaluation
 
     if not runs:
         raise ConfigError("RUN is missing: name result folders, such as runs/latest")
-    found, missing = [], []
-    for name in runs:
+    if out is not None and Path(out).suffix.lower() != ".html":
+        raise ConfigError(f"--out {out}: the name must end in .html")
+    options.protect([out], *runs, truth.ground_truth)
+    found, logs, missing = [], [], []
+    for name in dict.fromkeys(runs):
         run = read_results(name)
         missing += run.warnings
-        figures = _figures(run, _truth(run, truth), truth)
-        found.append(
-            {"run": name, "method": run.config.method, "log": run.summary.get("log"), "ground_truth": figures}
-        )
+        used = without_frames(_truth(run, truth), run.stamps_ns, truth.ignore_ground_truth)
+        found.append(Evaluated(name, run.config.method, _figures(run, used, truth), run.trajectory, used))
+        logs.append(run.summary.get("log"))
+    if out is not None:
+        write_whole(out, render_evaluation(found).encode())
+    told = [
+        {"run": e.name, "method": e.method, "log": log, "ground_truth": e.figures}
+        for e, log in zip(found, logs, strict=True)
+    ]
     if json:
-        print_json({"runs": found})
+        print_json({"runs": told})
     else:
-        print_evaluation(found)
+        print_evaluation(told)
     print_notes("warning", missing)
     return ExitCode.INPUT if missing else ExitCode.DONE
 
@@ -69,16 +82,14 @@ def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
 
 
 def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:
-    from ..evaluation.association import without_frames
     from ..evaluation.relative_consistency import RelativeRecord
     from ..evaluation.summary import evaluate_run, evaluate_unscaled
     from ..results.frame_estimates import frame_estimates
 
-    used = without_frames(truth, run.stamps_ns, given.ignore_ground_truth)
     if run.config.mono:
-        return evaluate_unscaled(run.trajectory, used)
+        return evaluate_unscaled(run.trajectory, truth)
     motions = RelativeRecord()
     for estimate in frame_estimates(run.estimates_path, points=False):
         motions.add(estimate)
-    figures = evaluate_run(run.trajectory, motions, used, given.ground_truth_std)
+    figures = evaluate_run(run.trajectory, motions, truth, given.ground_truth_std)
     return figures | {"frames_ignored": [list(frames) for frames in given.ignore_ground_truth]}

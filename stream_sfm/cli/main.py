@@ -57,7 +57,7 @@ _EXIT_CODES = (
 )
 # Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
 _ALLOCATIONS_PER_COLLECTION = 100_000
-# What a disk, a quota or a terminal that is gone says to whom writes: not a defect of the program.
+# Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
@@ -119,14 +119,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _open_missing_streams() -> None:
-    """Give a process that was started without an output or an input, as by `>&-`, one that leads nowhere."""
+    """Open the null device in place of standard streams that the process was started without, as by `>&-`."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 for as long as the process lasts
 
 
 def _discard(*streams: TextIO) -> None:
-    """Let what is still to be written to these streams lead nowhere, so that nothing fails at the exit."""
+    """Redirect these streams to the null device, so that flushing them at exit cannot fail."""
     for stream in streams:
         with suppress(OSError, ValueError):  # a stream of a program that calls `main` may have no file
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
@@ -139,7 +139,7 @@ class _LogFormatter(logging.Formatter):
 
 @contextmanager
 def _logging_to_stderr() -> Iterator[None]:
-    """Show what the library logs, which are problems that cannot wait for the end of a run."""
+    """Print what the library logs: problems that must be seen before the run ends."""
     logger, handler = logging.getLogger("stream_sfm"), logging.StreamHandler(sys.stderr)
     handler.setFormatter(_LogFormatter())
     logger.addHandler(handler)

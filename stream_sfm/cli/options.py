@@ -1,4 +1,4 @@
-"""Options that several commands share, as records whose fields are options; what is said of wrong values."""
+"""Options shared by several commands: records whose fields are options, and parsers that say what is wrong."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ Method = Literal[
 
 
 def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
-    """A converter of the words after an option, one by one; `parse` raises ValueError with the text to show."""
+    """Convert each word after an option with `parse`, which raises ValueError with the text to show."""
 
     def convert(_kind: Any, tokens: Sequence[Token]) -> Any:
         values = [parse(token.value) for token in tokens]
@@ -83,7 +83,7 @@ def degrees(text: str) -> float:
 
 
 def place(text: str) -> str:
-    """Where to write, which an empty variable of a script is not."""
+    """A path to write to; an empty one, as an unset variable of a script leaves it, is refused."""
     if not text.strip():
         raise ValueError("the name is empty")
     return text

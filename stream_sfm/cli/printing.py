@@ -16,7 +16,7 @@ _PIPED_WIDTH = 110  # columns of a table that goes to a file or a pipe
 
 
 class Console(RichConsole):
-    """A console that leaves it to `main` what follows when the reader of our output has gone."""
+    """A console that lets `main` handle a closed output pipe."""
 
     def on_broken_pipe(self) -> None:
         """Pass the error on; Rich would exit here with code 1."""

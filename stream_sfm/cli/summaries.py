@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from .inspection_tables import broken_at
 from .printing import factors_text, number, print_table
 
 # Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
@@ -20,6 +21,7 @@ _OF_METHODS = {
     **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
     "ms_per_frame_p50": ("time\nms/frame", ".4g"),
 }
+_NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
 _OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
 
 
@@ -50,14 +52,15 @@ def print_evaluation(runs: Iterable[dict[str, Any]]) -> None:
     """Print the runs of `evaluate`, one row each."""
     rows = [
         [
-            run["run"],
+            broken_at(run["run"], "/._-", _NAME_WIDTH),
             run["method"],
             str(run["ground_truth"]["frames_compared"]),
             *_cells(run["ground_truth"], _ERRORS),
         ]
         for run in runs
     ]
-    print_table(rows, ["run", "method", "frames", *(heading for heading, _ in _ERRORS.values())], text_columns=2)
+    headings = ["run", "method", "frames", *(heading for heading, _ in _ERRORS.values())]
+    print_table(rows, headings, width=_EVALUATION_WIDTH, text_columns=2)
 
 
 def print_batch(content: dict[str, Any]) -> None:

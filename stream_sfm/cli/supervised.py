@@ -1,4 +1,4 @@
-"""`python -m stream_sfm.cli.supervised replay …`: the command, in a process that ends with whoever started it.
+"""`python -m stream_sfm.cli.supervised replay …`: the command, in a process that ends when its parent does.
 
 When the other end of standard input closes, on purpose or because that process was killed, the replay is ended as
 by SIGTERM: after the frame in hand, everything written.

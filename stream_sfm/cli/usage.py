@@ -1,4 +1,4 @@
-"""The words of the command line: older spellings, errors of usage, and the options and commands that help."""
+"""Old spellings, usage errors, and hints to the options and commands that help."""
 
 import sys
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Ground truth at the stamps of an estimate. Poses of NaN are of moments whose truth is not to be used."""
+"""Matches ground truth to the stamps of an estimate. NaN poses mark moments whose truth must not be used."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ _ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity: files give as few as 
 
 
 def check_rigid(truth: Trajectory) -> None:
-    """Raise a LogError, which names the pose, where ground truth is not a rigid motion; NaN is not known."""
+    """Raise a LogError that names the first pose which is not a rigid motion; NaN poses are skipped."""
     poses = truth.world_from_cam
     known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
     rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
@@ -25,7 +25,7 @@ def check_rigid(truth: Trajectory) -> None:
     wrong = np.flatnonzero(~orthogonal | (np.linalg.det(rotations) < 0))
     if len(wrong):
         row = int(wrong[0])
-        what = "all zeros" if not rotations[row].any() else "mirrored" if orthogonal[row] else "no rotation"
+        what = "all zeros" if not rotations[row].any() else "mirrored" if orthogonal[row] else "not a rotation"
         raise LogError(
             f"ground truth: the rotation of pose {row} (stamp {truth.stamps_ns[row]} ns) is {what}; give poses in "
             "right-handed axes, their 3×3 part a rotation with determinant +1"

@@ -1,4 +1,4 @@
-"""The end of a run and its uncertainty, usually the first question about an odometry."""
+"""The pose at the end of a run, with its uncertainty."""
 
 from typing import Any
 

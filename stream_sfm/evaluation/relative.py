@@ -157,7 +157,7 @@ def _exchange_ratio(mine: Array, theirs: Array) -> Interval:
 
 
 def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
-    """Return the first number from `value` on, towards `sign`, that is not plausible; to a thousandth of the way."""
+    """Return the end of the plausible values from `value` in the direction of `sign`, to 0.1 % of the distance."""
     inside, outside = 0.0, _SHORTEST
     while plausible(value + sign * outside) and outside < _LONGEST:
         inside, outside = outside, 2 * outside

@@ -78,7 +78,7 @@ def structure_errors(
 
 
 class StructureComparison:
-    """Summarises the depth errors of a run, frame by frame; neither depth images nor errors are kept."""
+    """Accumulates the depth errors of a run; neither depth images nor single errors are kept."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -117,7 +117,7 @@ class StructureComparison:
 
 
 class _Distribution:
-    """Root mean square, median and tail of the sizes of numbers that are not kept; NaN without any."""
+    """Running RMS, median and tail of absolute values; NaN while empty."""
 
     def __init__(self) -> None:
         self._count = self._beyond = 0

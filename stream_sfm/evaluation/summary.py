@@ -75,7 +75,7 @@ def evaluate_run(
 
     `std_truth`: σ of the truth itself, metres and radians. Raises LogError as `evaluate`.
     """
-    spans = against_truth(relative, truth, std_truth, len(estimate))
+    spans = against_truth(relative, truth, std_truth)
     return evaluate(estimate, truth, structure) | {"std_truth": list(std_truth), "relative_consistency": spans}
 
 

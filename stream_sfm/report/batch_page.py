@@ -14,7 +14,6 @@ from .lengths import unit_for
 from .svg import Chart, Series, draw
 from .template import render
 
-STAGES = ("decode", "frontend", "estimator")
 _FIGURES = (*ACCURACY, *FURTHER)
 
 
@@ -26,7 +25,6 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
         "errors": unit_for([g.get(name) or 0.0 for g in truths for name in ("ate_rmse_aligned_m", "ate_rmse_m")]),
         "structure": unit_for([g.get("local_structure_median_m") or 0.0 for g in truths]),
     }
-    slowest = max((_stages_ms(log["summary"]) for log in estimated), default=0.0)
     return render(
         "batch.html.j2",
         title=f"{len(content['logs'])} {_logs(content)}, method {content['method']}",
@@ -38,8 +36,6 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
         medians=_medians(truths) if len(truths) > 1 else None,
         truths=len(truths),
         statuses=[status.value for status in Status],
-        stages=STAGES,
-        full_ms=slowest or 1.0,
         frames=sum(log["summary"]["frames"]["estimated"] for log in estimated),
         path_m=sum(log["summary"]["path_length_m"] for log in estimated),
         paths=[_path(log["name"], folder) for log in estimated],
@@ -64,10 +60,6 @@ def conclusion(content: dict[str, Any]) -> str:
     if content["reused"]:
         parts.append(f"{content['reused']} reused from an earlier batch")
     return ", ".join(parts) + "."
-
-
-def _stages_ms(summary: dict[str, Any]) -> float:
-    return sum(summary["timing_ms"][stage]["p50"] or 0.0 for stage in STAGES)
 
 
 def _medians(truths: list[dict[str, Any]]) -> list[float | None]:

@@ -1,4 +1,4 @@
-"""The error of the calibration that the images have shown: in numbers and words, and as a picture over the image."""
+"""The calibration error found in the images: as numbers, as a sentence, and as a picture over the image."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,9 +16,9 @@ from .svg import WIDTH
 
 _SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
 _CELLS = (3, 5)  # of the picture
-_TELLING = 0.1  # of a distance: what is said about an error is where it reaches that
+_TELLING = 0.1  # relative error of a distance: the sentence says from which distance on it is exceeded
 _CELL_HEIGHT = 40
-_LEAST_SCALE_PX = 0.1  # of the strongest colour: less than that is no error worth colour
+_LEAST_SCALE_PX = 0.1  # error in the strongest colour, at least, so that negligible errors stay pale
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

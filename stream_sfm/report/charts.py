@@ -1,6 +1,6 @@
 """The charts of the pages, from records of runs and their traces against ground truth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from markupsafe import Markup
 from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..geometry.se3 import Array
 from .lengths import LengthUnit
-from .methods import quiet, short, style
+from .methods import Look, of_method, short, style
 from .records import RunRecord
 from .svg import SMOOTHED, Chart, Row, Series, draw, intervals, smoothed
 from .traces import Trace, broken, closure
@@ -20,15 +20,18 @@ _LEAST_NEES = 0.1  # drawn: the first poses are exact by definition
 _COINCIDE = 0.01  # of the path's extent: four pixels of a chart
 
 
-def _line(name: str, x: Array, y: Array, dots: bool = False) -> Series:
-    """A method's line."""
-    return Series(short(name), x, y, style(name), dots, quiet(name))
+Looks = Callable[[str], Look]
 
 
-def _along(name: str, t: Trace, y: Array) -> Series:
-    """A method's line over the distance travelled."""
+def _line(look: Look, x: Array, y: Array, dots: bool = False) -> Series:
+    """A line with its name."""
+    return Series(look.name, x, y, look.style, dots, look.quiet)
+
+
+def _along(look: Look, t: Trace, y: Array) -> Series:
+    """A line over the distance travelled."""
     _, distance_m, y = broken(t.frames, t.distance_m, y)
-    return _line(name, distance_m, y)
+    return _line(look, distance_m, y)
 
 
 def _pair(columns: list[Array]) -> tuple[Array, Array]:
@@ -41,10 +44,12 @@ def _grey_first(series: Iterable[Series]) -> list[Series]:
     return sorted(series, key=lambda s: not s.quiet)
 
 
-def path(runs: Sequence[RunRecord], traces: Traces, unit: LengthUnit, length: str = "m") -> Markup:
+def path(
+    poses: Mapping[str, Array], traces: Traces, unit: LengthUnit, length: str = "m", looks: Looks = of_method
+) -> Markup:
     """The path seen from above: the true one, else the first method's, and the others where they do not coincide."""
-    found = [(run.name, traces[run.name].estimate if run.name in traces else run.poses) for run in runs if len(run)]
-    series = [_line(name, poses[:, 0, 3], poses[:, 2, 3]) for name, poses in found]
+    found = {name: traces[name].estimate if name in traces else of_run for name, of_run in poses.items()}
+    series = [_line(looks(name), shown[:, 0, 3], shown[:, 2, 3]) for name, shown in found.items()]
     if not found:
         return draw(Chart("Path", "x", "z", []))
     if traces:
@@ -52,8 +57,8 @@ def path(runs: Sequence[RunRecord], traces: Traces, unit: LengthUnit, length: st
         series.insert(0, Series("ground truth", true[:, 0, 3], true[:, 2, 3], "m-truth"))
         apart_m = max(float(t.position_m.max()) for t in traces.values())
     else:
-        true = found[0][1]
-        apart_m = max((_farthest_m(true, poses) for _, poses in found[1:]), default=np.inf)
+        true, *others = found.values()
+        apart_m = max((_farthest_m(true, other) for other in others), default=np.inf)
     note = "from above"
     if coincide := len(series) > 1 and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
         note += f"; all estimates are within {unit.per_m * apart_m:.2g} {unit.name}"
@@ -67,22 +72,22 @@ def _farthest_m(one: Array, other: Array) -> float:
     return float(np.linalg.norm(one[:n, :3, 3] - other[:n, :3, 3], axis=1).max())
 
 
-def errors(traces: Traces, unit: LengthUnit) -> Markup:
+def errors(traces: Traces, unit: LengthUnit, looks: Looks = of_method) -> Markup:
     """Position errors over the distance travelled."""
-    series = [_along(name, t, t.position_m) for name, t in traces.items()]
+    series = [_along(looks(name), t, t.position_m) for name, t in traces.items()]
     return _over_distance("Position error", unit.name, unit.of(series), "first poses aligned")
 
 
-def rotation_errors(traces: Traces) -> Markup:
+def rotation_errors(traces: Traces, looks: Looks = of_method) -> Markup:
     """Rotation errors over the distance travelled."""
-    series = [_along(name, t, t.rotation_deg) for name, t in traces.items()]
+    series = [_along(looks(name), t, t.rotation_deg) for name, t in traces.items()]
     return _over_distance("Rotation error", "degrees", series, "first poses aligned")
 
 
 def closures(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
     """How far each frame of the way back is from its place on the way there; no data without a way back."""
     found = [(run.name, closure(run)) for run in runs]
-    series = [_line(name, back.apart_m, back.position_m) for name, back in found if back is not None]
+    series = [_line(of_method(name), back.apart_m, back.position_m) for name, back in found if back is not None]
     return _over_distance("There and back", unit.name, unit.of(series), "between two visits of a frame")
 
 
@@ -101,10 +106,10 @@ def ratios(content: dict[str, Any]) -> Markup:
     return intervals(f"Errors over those of {REFERENCE}", "ratio (logarithmic)", rows, note)
 
 
-def nees(traces: Traces, gaps: Sequence[int]) -> Markup:
+def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> Markup:
     """NEES of the pose over the frames."""
     series = [
-        _line(name, *_pair(broken(t.frames, np.maximum(t.nees, _LEAST_NEES))))
+        _line(looks(name), *_pair(broken(t.frames, np.maximum(t.nees, _LEAST_NEES))))
         for name, t in traces.items()
         if t.nees is not None and np.isfinite(t.nees).any()
     ]
@@ -140,7 +145,7 @@ def growth(traces: Traces, unit: LengthUnit) -> Markup:
         estimate[t.frames - t.frames[0]], truth[t.frames - t.frames[0]] = t.estimate, t.truth
         if enough_known(truth) and (spans := spans_for(len(t.frames))):
             squares, _ = mean_squares(estimate, truth, spans)
-            series.append(_line(name, np.array(spans, float), np.sqrt(squares), dots=True))
+            series.append(_line(of_method(name), np.array(spans, float), np.sqrt(squares), dots=True))
     note = "slope ½: random walk, 1: bias"
     lines = _grey_first(unit.of(series))
     title = "Error of relative motions"
@@ -152,7 +157,7 @@ def structure(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
     runs = list(runs)
     found = {run.name: np.array(run.depth_rows).T for run in runs if run.depth_rows}
     if found:
-        series = [_line(name, x, rms / np.maximum(std, 1e-12)) for name, (x, rms, std) in found.items()]
+        series = [_line(of_method(name), x, rms / np.maximum(std, 1e-12)) for name, (x, rms, std) in found.items()]
         title, note = "Depth error of local points", "over σ, 1 expected"
         return _over_frames(title, "RMS error / RMS σ", series, note, log_y=True)
     series = [_per_frame(run.name, unit.per_m * run.column("sigma_local_m")) for run in runs]
@@ -191,7 +196,7 @@ def columns(run: RunRecord, title: str, unit: str, names: dict[str, str], smooth
 
 
 def _per_frame(name: str, y: Array) -> Series:
-    return _line(name, np.arange(len(y), dtype=float), y)
+    return _line(of_method(name), np.arange(len(y), dtype=float), y)
 
 
 def _over_frames(

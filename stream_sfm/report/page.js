@@ -55,6 +55,7 @@
   const narrow = () => document.querySelectorAll(".scroll, .wide").forEach((s) => s.classList.toggle("narrow", s.scrollWidth > s.clientWidth + 1));
   narrow();
   addEventListener("resize", narrow);
+  addEventListener("toggle", narrow, true);  // of details, which do not let it rise
   let closed = [];  // printing shows everything
   addEventListener("beforeprint", () => { closed = [...document.querySelectorAll("details:not([open])")]; closed.forEach((d) => { d.open = true; }); });
   addEventListener("afterprint", () => closed.forEach((d) => { d.open = false; }));

@@ -77,7 +77,7 @@ def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
 
 def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: LengthUnit) -> list[Markup]:
     """The four that are always shown."""
-    gaps, path = c.front.gaps, charts.path(c.runs, traces, unit)
+    gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, unit)
     if not traces:
         closed = charts.closures(c.runs, unit) if any(r.back for r in c.runs) else charts.structure(c.runs, unit)
         return [path, closed, charts.apart(c.runs, gaps, unit), charts.innovations(c.runs, gaps)]

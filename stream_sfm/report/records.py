@@ -28,7 +28,7 @@ STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
 _NUMBERS = (*STAGES, *COUNTS, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
 _STATUSES = list(Status)
-# Frames: real calibrations are corrected within the first two or three, which their poses hardly show.
+# Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
 _MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
 
@@ -134,9 +134,8 @@ class RunRecord:
             frame, rig = self._corrected_from
             wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
             notes.append(
-                f"from frame {frame} on an error of the calibration is corrected, {wrong_px:.2f} px of disparity; the "
-                "frames before were estimated with it: distances of 10 m were off by "
-                f"{10 * wrong_px / self._disparity_at_1m_px:.1%}"
+                f"from frame {frame} on, a calibration error of {wrong_px:.2f} px of disparity is corrected; in "
+                f"earlier frames distances of 10 m are off by {10 * wrong_px / self._disparity_at_1m_px:.1%}"
             )
         if self.refused:
             notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
@@ -151,7 +150,7 @@ class RunRecord:
         return f"first at {(self._stamps_ns[row] - self._stamps_ns[0]) / 1e9:.2f} s: {self.reasons[row]}"
 
     def problem(self, one_wanted: bool) -> str:
-        """Why no motion was estimated, empty if it was; a single frame is enough only where `one_wanted`."""
+        """Return why no motion was estimated, empty if one was; a single frame suffices only if `one_wanted`."""
         tracked = self.count(Status.OK) + self.count(Status.DEGRADED)
         if self.count(Status.LOST) and not tracked:
             return f"tracking was lost in every frame: {self.reasons[self.statuses.index(Status.LOST)]}"

@@ -30,6 +30,7 @@ def render_run(
     """Render a run as HTML from its summary and record, and from its truth and the calibration's error, if known."""
     estimate = run.trajectory()
     found = None if truth is None else trace_of(estimate, truth)
+    traces = {} if found is None else {run.name: found}
     unscaled, against = summary["unscaled"], summary.get("ground_truth") or {}
     unit = UNSCALED if unscaled else _errors_unit(estimate, found)
     units = {"errors": unit, "structure": unit_for([against.get("local_structure_median_m") or 0.0])}
@@ -42,7 +43,7 @@ def render_run(
         unit="units" if unscaled else "m",
         conclusion=conclusion_of_run(summary),
         accuracy=table((*ACCURACY, *FURTHER), listed, units),
-        path=charts.path([run], {} if found is None else {run.name: found}, unit, "units" if unscaled else "m"),
+        path=charts.path({run.name: run.poses}, traces, unit, "units" if unscaled else "m"),
         view="" if view is None else view.figure(),
         errors=charts.error_and_sigma(estimate, found, run.name, unit),
         consistency=_consistency(summary),

@@ -15,7 +15,7 @@ from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
 from .estimates_reader import Cloud, read_clouds, read_estimates
 from .schema import EstimateRecord
 
-_NOBODY = np.empty(0, np.int64)
+_NO_IDS = np.empty(0, np.int64)
 
 
 def frame_estimates(path: str | Path, points: bool = True) -> Iterator[FrameEstimate]:
@@ -43,7 +43,7 @@ def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
 
 
 def _rig(record: EstimateRecord) -> RigEstimate:
-    """The errors of the rig as far as they are recorded: without the field, and without what they were before."""
+    """The recorded errors of the rig; the smooth field and the prior are not recorded."""
     times = [record.rig_focal_length, record.rig_delay_s, record.rig_readout_s]
     times = [pair or [0.0, 0.0] for pair in times]  # older files have none
     mean = np.array([*record.rig_error_px, *(value for value, _ in times)])
@@ -77,14 +77,14 @@ def _estimate(record: EstimateRecord, cloud: Cloud | None) -> FrameEstimate:
         reason=record.reason,
         world_from_cam=world_from_cam,
         cov_pose=np.array(record.cov_pose),
-        track_ids=_NOBODY if cloud is None else cloud.track_ids,
+        track_ids=_NO_IDS if cloud is None else cloud.track_ids,
         points_in_cam=points,
         cov_points=np.empty((0, 3, 3)) if cloud is None else cloud.cov_points.astype(float),
         points_in_world=se3.transform(world_from_cam, points),
         cov_points_in_world=np.full((len(points), 3, 3), np.nan),
         window_frame_indices=np.array(record.window_frame_indices, np.int64),
         window_world_from_cam=np.array(record.window_world_from_cam).reshape(-1, 4, 4),
-        ended_ids=_NOBODY,
+        ended_ids=_NO_IDS,
         ended_points_in_world=np.empty((0, 3)),
         ended_cov_points_in_world=np.empty((0, 3, 3)),
         counts=dict(record.counts),

@@ -1,9 +1,9 @@
-"""The path so far, in bounded memory and with bounded writing: a long one is thinned, and repeated less often."""
+"""The path so far, in bounded memory: a long path is thinned, and published less often."""
 
 from typing import Any
 
 _MAX_POSES = 4096  # of one message; beyond it every other pose is dropped
-_GROWTH = 1.05  # a path is due again when it has become so much longer
+_GROWTH = 1.05  # the path is published again when it is 5 % longer
 
 
 class PathSoFar:
