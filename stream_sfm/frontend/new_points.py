@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .alignment import WIDE, TemplateAligner
 from .corners import corner_strength, detect
 from .prepared import PreparedImages
-from .slant import disparity_slopes
 from .state import FrontEndState, Setup
 from .stereo_depth import RowMatches, learn_rows, row_speed
-from .stereo_matching import match_along_rows
 from .tracks import Tracks
 from .warps import facing, sheared
 
@@ -162,7 +161,7 @@ def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages)
     """New corners (k, 2) in whole pixels that have one match on their row, and roughly where (k, 2) it is."""
     scale, corners = images.scale, detect_missing(setup, state, images)
     limits = _disparity_range(setup, state, scale)
-    disparity, unique = match_along_rows(images.coarse_left(), images.coarse_right(), corners, limits)
+    disparity, unique = core.match_along_rows(images.coarse_left(), images.coarse_right(), corners, *limits)
     left_px = corners[unique] * round(1 / scale)
     return left_px, _on_row(state, left_px, disparity[unique] / scale)
 
@@ -183,7 +182,7 @@ def _match_wide(
     )
     far = (p.cx_left_px - p.cx_right_px) / WIDE
     near = far + cfg.max_disparity_fraction * p.width / WIDE
-    disparity, unique = match_along_rows(left, right, corners, (int(np.floor(far)) - 1, int(np.ceil(near))))
+    disparity, unique = core.match_along_rows(left, right, corners, int(np.floor(far)) - 1, int(np.ceil(near)))
     corners = corners[unique]
     return corners, _on_row(state, WIDE * corners, WIDE * disparity[unique]) / WIDE
 
@@ -236,7 +235,7 @@ def _align_slanted(aligner: TemplateAligner, images: PreparedImages, m: _Matches
     """Estimate the slant of the surfaces, and align anew where one is seen."""
     left, right = images.grey(aligner.scale)
     std_grey = _STD_GREY / aligner.scale  # a mean over pixels has so much less noise
-    slopes = disparity_slopes(left, right, m.left_px, m.right_px, aligner.config.window_radius_px, std_grey)
+    slopes = core.disparity_slopes(left, right, m.left_px, m.right_px, aligner.config.window_radius_px, std_grey)
     slanted = slopes.any(axis=1)
     patches = aligner.atlas.warped(m.slots[slanted], sheared(slopes[slanted]))
     right_px, error_grey = m.right_px.copy(), m.error_grey.copy()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from stream_sfm.core import match_along_rows
 from stream_sfm.frontend.corners import corner_strength, detect
-from stream_sfm.frontend.stereo_matching import match_along_rows
 from stream_sfm.geometry import se3
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
@@ -25,10 +25,10 @@ def test_detect_covers_evenly_and_keeps_its_distance() -> None:
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
     image = Wall(2).image(rig().left, np.eye(4))
     points = np.array([[150, 100], [200, 60], [120, 180]])
-    found, unique = match_along_rows(image, np.roll(image, -17, axis=1), points, (0, 60))
+    found, unique = match_along_rows(image, np.roll(image, -17, axis=1), points, 0, 60)
     assert unique.all() and (found == 17).all()
     stripes = np.tile(np.array([0] * 8 + [200] * 8, np.uint8), (240, 20))
-    assert not match_along_rows(stripes, stripes, points, (-5, 60))[1].any()
+    assert not match_along_rows(stripes, stripes, points, -5, 60)[1].any()
 
 
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])

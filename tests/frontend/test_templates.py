@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.frontend.noise import _FLOOR_PX, ViewNoise
-from stream_sfm.frontend.templates import _CONVERGED_PX, Grey, Patches, TemplateAtlas
+from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 
 RADIUS_PX, STD_GREY = 10, 3.0
+CONVERGED_PX = 0.05  # of the alignment (core/patches.cpp)
 FACING = np.eye(3, 2)
 
 
@@ -65,7 +66,7 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
     away, squares = np.concatenate(errors), np.concatenate(squares)
     standard_error = away.std(axis=0) / np.sqrt(len(away))
     assert (
-        np.abs(away.mean(axis=0)) < 4 * standard_error + _CONVERGED_PX / 10
+        np.abs(away.mean(axis=0)) < 4 * standard_error + CONVERGED_PX / 10
     ).all()  # a step leaves a tenth of itself
     # the number of pixels that share a noise value is an upper bound, reached by edges much wider than the smoothing;
     # what is true of a run's images is learnt as one factor for all

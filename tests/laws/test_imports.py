@@ -16,6 +16,7 @@ ROOT = Path(stream_sfm.__file__).parent
 LAYERS = (
     ("errors", "__version__"),
     ("inputs", "outputs"),
+    ("core",),
     ("geometry", "blas", "files", "interrupts", "executors", "wording"),
     ("camera",),
     ("config",),

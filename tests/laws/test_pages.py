@@ -10,7 +10,7 @@ from tests.helpers.places import ROOT
 PAGES = sorted(
     p for folder in ("", "docs", "examples", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
 )
-CODE = sorted((ROOT / "stream_sfm").rglob("*.py"))
+CODE = sorted(path for kind in ("py", "cpp", "hpp") for path in (ROOT / "stream_sfm").rglob(f"*.{kind}"))
 MATHEMATICS = (ROOT / "docs/mathematics.md").read_text(encoding="utf-8")
 NUMBERED = re.compile(
     r"^    .*\((\d+)\)$", re.MULTILINE
@@ -39,7 +39,9 @@ def test_links_lead_somewhere(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_files_that_are_named_exist(page: Path) -> None:
     """Names with a folder and a suffix; from the page, the root or the package."""
-    names = re.findall(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|json|mcap|png))`", page.read_text(encoding="utf-8"))
+    names = re.findall(
+        r"`((?:[\w.]+/)+[\w.]+\.(?:py|cpp|hpp|md|toml|json|mcap|png))`", page.read_text(encoding="utf-8")
+    )
     for name in names:
         if not name.startswith(("runs/", "results/", "DIR/")):
             bases = (page.parent, ROOT, ROOT / "stream_sfm")

@@ -1,0 +1,38 @@
+"""The compiled core: stages of the front-end and the estimators as functions of arrays, in C++.
+
+One file per stage, whose head says what it does; `_core.pyi` has the functions as Python calls them. The stages know
+nothing of Python: `module.cpp` checks their arrays, and they run without Python's lock. The same arrays give the same
+bytes on every machine of one kind, in one thread or in several.
+"""
+
+import os
+import sys
+import sysconfig
+
+
+def _build_if_older(folder: str) -> None:
+    """Build the module of a checkout, in place, where a source is newer."""
+    suffix = ".abi3.so" if sys.version_info >= (3, 12) else sysconfig.get_config_var("EXT_SUFFIX")
+    changed = {entry.name: entry.stat().st_mtime for entry in os.scandir(folder)}
+    module = changed.get(f"_core{suffix}", 0.0)
+    if all(at <= module for name, at in changed.items() if name.endswith((".cpp", ".hpp", ".txt"))):
+        return
+    import subprocess
+
+    tool = os.path.join(folder, "..", "..", "tools", "build", "in_place.py")
+    if subprocess.run([sys.executable, tool], stdin=subprocess.DEVNULL).returncode:
+        raise ImportError(
+            f"{folder}: the compiled core is older than its sources and could not be built, for the reason above: "
+            'python -m pip install -e ".[test]"'
+        )
+
+
+if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  # a wheel has no sources
+    _build_if_older(os.path.dirname(__file__))
+
+from ._core import align_patches as align_patches
+from ._core import disparity_slopes as disparity_slopes
+from ._core import match_along_rows as match_along_rows
+from ._core import sample_weights as sample_weights
+from ._core import store_patches as store_patches
+from ._core import warp_patches as warp_patches

@@ -1,0 +1,52 @@
+# The compiled core as Python calls it. Arrays of another type or order are copied; one of a wrong shape is a ValueError
+# (TypeError: of a wrong number of axes). Images are (h, w) grey values; what lies beyond their border is as its rim.
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.float32]
+Pixels = NDArray[np.integer]
+Mask = NDArray[np.bool_]
+
+def match_along_rows(
+    left: Grey | NDArray[np.uint8], right: Grey | NDArray[np.uint8], points_px: Pixels, first: int, last: int
+) -> tuple[Array, Mask]:
+    """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
+
+    Images of one pyramid level, of one size; disparities from `first` to `last`, pixels of that level.
+    """
+
+def sample_weights(radius_px: int, spacing_px: int) -> Grey:
+    """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
+
+def store_patches(stored: Grey, image: Grey, points_px: Pixels, slots: Pixels) -> None:
+    """Cut patches around whole pixels (n, 2) into `stored` (slots, side, side), at `slots` (n,)."""
+
+def warp_patches(
+    stored: Grey, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int
+) -> tuple[Grey, Array, Grey]:
+    """Patches (n) of 2 `radius_px` + 1 pixels as today's image should show them, of those of `slots` (n,) in `stored`.
+
+    Warps (n, 3, 2) of pixel offsets: W above h of δ = W u / (1 + h·u). Returns, of k × k samples `spacing_px` apart,
+    the weighted pseudo-inverse (n, 3, k²) of their slopes along u and v and of their grey values, each of mean zero;
+    the products (n, 3, 3) of these; and the mean grey value (n,).
+    """
+
+def align_patches(
+    image: Grey, starts_px: Array, inverse: Grey, information: Array, level: Grey, radius_px: int, spacing_px: int
+) -> tuple[Array, Mask, Array]:
+    """Find patches, as `warp_patches` returns them, in an image, from starts (n, 2).
+
+    Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are left,
+    in grey values of the template, inf where it was not found; eq. (15).
+    """
+
+def disparity_slopes(
+    left: Grey, right: Grey, points_px: Pixels, right_px: Array, radius_px: int, std_grey: float
+) -> Array:
+    """Slopes (n, 2) = (∂d/∂u, ∂d/∂v) at whole left pixels (n, 2) whose right positions (n, 2) are nearly known.
+
+    Zero where the patches do not clearly show one. `std_grey`: deviation of one grey difference, with the pixels that
+    share one noise value counted in.
+    """

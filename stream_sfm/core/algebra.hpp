@@ -1,0 +1,101 @@
+// Small matrices, in C order, and medians.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace core {
+
+constexpr int LANES = 8;  // partial sums, always in the same order
+
+// Σ a b over k samples.
+inline double dot(const float* a, const float* b, int k) {
+    float sums[LANES] = {};
+    int whole = k - k % LANES;
+    for (int i = 0; i < whole; i += LANES)
+        for (int lane = 0; lane < LANES; lane++) sums[lane] += a[i + lane] * b[i + lane];
+    double sum = 0;
+    for (float lane : sums) sum += lane;
+    for (int i = whole; i < k; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+// The inverse of a matrix (3, 3), by its adjugate.
+inline void invert3(const double* a, double* out) {
+    double c0 = a[4] * a[8] - a[5] * a[7], c1 = a[5] * a[6] - a[3] * a[8], c2 = a[3] * a[7] - a[4] * a[6];
+    double scale = 1 / (a[0] * c0 + a[1] * c1 + a[2] * c2);
+    out[0] = c0 * scale;
+    out[1] = (a[2] * a[7] - a[1] * a[8]) * scale;
+    out[2] = (a[1] * a[5] - a[2] * a[4]) * scale;
+    out[3] = c1 * scale;
+    out[4] = (a[0] * a[8] - a[2] * a[6]) * scale;
+    out[5] = (a[2] * a[3] - a[0] * a[5]) * scale;
+    out[6] = c2 * scale;
+    out[7] = (a[1] * a[6] - a[0] * a[7]) * scale;
+    out[8] = (a[0] * a[4] - a[1] * a[3]) * scale;
+}
+
+// The lower Cholesky factor of a symmetric matrix (N, N); false where it is not positive definite.
+template <int N>
+bool cholesky(const double* a, double* lower) {
+    std::fill(lower, lower + N * N, 0.0);
+    for (int j = 0; j < N; j++) {
+        double pivot = a[j * N + j];
+        for (int k = 0; k < j; k++) pivot -= lower[j * N + k] * lower[j * N + k];
+        if (!(pivot > 0)) return false;
+        pivot = std::sqrt(pivot);
+        lower[j * N + j] = pivot;
+        for (int i = j + 1; i < N; i++) {
+            double rest = a[i * N + j];
+            for (int k = 0; k < j; k++) rest -= lower[i * N + k] * lower[j * N + k];
+            lower[i * N + j] = rest / pivot;
+        }
+    }
+    return true;
+}
+
+// The inverse of a lower triangle (N, N).
+template <int N>
+void invert_lower(const double* lower, double* out) {
+    std::fill(out, out + N * N, 0.0);
+    for (int j = 0; j < N; j++) {
+        out[j * N + j] = 1 / lower[j * N + j];
+        for (int i = j + 1; i < N; i++) {
+            double sum = 0;
+            for (int k = j; k < i; k++) sum -= lower[i * N + k] * out[k * N + j];
+            out[i * N + j] = sum / lower[i * N + i];
+        }
+    }
+}
+
+// The inverse of a symmetric positive definite matrix (N, N), NaN where it is none.
+template <int N>
+void invert_positive(const double* a, double* out) {
+    double lower[N * N], root[N * N];
+    if (!cholesky<N>(a, lower)) {
+        std::fill(out, out + N * N, std::numeric_limits<double>::quiet_NaN());
+        return;
+    }
+    invert_lower<N>(lower, root);
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < N; j++) {
+            double sum = 0;
+            for (int k = std::max(i, j); k < N; k++) sum += root[k * N + i] * root[k * N + j];
+            out[i * N + j] = sum;
+        }
+}
+
+// The median of values, of which there is one at least; NaN where one is.
+inline double median(std::vector<double> values) {
+    for (double value : values)
+        if (std::isnan(value)) return value;
+    std::size_t n = values.size();
+    auto upper = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
+    std::nth_element(values.begin(), upper, values.end());
+    if (n % 2) return *upper;
+    return 0.5 * (*std::max_element(values.begin(), upper) + *upper);
+}
+
+}  // namespace core

@@ -1,0 +1,62 @@
+// Arrays that the stages of the core take and give. Stages know neither Python nor its lock: module.cpp binds them.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+namespace core {
+
+// An array of another owner, C order. `a[i]` is its i-th row along the first axis.
+template <class T, std::size_t N>
+struct View {
+    const T* data;
+    std::array<std::size_t, N> shape;
+
+    std::size_t row_size() const {
+        std::size_t size = 1;
+        for (std::size_t i = 1; i < N; i++) size *= shape[i];
+        return size;
+    }
+    const T* operator[](std::size_t i) const { return data + i * row_size(); }
+};
+
+// An array that a stage has made.
+template <class T, std::size_t N>
+struct Array {
+    std::array<std::size_t, N> shape;
+    std::unique_ptr<T[]> data;
+
+    explicit Array(const std::array<std::size_t, N>& shape) : shape(shape) {
+        std::size_t size = 1;
+        for (std::size_t extent : shape) size *= extent;
+        data = std::make_unique<T[]>(size);  // zeros
+    }
+    std::size_t row_size() const {
+        std::size_t size = 1;
+        for (std::size_t i = 1; i < N; i++) size *= shape[i];
+        return size;
+    }
+    T* operator[](std::size_t i) { return data.get() + i * row_size(); }
+};
+
+// What Python sees as a ValueError.
+inline void require(bool holds, const char* otherwise) {
+    if (!holds) throw std::invalid_argument(otherwise);
+}
+
+// Shapes that must agree: `name` has `extents`.
+template <class T, std::size_t N>
+void require_shape(const View<T, N>& array, const std::array<std::size_t, N>& extents, const char* name) {
+    if (array.shape == extents) return;
+    std::string text = std::string(name) + " has shape (";
+    for (std::size_t i = 0; i < N; i++) text += (i ? ", " : "") + std::to_string(array.shape[i]);
+    text += ") in place of (";
+    for (std::size_t i = 0; i < N; i++) text += (i ? ", " : "") + std::to_string(extents[i]);
+    throw std::invalid_argument(text + ")");
+}
+
+}  // namespace core

@@ -1,0 +1,87 @@
+// What Python sees of the core: arrays are checked here, and stages run without Python's lock.
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <utility>
+
+#include "stages.hpp"
+
+namespace nb = nanobind;
+using namespace core;
+
+namespace {
+
+template <class T, std::size_t N>
+using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+template <class T>
+using GreyOf = In<T, 2>;
+using Grey = GreyOf<float>;
+constexpr std::size_t MAX_SIDE = 1 << 24;  // of an image: floats count its pixels exactly
+
+template <class T, nb::ssize_t... Extents>
+View<T, sizeof...(Extents)> view(const nb::ndarray<const T, nb::shape<Extents...>, nb::c_contig, nb::device::cpu>& array) {
+    View<T, sizeof...(Extents)> result{array.data(), {}};
+    for (std::size_t i = 0; i < sizeof...(Extents); i++) result.shape[i] = array.shape(i);
+    return result;
+}
+
+template <class T>
+ImageOf<T> image(const nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>& array) {
+    require(array.shape(0) < MAX_SIDE && array.shape(1) < MAX_SIDE, "the image is too large");
+    return {array.data(), static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1))};
+}
+
+template <class T, std::size_t N>
+nb::object numpy(Array<T, N> array) {
+    T* data = array.data.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, N, array.shape.data(), owner));
+}
+
+template <class Stage>
+auto unlocked(Stage&& stage) {
+    nb::gil_scoped_release release;
+    return stage();
+}
+
+template <class T>
+nb::tuple match_along_rows_of(const GreyOf<T>& left, const GreyOf<T>& right, const In<std::int64_t, 2>& points_px,
+                              std::int64_t first, std::int64_t last) {
+    auto r = unlocked([&] { return match_along_rows(image(left), image(right), view(points_px), first, last); });
+    return nb::make_tuple(numpy(std::move(r.disparity)), numpy(std::move(r.unique)));
+}
+
+}  // namespace
+
+NB_MODULE(_core, m) {
+    m.def("match_along_rows", &match_along_rows_of<std::uint8_t>, nb::arg().noconvert(), nb::arg().noconvert(), nb::arg(),
+          nb::arg(), nb::arg());
+    m.def("match_along_rows", &match_along_rows_of<float>);
+    m.def("sample_weights", [](int radius, int spacing) { return numpy(sample_weights(radius, spacing)); });
+    m.def("store_patches",
+          [](nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const Grey& grey,
+             const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
+              std::array<std::size_t, 3> shape{stored.shape(0), stored.shape(1), stored.shape(2)};
+              unlocked([&] { store_patches(stored.data(), shape, image(grey), view(points_px), view(slots)); });
+          },
+          nb::arg().noconvert(), nb::arg(), nb::arg(), nb::arg());
+    m.def("warp_patches",
+          [](const In<float, 3>& stored, const In<std::int64_t, 1>& slots, const In<double, 3>& warps, int radius, int spacing) {
+              auto r = unlocked([&] { return warp_patches(view(stored), view(slots), view(warps), radius, spacing); });
+              return nb::make_tuple(numpy(std::move(r.inverse)), numpy(std::move(r.information)), numpy(std::move(r.level)));
+          });
+    m.def("align_patches", [](const Grey& grey, const In<double, 2>& starts, const In<float, 3>& inverse,
+                              const In<double, 3>& information, const In<float, 1>& level, int radius, int spacing) {
+        auto r = unlocked([&] {
+            return align_patches(image(grey), view(starts), view(inverse), view(information), view(level), radius, spacing);
+        });
+        return nb::make_tuple(numpy(std::move(r.at)), numpy(std::move(r.found)), numpy(std::move(r.error)));
+    });
+    m.def("disparity_slopes", [](const Grey& left, const Grey& right, const In<std::int64_t, 2>& points_px,
+                                 const In<double, 2>& right_px, int radius, double std_grey) {
+        return numpy(unlocked([&] {
+            return disparity_slopes(image(left), image(right), view(points_px), view(right_px), radius, std_grey);
+        }));
+    });
+}

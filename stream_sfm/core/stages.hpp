@@ -1,0 +1,42 @@
+// The stages of the core, one file each; `_core.pyi` documents them as Python calls them.
+#pragma once
+
+#include "arrays.hpp"
+#include "image.hpp"
+
+namespace core {
+
+using Indices = View<std::int64_t, 1>;
+using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
+
+// rows.cpp
+struct RowMatches {
+    Array<double, 1> disparity;
+    Array<bool, 1> unique;
+};
+template <class T>  // float or std::uint8_t
+RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, std::int64_t first,
+                            std::int64_t last);
+
+// patches.cpp
+struct Patches {
+    Array<float, 3> inverse;
+    Array<double, 3> information;
+    Array<float, 1> level;
+};
+struct AlignedPatches {
+    Array<double, 2> at;
+    Array<bool, 1> found;
+    Array<double, 1> error;
+};
+Array<float, 1> sample_weights(int radius, int spacing);
+void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const Image& image, const Pixels& points, const Indices& slots);
+Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing);
+AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
+                             const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
+
+// slant.cpp
+Array<double, 2> disparity_slopes(const Image& left, const Image& right, const Pixels& points, const View<double, 2>& right_px,
+                                  int radius, double std_grey);
+
+}  // namespace core

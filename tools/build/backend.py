@@ -1,0 +1,74 @@
+"""The build backend (PEP 517): scikit-build-core, on machines without a compiler too.
+
+An editable install is a path to this folder, and the module is built in place (`in_place.py`), so that worktrees and
+installs have it in the same way.
+"""
+
+import os
+import shlex
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import scikit_build_core.build as scikit
+from scikit_build_core.build import build_sdist as build_sdist
+from scikit_build_core.build import get_requires_for_build_sdist as get_requires_for_build_sdist
+from scikit_build_core.build import prepare_metadata_for_build_wheel as prepare_metadata_for_build_wheel
+
+sys.path.insert(0, str(Path(__file__).parent))
+import in_place
+import toolchain
+
+Settings = dict[str, Any] | None
+_FAILED = (
+    "\nstream-sfm: the compiled core could not be built; the compiler's message is above. It needs a C++17 compiler "
+    "(GCC 8, Clang 7 or newer), named by the variable CXX if there are several, or none at all: then that of the "
+    "package ziglang is taken, which needs 1 GB of disk while it builds."
+)
+
+
+def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
+    """Return CMake and Ninja where they are missing, and a compiler."""
+    toolchain.require_headers()
+    return [*scikit.get_requires_for_build_wheel(config_settings), *toolchain.requirements()]
+
+
+get_requires_for_build_editable = get_requires_for_build_wheel
+
+
+def build_wheel(folder: str, config_settings: Settings = None, metadata: str | None = None) -> str:
+    """Build a wheel."""
+    with tempfile.TemporaryDirectory() as tools, _explained():
+        arguments = toolchain.cmake_arguments(Path(tools))
+        os.environ["CMAKE_ARGS"] = shlex.join([*shlex.split(os.environ.get("CMAKE_ARGS", "")), *arguments])
+        return scikit.build_wheel(folder, config_settings, metadata)
+
+
+def build_editable(folder: str, config_settings: Settings = None, metadata: str | None = None) -> str:
+    """Build the module in place, and a wheel that only points here."""
+    with _explained():
+        in_place.build()
+    return scikit.build_editable(folder, _pointing_here(config_settings), metadata)
+
+
+def prepare_metadata_for_build_editable(folder: str, config_settings: Settings = None) -> str:
+    """Write the metadata of an editable install."""
+    return scikit.prepare_metadata_for_build_editable(folder, _pointing_here(config_settings))
+
+
+def _pointing_here(config_settings: Settings) -> dict[str, Any]:
+    only_path = {"wheel.cmake": "false", "wheel.py-api": "py3", "editable.mode": "inplace"}
+    return {**(config_settings or {}), **only_path}
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    try:
+        yield
+    except BaseException as error:
+        if not isinstance(error, KeyboardInterrupt):
+            print(_FAILED, file=sys.stderr, flush=True)
+        raise

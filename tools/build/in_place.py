@@ -1,0 +1,72 @@
+"""Build the compiled core beside its sources: `python tools/build/in_place.py`.
+
+Needs the package `nanobind`, and `cmake` and `ninja` where the machine has none (the extra `test` brings them). What
+is compiled stays in build/, so that the next time only what has changed is compiled. Does nothing where nothing has.
+"""
+
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import toolchain
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ROOT / "stream_sfm" / "core"
+
+
+def build() -> None:
+    """Build the module of this Python, if a source is newer than it; other processes wait for the first."""
+    toolchain.require_headers()
+    folder = ROOT / "build" / f"core-{sys.implementation.cache_tag}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "lock", "w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if is_fresh():
+            return
+        print("stream-sfm: building the compiled core, which takes up to a minute", file=sys.stderr, flush=True)
+        cmake = _program("cmake")
+        _run(
+            cmake, "-S", str(SOURCES), "-B", str(folder), "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={_program('ninja')}",
+            f"-DPython_EXECUTABLE={sys.executable}", *toolchain.cmake_arguments(folder / "compiler"),
+        )  # fmt: skip
+        _run(cmake, "--build", str(folder))
+        built = folder / module().name
+        part = module().with_suffix(f".{os.getpid()}")
+        shutil.copyfile(built, part)
+        part.chmod(0o755)
+        part.replace(module())  # at once: a process that has the old one open keeps it
+
+
+def module() -> Path:
+    """The module's file for this Python."""
+    suffix = ".abi3.so" if sys.version_info >= (3, 12) else sysconfig.get_config_var("EXT_SUFFIX")
+    return SOURCES / f"_core{suffix}"
+
+
+def is_fresh() -> bool:
+    """Whether the module is there and no source is newer."""
+    sources = [path for path in SOURCES.iterdir() if path.suffix in (".cpp", ".hpp", ".txt")]
+    return module().exists() and module().stat().st_mtime >= max(path.stat().st_mtime for path in sources)
+
+
+def _program(name: str) -> str:
+    """A program of this machine, or of the environment of this Python."""
+    found = shutil.which(name) or shutil.which(name, path=str(Path(sys.executable).parent))
+    if not found:
+        raise SystemExit(f"stream-sfm: building needs {name}: python -m pip install {name}")
+    return found
+
+
+def _run(*command: str) -> None:
+    ran = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    if ran.returncode:
+        raise SystemExit(f"{ran.stdout}\nstream-sfm: failed: {' '.join(command[:3])}")
+
+
+if __name__ == "__main__":
+    build()
