@@ -1,6 +1,7 @@
 """Every example runs as its page says."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from tests.helpers.places import ROOM, ROOT
+from tests.helpers.places import LAB_LATERAL, ROOM, ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -70,6 +71,52 @@ def test_read_results(tmp_path: Path) -> None:
     assert f"{FRAMES} poses" in said and "in view in the last frame" in said
     pytest.importorskip("pandas")
     assert "sigma_m" in said and "ok" in said
+
+
+@pytest.fixture(scope="module")
+def lengths_known(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, sfm.RunResults]:
+    """Runs over rendered logs, whose baseline and axes are exact."""
+    config = sfm.Config(rig=sfm.RigConfig(std_baseline=0.0, std_axes_rad=0.0))
+    runs = {}
+    for log in filter(Path.exists, (ROOM, LAB_LATERAL)):
+        folder = tmp_path_factory.mktemp(log.stem)
+        sfm.replay(log, folder, config)
+        runs[log] = sfm.read_results(folder)
+    return runs
+
+
+def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -> None:
+    """Without another sensor the end is as certain as the engine's, and as right; with one it is where that says."""
+    fused = runpy.run_path(str(ROOT / "examples" / example))["fused"]
+    for log, results in runs.items():
+        truth = sfm.open_log(log).ground_truth()
+        assert truth is not None
+        first, last = (truth.world_from_cam[truth.stamps_ns == results.stamps_ns[k]][0] for k in (0, -1))
+        true = np.linalg.inv(first) @ last
+        end, pose, cov = fused(results, {}, 1.0)
+        apart = np.linalg.inv(pose) @ true
+        error = np.r_[apart[:3, 3], apart[2, 1], apart[0, 2], apart[1, 0]]
+        nees, engine = error @ np.linalg.solve(cov, error), results.cov_pose[-1]
+        assert end == len(results) - 1
+        assert nees < 12 and (nees > 2 or log == ROOM)  # there σ counts more than is wrong, the engine's as well
+        assert np.trace(engine[:3, :3]) / 1.3**2 < np.trace(cov[:3, :3]) < np.trace(engine[:3, :3]) * 1.3**2
+    results, path = runs[ROOM], folder / "fixes.tum"
+    there = results.world_from_cam[-1, :3, 3] + (0.1, 0, 0)
+    stamp_s = f"{results.stamps_ns[-1] // 10**9}.{results.stamps_ns[-1] % 10**9:09d}"
+    path.write_text(f"# one, of a σ far below the odometry's\n{stamp_s} {there[0]} {there[1]} {there[2]}\n")
+    said = run(example, results.folder, "--positions", path, "--std", 1e-4)
+    found = re.search(r"is at \[(\S+), (\S+), (\S+)\] m, σ (\S+) mm", said)
+    assert found is not None and np.abs(np.array(found.groups()[:3], float) - there).max() < 1e-3
+    assert float(found[4]) < 0.3
+
+
+def test_fuse_gtsam(lengths_known: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
+    pytest.importorskip("gtsam", reason="needs gtsam: pip install gtsam")
+    check_fusion("fuse_gtsam.py", lengths_known, tmp_path)
+
+
+def test_fuse_ekf(lengths_known: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
+    check_fusion("fuse_ekf.py", lengths_known, tmp_path)
 
 
 def test_custom_sink() -> None:

@@ -4,3 +4,4 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 ROOM = ROOT / "logs/room.mcap"
+LAB_LATERAL = ROOT.parent / "shared/logs/lab_lateral.mcap"  # may be absent

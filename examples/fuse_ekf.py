@@ -1,0 +1,138 @@
+"""Fuse the motions of a run with positions of another sensor in an extended Kalman filter (filterpy).
+
+stream-sfm replay logs/room.mcap
+python examples/fuse_ekf.py runs/latest --positions fixes.tum --std 0.02
+
+The state is the error of the pose, and the errors that all motions share: they do not move, but become better known.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+import stream_sfm as sfm
+
+SPAN = 8  # frames of a motion: at most those of the window, `window.frames`
+UNSEEN = 3  # of the common errors: no view shows them, so the odometry never learns them, but another sensor may
+
+
+class Filter:
+    """The pose (4, 4) of the newest frame in the first one, and its covariance (6, 6), translation first."""
+
+    def __init__(self, m: int) -> None:
+        self.pose = np.eye(4)
+        self._filter = KalmanFilter(dim_x=6 + m, dim_z=3)
+        self._filter.P = np.diag(np.r_[np.full(6, 1e-12), np.ones(m)])
+
+    @property
+    def cov(self) -> np.ndarray:
+        """The covariance of the pose."""
+        return np.asarray(self._filter.P[:6, :6])
+
+    def move(self, motion: sfm.Motion) -> None:
+        """Take a motion since the last one: truth = measured·Exp(J (c − mean) + own)."""
+        f, m = self._filter, len(motion.mean)
+        self._learn(motion)
+        step = motion.earlier_from_newest @ _exp(motion.common_jacobian @ (f.x[6:, 0] - motion.mean))
+        f.F, f.Q = np.eye(6 + m), np.zeros((6 + m, 6 + m))
+        f.F[:6, :6], f.F[:6, 6:] = _adjoint_of_inverse(step), motion.common_jacobian
+        f.Q[:6, :6] = motion.cov_own
+        f.P = f.F @ f.P @ f.F.T + f.Q
+        self.pose = self.pose @ step
+
+    def _learn(self, motion: sfm.Motion) -> None:
+        """Know the rig's errors as the odometry does by now: poses that they have moved follow."""
+        f, rig = self._filter, slice(6 + UNSEEN, None)
+        if len(motion.mean) > UNSEEN:
+            mean, cov = motion.mean[UNSEEN:, None], motion.cov_common[UNSEEN:, UNSEEN:]
+            gain = f.P[:, rig] @ np.linalg.pinv(f.P[rig, rig], hermitian=True)
+            f.x = f.x + gain @ (mean - f.x[rig])
+            f.P = f.P + gain @ (cov - f.P[rig, rig]) @ gain.T
+            self._reset()
+
+    def fix(self, position: np.ndarray, std_m: float) -> None:
+        """Take a position (3,) of σ `std_m`."""
+        f = self._filter
+        h = np.zeros((3, f.dim_x))
+        h[:, :3] = self.pose[:3, :3]
+        f.update((position - self.pose[:3, 3])[:, None], R=std_m**2 * np.eye(3), H=h)
+        self._reset()
+
+    def _reset(self) -> None:
+        """Put the error of the pose, as far as it is known, into the pose."""
+        self.pose, self._filter.x[:6] = self.pose @ _exp(self._filter.x[:6, 0]), 0.0
+
+
+def _skew(v: np.ndarray) -> np.ndarray:
+    return np.cross(np.eye(3), v)
+
+
+def _exp(xi: np.ndarray) -> np.ndarray:
+    """Return the pose (4, 4) of a small tangent (translation, rotation), as an exact rotation."""
+    angle, pose = max(float(np.linalg.norm(xi[3:])), 1e-12), np.eye(4)
+    k = _skew(xi[3:] / angle)
+    pose[:3, :3] += np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    pose[:3, 3] = xi[:3]
+    return pose
+
+
+def _adjoint_of_inverse(pose: np.ndarray) -> np.ndarray:
+    r_t, ad = pose[:3, :3].T, np.zeros((6, 6))
+    ad[:3, :3] = ad[3:, 3:] = r_t
+    ad[:3, 3:] = -r_t @ _skew(pose[:3, 3])
+    return ad
+
+
+def fused(
+    run: sfm.RunResults, positions: dict[int, np.ndarray], std_m: float
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Return the index of the last frame, its pose (4, 4) and covariance (6, 6), translation first, in the first frame.
+
+    `positions` (3,) in the first frame by the stamp of the frame, each with σ `std_m`.
+    """
+    estimates = list(run.estimates())
+    common = estimates[-1].common
+    state, before = Filter(0 if common is None else len(common.mean)), 0
+    for end in reversed(
+        range(len(estimates) - 1, 0, -SPAN)
+    ):  # back from the last frame, so that the first is shorter
+        motion = sfm.Motion.of(estimates[end], end - before)
+        if motion is None:
+            raise SystemExit(f"frame {end} has no motion to frame {before}: the map was lost between them")
+        state.move(motion)
+        if (position := positions.get(estimates[end].stamp_ns)) is not None:
+            state.fix(position, std_m)
+        before = end
+    return before, state.pose, state.cov
+
+
+def read_positions(path: Path | None) -> dict[int, np.ndarray]:
+    """Read lines `seconds x y z …` as positions (3,) by their stamp in nanoseconds."""
+    rows = [] if path is None else [line.split() for line in path.read_text().splitlines() if line[:1] != "#"]
+    return {_ns(row[0]): np.array(row[1:4], float) for row in rows}
+
+
+def _ns(seconds: str) -> int:
+    """Return decimal seconds as nanoseconds, to the last digit."""
+    whole, _, part = seconds.partition(".")
+    return int(whole) * 10**9 + int(f"{part:0<9.9}")
+
+
+def main() -> None:
+    """Print where the last frame is."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
+    parser.add_argument(
+        "--positions", type=Path, help="lines `seconds x y z` in the first frame, at stamps of frames"
+    )
+    parser.add_argument("--std", type=float, default=0.02, help="their σ, metres")
+    given = parser.parse_args()
+    end, pose, cov = fused(sfm.read_results(given.folder), read_positions(given.positions), given.std)
+    std_mm = 1e3 * np.sqrt(np.trace(cov[:3, :3]))
+    print(f"frame {end} is at {np.round(pose[:3, 3], 4).tolist()} m, σ {std_mm:.2f} mm")
+
+
+if __name__ == "__main__":
+    main()
