@@ -26,7 +26,7 @@ LAYERS = (
     ("frontend", "estimators", "evaluation", "mcap_file"),
     ("observer", "sources"),
     ("engine", "recording"),
-    ("results", "inspection", "importers", "simulation"),
+    ("results", "places", "inspection", "importers", "simulation"),
     ("report", "dense"),
     ("viewer",),
     ("run",),
@@ -36,7 +36,17 @@ LAYERS = (
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # Packages that cost time or memory to import, or that only one room should know: where they may be.
 HOMES = {
-    "cv2": ("camera", "frontend", "dense", "recording", "importers", "inspection", "report", "evaluation"),
+    "cv2": (
+        "camera",
+        "frontend",
+        "dense",
+        "recording",
+        "importers",
+        "inspection",
+        "report",
+        "evaluation",
+        "places",
+    ),
     "mcap": ("mcap_file", "sources", "recording", "results"),
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need
@@ -44,6 +54,7 @@ HOMES = {
     "rosbags": ("recording", "results", "sources"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
+    "gtsam": ("places/graph.py",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
     "matplotlib": ("simulation/figures.py",),

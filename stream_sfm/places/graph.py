@@ -1,0 +1,413 @@
+"""All keyframes together: a pose graph of odometry and loops, solved by GTSAM, which is imported when one is made.
+
+Nodes are numbered by the caller. Odometry is cut where frames were lost: what comes after is a segment of its own, at
+home in its own frame, until a loop joins it to an older one. Errors that all motions of a run have in common, those of
+the rig, are one more variable, known beforehand as well as the engine knows them by now. Between loops nothing has to
+be solved: iSAM2 is given what has come since with the next loop. Loops that came where the prediction could not exclude
+another place are judged together with all others by graduated non-convexity (Yang et al. 2020).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..geometry import se3
+from ..geometry.linear import symmetric
+from ..geometry.se3 import Array
+from .chain import Link, growth, padded
+
+_ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
+_ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
+_FLOOR = 1e-12  # m² and rad², so that motions known by definition can be inverted
+# Loops at ten times their σ first: GTSAM's annealing starts no flatter than residuals of 1000 σ, and true loops are
+# further off where the odometry is bad; of eight such graphs three lost every loop.
+_SPREADS = (10.0, 1.0)
+_KEPT_WEIGHT = 0.5
+_COMMON = 1 << 62  # the variable of the common errors; nodes have smaller numbers
+
+
+def require_gtsam() -> None:
+    """Raise a ConfigError where GTSAM is not installed."""
+    try:
+        import gtsam  # noqa: F401
+    except ImportError:
+        raise ConfigError(
+            "maps need GTSAM, which is not installed: pip install gtsam, or this package with its extra [map]"
+        ) from None
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Loop:
+    """A place seen again: `motion` carries points of node `new` to node `old`."""
+
+    old: int
+    new: int
+    motion: Link
+
+    def __repr__(self) -> str:
+        return f"<Loop {self.old} to {self.new}>"
+
+
+class PoseGraph:
+    """Poses of nodes, in the world of the oldest segment that each is joined to.
+
+    `numbers`: of the nodes, in the order they came; `poses` (n, 4, 4) in the same order.
+    """
+
+    def __init__(self) -> None:
+        require_gtsam()
+        self.numbers: list[int] = []
+        self.loops: list[Loop] = []
+        self.links: dict[tuple[int, int], Link] = {}  # odometry between nodes, by their numbers
+        self._segment: dict[int, int] = {}
+        self._row: dict[int, int] = {}
+        self._poses = np.zeros((64, 4, 4))
+        self._chain = np.zeros((64, 6, 6))  # own covariance of a pose in its segment by odometry alone
+        self._jacobian = np.zeros((64, 6, 0))  # of the same poses by the common errors
+        self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
+        self._common = np.zeros(0)  # with which the poses are given
+        self._common_factor: int | None = None
+        self._home: dict[int, int] = {}  # of a segment: the one whose world it is in
+        self._bridges: list[Loop] = []  # that joined segments, and the last one: ways of short covariance
+        self._isam: Any = None
+        self._solved = 0  # nodes that the solver knows
+        self._asked: list[Loop] = []  # loops that it does not know
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def poses(self) -> Array:
+        """World from camera (n, 4, 4)."""
+        return self._poses[: len(self.numbers)]
+
+    def pose(self, number: int) -> Array:
+        """World from camera (4, 4) of one node."""
+        return self._poses[self._row[number]]
+
+    def home(self, number: int) -> int:
+        """The segment in whose world a node's pose is."""
+        return self._home[self._segment[number]]
+
+    @property
+    def segments(self) -> list[int]:
+        """The segment (n,) of each node."""
+        return [self._segment[number] for number in self.numbers]
+
+    def add(self, number: int, pose: Array, link: Link | None, segment: int | None = None) -> None:
+        """Add a node after the last one, moved by `link` since; without it a segment begins, at `pose`."""
+        row = len(self.numbers)
+        if row == len(self._poses):
+            for name in ("_poses", "_chain", "_jacobian"):
+                array = getattr(self, name)
+                setattr(self, name, np.concatenate([array, np.zeros_like(array)]))
+        if link is None or not self.numbers:
+            new_segment = max(self._home, default=-1) + 1 if segment is None else segment
+            self._home.setdefault(new_segment, new_segment)
+            self._segment[number] = new_segment
+            self._poses[row], self._chain[row], self._jacobian[row] = pose, 0.0, 0.0
+        else:
+            last, before = self.numbers[-1], row - 1
+            self._segment[number] = self._segment[last]
+            self.links[last, number] = link
+            motion = link.given(self._common)
+            turn = se3.adjoint(se3.inverse(motion))
+            self._poses[row] = se3.orthonormalise(self._poses[before] @ motion)
+            self._chain[row] = turn @ self._chain[before] @ turn.T + link.cov
+            size = self._jacobian.shape[2]
+            self._jacobian[row] = turn @ self._jacobian[before] + padded(link.jacobian, size)
+        self.numbers.append(number)
+        self._row[number] = row
+
+    def know(self, mean: Array, cov: Array) -> None:
+        """Take what the engine knows by now of the errors c (m,) that the motions of this run have in common."""
+        if len(mean) != len(self._mean):
+            self._jacobian = np.zeros((*self._jacobian.shape[:2], len(mean)))
+            self._common = np.zeros(len(mean))
+        self._mean, self._cov_common = mean, symmetric(cov)
+        if not self.loops:  # else the next solution says how the poses change
+            rows = len(self.numbers)
+            change = self._jacobian[:rows] @ (mean - self._common)
+            self._poses[:rows] = se3.orthonormalise(self._poses[:rows] @ se3.exp(change))
+            self._common = mean
+
+    def predicted(self, number: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Motions (n, 4, 4) from each node to this one, their covariances (n, 6, 6), and which are known (n,).
+
+        The covariance is that of the best of few ways: odometry alone, or over one of the latest bridges between.
+        """
+        motions = se3.inverse(self.poses) @ self.pose(number)
+        covs = np.full((len(self), 6, 6), np.inf)
+        ways = [(number, Link.none())]
+        for bridge in self._bridges:
+            if self._segment[bridge.new] == self._segment[number]:
+                row = self._row[bridge.new]
+                own, jacobian = self._to(np.array([row]), self._row[number])
+                onward = se3.inverse(self._poses[row]) @ self.pose(number)
+                rest = Link(onward, own[0], jacobian[0], self._mean)
+                ways.append((bridge.old, bridge.motion.then(rest)))
+        segments, size = np.array(self.segments), self._jacobian.shape[2]
+        for start, rest in ways:
+            rows = np.flatnonzero(segments == self._segment[start])
+            own, jacobian = self._to(rows, self._row[start])
+            turn = se3.adjoint(se3.inverse(rest.first_from_second))
+            j = turn @ jacobian + padded(rest.jacobian, size)
+            cov = turn @ own @ turn.T + rest.cov + j @ self._cov_common @ np.swapaxes(j, 1, 2)
+            better = np.trace(cov, axis1=1, axis2=2) < np.trace(covs[rows], axis1=1, axis2=2)
+            covs[rows[better]] = cov[better]
+        return motions, covs, np.isfinite(covs[:, 0, 0])
+
+    def between(self, first: int, second: int) -> Link | None:
+        """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
+        motions, covs, known = self.predicted(second)
+        row = self._row[first]
+        return Link(motions[row], covs[row]) if known[row] else None
+
+    def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
+        """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
+        Jacobians (k, 6, m) by the common errors."""
+        motion = se3.inverse(self._poses[rows]) @ self._poses[to]
+        turn = se3.adjoint(se3.inverse(motion))
+        jacobian = self._jacobian[to] - turn @ self._jacobian[rows]
+        turned = turn @ self._chain[rows] @ np.swapaxes(turn, 1, 2)
+        later = (rows > to)[:, None, None]
+        return growth(np.where(later, self._chain[to], turned), np.where(later, turned, self._chain[to])), jacobian
+
+    def close(self, loops: Sequence[Loop], doubtful: bool) -> list[Loop]:
+        """Add loops and solve; `doubtful`: they may be false, and all are judged. Returns those that were refused."""
+        joins = [loop for loop in loops if self._join(loop)]
+        self.loops += loops
+        self._asked += loops
+        refused: list[Loop] = []
+        if doubtful and (refused := self._false()):
+            self.loops = [loop for loop in self.loops if loop not in refused]
+        if joins or refused:
+            self.solve()
+        else:
+            self._update()
+        kept = [loop for loop in loops if loop not in refused]
+        permanent = [loop for loop in (*self._bridges, *joins) if self._joins(loop)]
+        self._bridges = [loop for loop in permanent if loop not in refused] + kept[-1:]
+        return refused
+
+    def _joins(self, loop: Loop) -> bool:
+        return self._segment[loop.old] != self._segment[loop.new]
+
+    def _join(self, loop: Loop) -> bool:
+        """Move the younger of two worlds into the older one, if a loop is the first between them."""
+        old, new = self.home(loop.old), self.home(loop.new)
+        if old == new:
+            return False
+        keep, move = min(old, new), max(old, new)
+        here = self.pose(loop.old) @ loop.motion.first_from_second
+        shift = here @ se3.inverse(self.pose(loop.new))
+        if move == old:
+            shift = se3.inverse(shift)
+        moved = [row for row, number in enumerate(self.numbers) if self.home(number) == move]
+        self._poses[moved] = se3.orthonormalise(shift @ self._poses[moved])
+        for segment, home in self._home.items():
+            if home == move:
+                self._home[segment] = keep
+        return True
+
+    def solve(self) -> None:
+        """Solve everything anew: where segments were joined, or nodes and loops have gone."""
+        import gtsam
+
+        settings = gtsam.ISAM2Params()
+        settings.setFactorization("QR")  # σ of one graph differ by 10⁴
+        self._isam = gtsam.ISAM2(settings)
+        self._solved, self._asked, self._common_factor = 0, list(self.loops), None
+        self._update()
+
+    def _update(self) -> None:
+        """Give iSAM2 what has come since the last time, and take its poses."""
+        import gtsam
+
+        if self._isam is None:
+            self.solve()
+            return
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        new = self.numbers[self._solved :]
+        for number in new:
+            values.insert(number, _pose3(self.pose(number)))
+        old = [] if self._common_factor is None else [self._common_factor]
+        self._add_common(factors, values, known=bool(old))
+        self._add_odometry(factors, new)
+        for loop in self._asked:
+            factors.add(self._factor(loop.old, loop.new, loop.motion))
+        result = self._isam.update(factors, values, old)
+        self._common_factor = result.getNewFactorsIndices()[0] if len(self._mean) else None
+        self._isam.update()  # a second step: the first one is linearised before the loop
+        self._solved, self._asked = len(self.numbers), []
+        self._take(self._isam.calculateBestEstimate())
+
+    def _add_common(self, factors: Any, values: Any, known: bool = False) -> None:
+        """The variable of the common errors, if the run has any, and what is known of it: the first of the factors."""
+        import gtsam
+
+        if not len(self._mean):
+            return
+        noise = gtsam.noiseModel.Gaussian.Covariance(self._cov_common + _FLOOR * np.eye(len(self._mean)))
+        factors.add(gtsam.PriorFactorVector(_COMMON, self._mean, noise))
+        if not known:
+            values.insert(_COMMON, self._common)
+
+    def _add_odometry(self, factors: Any, numbers: Iterable[int], plain: bool = False) -> None:
+        import gtsam
+
+        seen = {self._home[s] for s in self.segments[: self._solved]} if self._solved else set()
+        wanted = set(numbers)
+        for number in numbers:
+            if (home := self.home(number)) not in seen:
+                seen.add(home)
+                anchor = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR)
+                factors.add(gtsam.PriorFactorPose3(number, _pose3(self.pose(number)), anchor))
+        for (first, second), link in self.links.items():
+            if second in wanted:
+                factors.add(self._factor(first, second, link, plain))
+
+    def _factor(self, first: int, second: int, link: Link, plain: bool = False) -> Any:
+        """A motion between nodes as a factor; `plain`: with common errors that count as if they were independent."""
+        if len(link.mean) and not plain:
+            return _odometry(first, second, link)
+        return _between(first, second, link.given(self._common), link.total(self._cov_common))
+
+    def _take(self, values: Any) -> None:
+        if len(self._mean):
+            self._common = np.asarray(values.atVector(_COMMON))
+        poses = np.array([values.atPose3(number).matrix() for number in self.numbers])
+        self._poses[: len(poses)] = se3.orthonormalise(poses)
+
+    def _batch(self, loops: Sequence[Loop], spread: float = 1.0, plain: bool = False) -> tuple[Any, Any, int]:
+        """All factors, all poses, and how many factors come before the loops, whose σ are `spread` times as large.
+
+        `plain`: with common errors that count as if they were independent.
+        """
+        import gtsam
+
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for number in self.numbers:
+            values.insert(number, _pose3(self.pose(number)))
+        solved, self._solved = self._solved, 0
+        if not plain:
+            self._add_common(factors, values)
+        self._add_odometry(factors, self.numbers, plain)
+        self._solved = solved
+        sure = factors.size()
+        for loop in loops:
+            link = loop.motion
+            wide = Link(link.first_from_second, spread**2 * link.cov, spread * link.jacobian, link.mean)
+            factors.add(self._factor(loop.old, loop.new, wide if spread > 1 else link, plain))
+        return factors, values, sure
+
+    def _false(self) -> list[Loop]:
+        """The loops that graduated non-convexity refuses."""
+        import gtsam
+
+        kept, values = list(self.loops), None
+        for spread in _SPREADS:
+            if not kept:
+                break
+            factors, start, sure = self._batch(kept, spread, plain=True)  # GTSAM's GNC copies only its own factors
+            settings = gtsam.GncLMParams(gtsam.LevenbergMarquardtParams())
+            settings.setKnownInliers(list(range(sure)))
+            optimizer = gtsam.GncLMOptimizer(factors, start if values is None else values, settings)
+            values = optimizer.optimize()
+            weights = np.asarray(optimizer.getWeights())[sure:]
+            kept = [loop for loop, weight in zip(kept, weights, strict=True) if weight > _KEPT_WEIGHT]
+        return [loop for loop in self.loops if loop not in kept]
+
+    def covariances(self) -> Array:
+        """Covariances (n, 6, 6) of all poses in the world of the first, of perturbations on their right."""
+        if not self.numbers:
+            return np.zeros((0, 6, 6))
+        self._update()
+        covs = np.array([self._isam.marginalCovariance(number) for number in self.numbers])
+        return covs[:, _ORDER][:, :, _ORDER]
+
+    def remove(self, numbers: Iterable[int]) -> None:
+        """Remove nodes; motions to and from each go on to the neighbour by odometry that it is linked to best."""
+        for number in numbers:
+            ends = [pair for pair in self.links if number in pair]
+            if not ends:
+                continue
+            pair = min(ends, key=lambda p: float(np.trace(self.links[p].cov)))
+            link = self.links.pop(pair)
+            neighbour, onward = (pair[1], link) if pair[0] == number else (pair[0], link.back())
+            for first, second in [p for p in ends if p != pair]:
+                other = self.links.pop((first, second))
+                moved = other.then(onward) if second == number else onward.back().then(other)
+                a, b = (first, neighbour) if second == number else (neighbour, second)
+                if a != b:
+                    self.links[a, b] = moved
+            self.loops = [m for loop in self.loops if (m := _moved(loop, number, neighbour, onward)) is not None]
+            self._bridges = [
+                m for loop in self._bridges if (m := _moved(loop, number, neighbour, onward)) is not None
+            ]
+            self._drop(number)
+        self.solve()
+
+    def _drop(self, number: int) -> None:
+        row, n = self._row[number], len(self.numbers)
+        for array in (self._poses, self._chain, self._jacobian):
+            array[row : n - 1] = array[row + 1 : n]
+        self.numbers.pop(row)
+        del self._segment[number]
+        self._row = {other: k for k, other in enumerate(self.numbers)}
+
+
+def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Link) -> Loop | None:
+    """A loop with its end at a node that goes moved to a neighbour; None if nothing is left of it."""
+    if number not in (loop.old, loop.new):
+        return loop
+    if neighbour in (loop.old, loop.new):
+        return None
+    if loop.new == number:
+        return Loop(loop.old, neighbour, loop.motion.then(neighbour_link))
+    return Loop(neighbour, loop.new, neighbour_link.back().then(loop.motion))
+
+
+def _pose3(pose: Array) -> Any:
+    import gtsam
+
+    return gtsam.Pose3(se3.orthonormalise(pose))
+
+
+def _noise(cov: Array) -> Any:
+    import gtsam
+
+    return gtsam.noiseModel.Gaussian.Covariance(symmetric(cov + _FLOOR * np.eye(6))[np.ix_(_ORDER, _ORDER)])
+
+
+def _between(first: int, second: int, motion: Array, cov: Array) -> Any:
+    import gtsam
+
+    return gtsam.BetweenFactorPose3(first, second, _pose3(motion), _noise(cov))
+
+
+def _odometry(first: int, second: int, link: Link) -> Any:
+    """Odometry with common errors c: e = Log(Z⁻¹ X₁⁻¹ X₂) − J (c − c₀), in GTSAM's order."""
+    import gtsam
+
+    error = partial(_odometry_error, _pose3(link.first_from_second).inverse(), link.jacobian[_ORDER], link.mean)
+    return gtsam.CustomFactor(_noise(link.cov), [first, second, _COMMON], error)
+
+
+def _odometry_error(inverse: Any, jacobian: Array, mean: Array, factor: Any, values: Any, jacobians: Any) -> Array:
+    import gtsam
+
+    one, two, common = factor.keys()
+    motion = values.atPose3(one).between(values.atPose3(two))
+    off = inverse * motion
+    if jacobians is not None:
+        by_second = gtsam.Pose3.LogmapDerivative(off)
+        jacobians[0] = -by_second @ motion.inverse().AdjointMap()
+        jacobians[1] = by_second
+        jacobians[2] = -jacobian
+    return np.asarray(gtsam.Pose3.Logmap(off) - jacobian @ (values.atVector(common) - mean))

@@ -1,0 +1,181 @@
+"""Keyframes: what is kept of a frame so that it can be found again, some 60 KB whatever the size of its images.
+
+A keyframe has ORB features with a depth from the right image, by which it is found from elsewhere, and patches around
+points that give the exact motion: those that the engine reports, and features where these are few, as on bare walls.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frontend.templates import TemplateAtlas
+from ..geometry.se3 import Array
+from ..geometry.stereo import StereoProjection
+
+Image = NDArray[np.uint8]
+MAX_POINTS = 150  # with patches; an engine reports 60 to 140 of 200 on most sample logs, 20 on bare walls
+RADIUS_PX = 7  # of the patches that are aligned
+_SIDE_PX = TemplateAtlas.empty(1, RADIUS_PX).grey.shape[1]  # of those that are kept, with room for warps
+_COLUMNS = 10  # of the mosaic of patches
+_QUALITY = 90  # of its JPEG; with it recall and errors are those of lossless patches
+_SMOOTHING_PX = 1.0  # as in the front-end: without it interpolation shifts patches towards whole pixels
+_FEATURES = 500  # ORB; points of the engine alone gave a recall of .2 instead of 1.0 on a corridor
+_FAST_THRESHOLD = 10  # grey values; the default of 20 leaves bare walls without features
+_MAX_ROW_DIFFERENCE_PX = 1.5
+_MAX_RETURN_PX = 0.5  # of the flow there and back
+_MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
+_FEATURE_STD_PX = 0.3  # of the flow from left to right
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Keyframe:
+    """What is kept of one frame; points, features and pixels are in axes of the rectified left camera.
+
+    `frame_index`, `stamp_ns`; `odom_from_cam` (4, 4) as the engine had it, physical axes. `points` (n, 3) m with
+    `cov_points` (n, 3, 3) and `patches`, the JPEG of a mosaic of patches around them. `feature_px` (m, 2),
+    `feature_points` (m, 3) and `descriptors` (m, 32). `depth_m`: median of the points.
+    """
+
+    frame_index: int
+    stamp_ns: int
+    odom_from_cam: Array
+    points: NDArray[np.float32]
+    cov_points: NDArray[np.float32]
+    patches: bytes
+    feature_px: NDArray[np.float32]
+    feature_points: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    depth_m: float
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory of the arrays and patches."""
+        arrays = (self.points, self.cov_points, self.feature_px, self.feature_points, self.descriptors)
+        return sum(a.nbytes for a in arrays) + len(self.patches)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Keyframe of frame {self.frame_index}, {len(self.points)} points, {len(self.descriptors)} features>"
+        )
+
+
+def make_keyframe(
+    images: Sequence[Image],
+    projection: StereoProjection,
+    frame_index: int,
+    stamp_ns: int,
+    odom_from_cam: Array,
+    points: Array,
+    cov_points: Array,
+) -> Keyframe:
+    """Describe a frame by its rectified images and the points (n, 3) with covariances that the engine reported."""
+    z = projection.project(points)
+    inside = (
+        (points[:, 2] > 0)
+        & (z[:, 0] >= 0)
+        & (z[:, 0] <= projection.width - 1)
+        & (z[:, 1] >= 0)
+        & (z[:, 1] <= projection.height - 1)
+    )
+    rows = np.flatnonzero(inside)
+    if len(rows) > MAX_POINTS:
+        rows = rows[np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)]
+    points, cov_points, z = points[rows], cov_points[rows], z[rows]
+    px, feature_points, descriptors = _features(images, projection, z)
+    depth_m = float(np.median(points[:, 2])) if len(points) else 1.0
+    filled = np.linspace(0, len(px) - 1, min(len(px), MAX_POINTS - len(points))).astype(int)
+    points = np.concatenate([points, feature_points[filled]])
+    cov_points = np.concatenate([cov_points, _cov_features(projection, feature_points[filled])])
+    z = np.concatenate([z[:, :2], px[filled]])
+    return Keyframe(
+        frame_index,
+        stamp_ns,
+        odom_from_cam,
+        points.astype(np.float32),
+        cov_points.astype(np.float32),
+        _mosaic(smoothed(images[0]), z),
+        px,
+        feature_points,
+        descriptors,
+        depth_m,
+    )
+
+
+def smoothed(image: Image) -> NDArray[np.float32]:
+    """The image (h, w) as patches are cut from it and aligned with it."""
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _SMOOTHING_PX), np.float32)
+
+
+def templates(keyframe: Keyframe) -> TemplateAtlas:
+    """The patches around the points, ready to be warped."""
+    mosaic = cv2.imdecode(np.frombuffer(keyframe.patches, np.uint8), cv2.IMREAD_GRAYSCALE)
+    grey = np.asarray(mosaic, np.float32).reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX).transpose(0, 2, 1, 3)
+    return TemplateAtlas(RADIUS_PX, np.ascontiguousarray(grey.reshape(-1, _SIDE_PX, _SIDE_PX)))
+
+
+def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
+    """The JPEG of patches around sub-pixel positions (n, 2)."""
+    mosaic = np.zeros((max(1, -(-len(px) // _COLUMNS)), _COLUMNS, _SIDE_PX, _SIDE_PX), np.uint8)
+    for k, at in enumerate(px.tolist()):
+        mosaic[divmod(k, _COLUMNS)] = np.rint(cv2.getRectSubPix(image, (_SIDE_PX, _SIDE_PX), at))
+    picture = mosaic.transpose(0, 2, 1, 3).reshape(-1, _COLUMNS * _SIDE_PX)
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+
+
+def _features(
+    images: Sequence[Image], projection: StereoProjection, z_px: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+    """ORB features that have a depth: pixels (m, 2), points (m, 3), descriptors (m, 32).
+
+    Where they are in the right image is found by flow, from the disparity of the nearest point (n) with views `z_px`.
+    """
+    none = np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 32), np.uint8)
+    corners, descriptors = cv2.ORB.create(_FEATURES, fastThreshold=_FAST_THRESHOLD).detectAndCompute(
+        images[0], None
+    )
+    if not corners or not len(z_px):
+        return none
+    left = np.array([corner.pt for corner in corners], np.float32)
+    nearest = np.argmin(((left[:, None] - z_px[None, :, :2]) ** 2).sum(axis=2), axis=1)
+    start = left.copy()
+    start[:, 0] += (z_px[:, 2] - z_px[:, 0])[nearest]
+    right, found = flow(images[0], images[1], left, start)
+    z = np.hstack([left, right]).astype(float)
+    found &= np.abs(left[:, 1] - right[:, 1]) < _MAX_ROW_DIFFERENCE_PX
+    found &= projection.inverse_depth(z) > _MIN_INVERSE_DEPTH
+    points = projection.triangulate(z[found])
+    return left[found], points.astype(np.float32), np.asarray(descriptors, np.uint8)[found]
+
+
+def _cov_features(projection: StereoProjection, points: Array) -> Array:
+    """Covariances (k, 3, 3) of points (k, 3) that were triangulated."""
+    j = projection.jacobian(points.astype(float))
+    return np.asarray(_FEATURE_STD_PX**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))
+
+
+def flow(
+    a: Image, b: Image, px: NDArray[np.float32], start_px: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Where points (n, 2) of image a are in image b, and which are found and come back."""
+    there, found = _flow_once(a, b, px, start_px)
+    back, returned = _flow_once(b, a, there, px)
+    return there, found & returned & (np.abs(back - px).max(axis=1) < _MAX_RETURN_PX)
+
+
+def _flow_once(
+    a: Image, b: Image, px: NDArray[np.float32], start_px: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    at, status, _ = cv2.calcOpticalFlowPyrLK(
+        a,
+        b,
+        px[:, None],
+        start_px[:, None].copy(),
+        winSize=(15, 15),
+        maxLevel=1,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return np.asarray(at, np.float32)[:, 0], np.asarray(status)[:, 0] > 0

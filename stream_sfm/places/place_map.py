@@ -1,0 +1,319 @@
+"""A map of the places of a run: the sink that finds them again, and the world that follows.
+
+The engine's world drifts and never jumps: here it is called odom. The world of the map is the first keyframe's, and
+`world_from_odom` is what later knowledge has changed; it may jump. A loop counts only if it agrees with the prediction
+by both covariances and tells something; where the prediction is so uncertain that another place could be meant, several
+loops must agree.
+"""
+
+import logging
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blas import one_thread
+from ..camera.axes import RectifiedAxes
+from ..camera.pixels import GreyScaler, to_grey
+from ..camera.rectification import Rectifier
+from ..camera.rig import StereoRig
+from ..camera.unseen_errors import UnseenErrors
+from ..config import Config
+from ..errors import ConfigError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..types import Frame, FrameEstimate, Trajectory
+from .chain import UNSEEN, Chain, Link
+from .finding import Words, near
+from .graph import Loop, PoseGraph
+from .keyframes import Keyframe, make_keyframe
+from .verifying import Seen, Verifier
+
+MAX_KEYFRAMES = 1000  # some 60 MB
+_CANDIDATES = 3  # one of the nearest three was right for every keyframe tried
+_APART = 3  # keyframes: nearer ones show the same
+_IN_COMMON = 0.1  # of the points: more, and the loop would count them a second time
+_MIN_PATH_DEPTHS = 0.5  # between a keyframe and an older one: before, it has not been away
+_GATE = 27.86  # χ² with six degrees of freedom, 0.9999
+# Nats that a loop must tell beyond all that is known by then. Right but useless loops, of .7 nats each, took
+# lab_forward from .7 to 4.5 mm: they count the same points twice. At 3 a corridor's end is off by 1.3 mm instead of .4.
+_MIN_GAIN = 2.0
+# What could be confused: as far as the gate reaches, 5 σ, lies another place that looks the same.
+_CONFUSED_SIGMAS, _CONFUSED_DEPTHS, _CONFUSED_RAD = 5.0, 0.25, np.radians(15)
+_AGREEING = 3  # loops, of different keyframes
+_MAX_PENDING = 30
+_WAITING = 2  # keyframes, of which one is being worked on
+_THINNED = 0.1  # of all keyframes, at once
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """A frame that becomes a keyframe."""
+
+    estimate: FrameEstimate
+    images: tuple[NDArray[Any], ...]
+    link: Link | None
+    path_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Node:
+    """A keyframe, how far the camera had come by then, and which points were followed."""
+
+    keyframe: Keyframe
+    path_m: float
+    ids: NDArray[np.int64]
+
+
+class PlaceMap:
+    """A sink that keeps keyframes, finds places again and corrects the poses.
+
+    The work is done in a thread of its own. With `wait`, as in a replay, the result does not depend on its speed: each
+    keyframe is finished before the next one is taken. Without it, as live, a keyframe that comes while two are waiting
+    is taken later. At most `max_keyframes` are kept, of which those go first that lie closest to others. `config`: that
+    of the engine. Raises ConfigError where GTSAM is not installed, or for one camera.
+
+    `problem`: why the map has ended before the run, as where GTSAM has given up; empty where it has not.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        config: Config | None = None,
+        *,
+        wait: bool = False,
+        max_keyframes: int = MAX_KEYFRAMES,
+    ) -> None:
+        if not isinstance(rig, StereoRig):
+            raise ConfigError("maps need a pair of cameras: with one camera a motion has no length")
+        self.problem = ""
+        self._graph = PoseGraph()
+        self._nodes: dict[int, _Node] = {}
+        self._max_keyframes = max_keyframes
+        self._rectifier = Rectifier(rig)
+        self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
+        self._axes = RectifiedAxes(self._rectifier.rect_from_cam)
+        errors = (config or Config()).rig
+        self._unseen = UnseenErrors(0.0, 0.0)
+        if not errors.exact:
+            self._unseen = UnseenErrors(errors.std_baseline, errors.std_axes_rad)
+        self._verifier = Verifier(self._rectifier.projection)
+        self._scaler = GreyScaler()
+        self._chain, self._words = Chain(), Words()
+        self._path_m, self._before = 0.0, np.eye(4)
+        self._pending: list[Loop] = []
+        self._number = 0
+        self._wait = wait
+        self._lock = threading.Lock()
+        self._world_from_odom, self._located = np.eye(4), False
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
+        self._jobs: list[Future[None]] = []
+
+    @property
+    def world_from_odom(self) -> Array:
+        """The latest correction (4, 4): multiplied with an estimate's `world_from_cam` it is the pose in the map."""
+        with self._lock:
+            return self._world_from_odom
+
+    @property
+    def located(self) -> bool:
+        """Whether the camera's place in the map's world is known; not after a loss, until an old place is seen."""
+        with self._lock:
+            return self._located
+
+    @property
+    def loops(self) -> list[tuple[int, int]]:
+        """Stamps of the keyframes that the loops in use join: first the older one."""
+        nodes = self._nodes
+        return [(nodes[p.old].keyframe.stamp_ns, nodes[p.new].keyframe.stamp_ns) for p in self._graph.loops]
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
+        if self.problem:
+            return
+        self._path_m += float(np.linalg.norm((se3.inverse(self._before) @ estimate.world_from_cam)[:3, 3]))
+        self._before = estimate.world_from_cam
+        due = self._chain.step(estimate, eager=not self._located)
+        if self._chain.link is None:
+            with self._lock:
+                self._located = False
+        if not due:
+            return
+        self._settle(self._wait)
+        if len(self._jobs) >= _WAITING:
+            return
+        images = tuple(np.array(image) for image in frame.images)  # a camera may write the next ones over them
+        job = _Job(estimate, images, self._chain.link, self._path_m)
+        self._chain.set_keyframe(estimate)
+        self._jobs.append(self._pool.submit(self._take, job))
+
+    def close(self) -> None:
+        """Finish what is waiting."""
+        self._settle(True)
+        self._pool.shutdown()
+
+    def poses(self) -> Trajectory:
+        """The poses of all keyframes in the world of the map, with their covariances; after `close`."""
+        stamps_ns = [self._nodes[number].keyframe.stamp_ns for number in self._graph.numbers]
+        poses = self._graph.poses.copy()
+        in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
+        covs = self._graph.covariances() + self._axes.cov_pose(self._unseen.of_pose(in_rect))
+        return Trajectory(np.array(stamps_ns, np.int64), poses, covs)
+
+    def corrected(self, trajectory: Trajectory) -> Trajectory:
+        """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`."""
+        stamps_ns = np.array([self._nodes[number].keyframe.stamp_ns for number in self._graph.numbers], np.int64)
+        if not len(stamps_ns):
+            return trajectory
+        odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in self._graph.numbers])
+        corrections = self._graph.poses @ se3.inverse(odom_from_cam)
+        after = np.clip(np.searchsorted(stamps_ns, trajectory.stamps_ns), 1, max(1, len(stamps_ns) - 1))
+        before, after = after - 1, np.minimum(after, len(stamps_ns) - 1)
+        span = np.maximum(stamps_ns[after] - stamps_ns[before], 1)
+        share = ((trajectory.stamps_ns - stamps_ns[before]) / span).clip(0, 1)
+        change = se3.log(se3.inverse(corrections[before]) @ corrections[after])
+        correction = corrections[before] @ se3.exp(share[:, None] * change)
+        return Trajectory(trajectory.stamps_ns, se3.orthonormalise(correction @ trajectory.world_from_cam))
+
+    def _settle(self, everything: bool) -> None:
+        """Forget jobs that are finished; wait for all if `everything` is to be."""
+        for job in self._jobs:
+            if everything or job.done():
+                job.result()
+        self._jobs = [job for job in self._jobs if not job.done()]
+
+    def _take(self, job: _Job) -> None:
+        if self.problem:
+            return
+        try:
+            with one_thread:
+                self._add(job)
+        except (RuntimeError, np.linalg.LinAlgError, cv2.error) as error:  # GTSAM raises RuntimeErrors
+            reason = str(error).strip().splitlines()[:1]
+            self.problem = f"the map ends at frame {job.estimate.frame_index}: {'; '.join(reason)}"
+            logging.getLogger("stream_sfm").warning(self.problem)
+
+    def _add(self, job: _Job) -> None:
+        """Make the next keyframe, and look whether its place is known."""
+        number, self._number, estimate = self._number, self._number + 1, job.estimate
+        images = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in job.images)))
+        keyframe = self._described(estimate, images)
+        if (common := estimate.common) is not None:
+            self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])
+        self._graph.add(number, estimate.world_from_cam, job.link)
+        self._nodes[number] = _Node(keyframe, job.path_m, estimate.track_ids)
+        self._find(number, Seen(keyframe, images))
+        self._words.add(number, keyframe.descriptors)
+        if len(self._nodes) > self._max_keyframes:
+            self._thin()
+        corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
+        with self._lock:
+            self._world_from_odom = se3.orthonormalise(corrected)
+            self._located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
+
+    def _described(self, estimate: FrameEstimate, images: Sequence[NDArray[np.uint8]]) -> Keyframe:
+        turn = self._rectifier.rect_from_cam
+        return make_keyframe(
+            images,
+            self._rectifier.projection,
+            estimate.frame_index,
+            estimate.stamp_ns,
+            estimate.world_from_cam,
+            estimate.points_in_cam @ turn.T,
+            turn @ estimate.cov_points @ turn.T,
+        )
+
+    def _find(self, number: int, seen: Seen) -> None:
+        """Look for older keyframes of the same place, and stop at the first that is verified."""
+        graph, keyframe = self._graph, seen.keyframe
+        motions, covs, known = graph.predicted(number)
+        rows = np.flatnonzero(known & self._away(number))
+        numbers = np.array(graph.numbers)
+        found = near(motions[rows], covs[rows], keyframe.depth_m, _CANDIDATES, _APART, numbers[rows])
+        for row in rows[found].tolist():
+            if self._try(int(numbers[row]), number, seen, (motions[row], covs[row])):
+                return
+        others = {other for other in graph.numbers if graph.home(other) != graph.home(number)}
+        for other in self._words.alike(keyframe.descriptors, _CANDIDATES, _APART, others) if others else ():
+            if self._try(other, number, seen, None):
+                return
+
+    def _away(self, number: int) -> NDArray[np.bool_]:
+        """Which nodes (n,) the camera has been away from: hardly a point is followed any more that was seen there."""
+        new = self._nodes[number]
+        far_m = _MIN_PATH_DEPTHS * new.keyframe.depth_m
+        away = np.zeros(len(self._graph), bool)
+        for row, old in enumerate(self._nodes[other] for other in self._graph.numbers):
+            if len(new.ids) and new.path_m - old.path_m > far_m:
+                away[row] = new.ids[0] > old.ids[-1] or np.isin(new.ids, old.ids).mean() < _IN_COMMON
+        return away
+
+    def _try(self, old: int, new: int, seen: Seen, predicted: tuple[Array, Array] | None) -> bool:
+        """Verify one candidate, and use the loop if it tells something; whether it shows the same place."""
+        found = self._verifier.motion(self._nodes[old].keyframe, seen)
+        if found is None:
+            return False
+        motion = Link(self._axes.poses(found.first_from_second), self._axes.cov_pose(found.cov))
+        loop = Loop(old, new, motion)
+        if predicted is None or is_ambiguous(predicted[1], seen.keyframe.depth_m):
+            self._close_doubtful(loop)
+            return True
+        if not agrees(Link(*predicted), motion):
+            return False
+        gain = 0.5 * np.linalg.slogdet(np.eye(6) + np.linalg.solve(motion.cov, predicted[1]))[1]
+        if gain > _MIN_GAIN:
+            self._graph.close([loop], doubtful=False)
+        return True
+
+    def _close_doubtful(self, loop: Loop) -> None:
+        """Keep a loop until others agree with it; then close them all."""
+        agreeing = [other for other in self._pending if other.new != loop.new and self._agree(other, loop)]
+        self._pending = [*self._pending[-_MAX_PENDING:], loop]
+        if len({other.new for other in agreeing}) + 1 < _AGREEING:
+            return
+        chosen = [*agreeing, loop]
+        self._pending = [other for other in self._pending if other not in chosen]
+        self._graph.close(chosen, doubtful=True)
+
+    def _agree(self, a: Loop, b: Loop) -> bool:
+        """Whether two loops say the same, by the ways between their ends."""
+        olds, news = self._graph.between(a.old, b.old), self._graph.between(a.new, b.new)
+        return olds is not None and news is not None and agrees(a.motion.then(news), olds.then(b.motion))
+
+    def _thin(self) -> None:
+        """Let those keyframes go that lie closest to older ones."""
+        numbers = self._graph.numbers[:-_APART]
+        depths = np.array([self._nodes[number].keyframe.depth_m for number in numbers])
+        poses = self._graph.poses[: len(numbers)]
+        at, turns = poses[:, :3, 3], poses[:, :3, :3].reshape(-1, 9)
+        offset = np.linalg.norm(at[:, None] - at[None], axis=2) / depths[:, None]
+        apart = offset + np.arccos(((turns @ turns.T - 1) / 2).clip(-1, 1))
+        apart[np.triu_indices(len(numbers))] = np.inf  # of two that are close the newer one goes
+        apart[0] = np.inf
+        gone = [numbers[row] for row in np.argsort(apart.min(axis=1), kind="stable")[: self._surplus()].tolist()]
+        self._graph.remove(gone)
+        self._pending = [loop for loop in self._pending if loop.old not in gone and loop.new not in gone]
+        for number in gone:
+            del self._nodes[number]
+            self._words.forget(number)
+
+    def _surplus(self) -> int:
+        return max(1, int(_THINNED * self._max_keyframes))
+
+
+def is_ambiguous(cov: Array, depth_m: float) -> bool:
+    """Whether another place may lie within a prediction's covariance (6, 6)."""
+    std_m, std_rad = np.sqrt(np.trace(cov[:3, :3])), np.sqrt(np.trace(cov[3:, 3:]))
+    far = _CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m
+    return bool(far or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
+
+
+def agrees(one: Link, other: Link) -> bool:
+    """Whether two estimates of a motion, with independent errors, are the same by χ²."""
+    error = se3.log(se3.inverse(one.first_from_second) @ other.first_from_second)
+    return bool(error @ np.linalg.solve(one.cov + other.cov, error) < _GATE)

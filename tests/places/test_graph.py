@@ -1,0 +1,163 @@
+"""The pose graph: motions with common errors, loops, segments, and what may be removed."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.geometry import se3
+from stream_sfm.places.chain import Link
+
+gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: the extra [map]")
+from stream_sfm.places import graph as room  # noqa: E402
+from stream_sfm.places.graph import Loop, PoseGraph  # noqa: E402
+
+STD = np.array([2e-3, 2e-3, 2e-3, 1e-3, 1e-3, 1e-3])
+LOOP_STD = np.full(6, 1e-3)
+NODES, COMMON = 16, 3
+
+
+def circle(n: int = NODES) -> np.ndarray:
+    """Poses (n, 4, 4) once round a circle of some 4 m; the last one is the first one again."""
+    angles = np.linspace(0, 2 * np.pi, n)
+    return np.array([se3.exp([0, 0, 0, 0, a, 0]) @ se3.exp([0.6, 0, 0, 0, 0, 0]) for a in angles])
+
+
+def noisy(motion: np.ndarray, std: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A motion whose error, a perturbation on the right of what is measured, has these deviations."""
+    return motion @ se3.exp(-std * rng.normal(size=6))
+
+
+def test_motions_with_common_errors_compose_as_their_sum_says() -> None:
+    """`then` and `back` against the motions composed with other common errors, to first order."""
+    rng = np.random.default_rng(1)
+    a, b = (
+        Link(se3.exp(0.3 * rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), np.zeros(COMMON))
+        for _ in "ab"
+    )
+    for c in 1e-6 * np.eye(COMMON):
+        both = a.given(c) @ b.given(c)
+        assert np.allclose(se3.log(se3.inverse(a.then(b).given(c)) @ both), 0, atol=1e-10)
+        assert np.allclose(se3.log(se3.inverse(a.back().given(c)) @ se3.inverse(a.given(c))), 0, atol=1e-10)
+
+
+def test_jacobians_of_odometry_are_numerical_ones() -> None:
+    rng = np.random.default_rng(2)
+    link = Link(se3.exp(rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), rng.normal(size=COMMON))
+    factor = room._odometry(0, 1, link)
+    poses = [gtsam.Pose3(se3.exp(rng.normal(size=6))) for _ in range(2)]
+    poses[1] = poses[0] * gtsam.Pose3(link.first_from_second) * gtsam.Pose3(se3.exp(0.1 * rng.normal(size=6)))
+    common = rng.normal(size=COMMON)
+
+    def error(steps: list[np.ndarray]) -> np.ndarray:
+        values = gtsam.Values()
+        for key in (0, 1):
+            values.insert(key, poses[key].retract(steps[key]))
+        values.insert(room._COMMON, common + steps[2])
+        return np.asarray(factor.unwhitenedError(values))
+
+    values = gtsam.Values()
+    for key in (0, 1):
+        values.insert(key, poses[key])
+    values.insert(room._COMMON, common)
+    jacobians = factor.linearize(values).jacobian()[0]
+    zero = [np.zeros(6), np.zeros(6), np.zeros(COMMON)]
+    column = 0
+    for part, size in enumerate((6, 6, COMMON)):
+        for axis in range(size):
+            ahead, behind = ([z.copy() for z in zero] for _ in "ab")
+            ahead[part][axis], behind[part][axis] = 1e-6, -1e-6
+            numerical = (error(ahead) - error(behind)) / 2e-6
+            assert np.allclose(jacobians[:, column], numerical, atol=1e-5)
+            column += 1
+
+
+def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndarray, list[Loop]]:
+    """A circle whose motions have errors of their own and in common, with loops; the last `false` ones are false."""
+    truth, graph = circle(), PoseGraph()
+    jacobian, c = 2e-3 * np.random.default_rng(0).normal(size=(6, COMMON)), rng.normal(size=COMMON)
+    graph.know(np.zeros(COMMON), np.eye(COMMON))
+    graph.add(0, truth[0], None)
+    for k in range(1, NODES):
+        motion = se3.inverse(truth[k - 1]) @ truth[k] @ se3.exp(-jacobian @ c)
+        link = Link(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
+        graph.add(k, np.eye(4), link)
+    loops = []
+    for k in range(4 + false):
+        old, new = k, NODES - 5 + k
+        motion = noisy(se3.inverse(truth[old]) @ truth[new], LOOP_STD, rng)
+        if k >= 4:
+            old = 6
+            motion = se3.exp([0.4, 0, 0.3, 0, 0.2, 0])
+        loops.append(Loop(old, new if k < 4 else NODES - 1, Link(motion, np.diag(LOOP_STD**2))))
+    return graph, truth, loops
+
+
+def test_covariances_with_common_errors_and_loops_hold() -> None:
+    """Monte Carlo: the mean NEES of all poses is six within its scatter, before loops and after."""
+    before, after = [], []
+    for seed in range(24):
+        graph, truth, loops = closed(np.random.default_rng(seed))
+        for nees in (before, after):
+            error = se3.log(se3.inverse(graph.poses) @ truth)[1:]
+            cov = graph.covariances()[1:]
+            nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error).mean())
+            if nees is before:
+                graph.close(loops, doubtful=False)
+    # Six is the mean of a χ² whose σ is 3.5, and errors of one trial go together: 3 σ of 24 trials.
+    assert 3.9 < np.mean(before) < 8.1
+    assert 3.9 < np.mean(after) < 8.1
+
+
+def test_predicted_covariance_is_that_of_the_marginals() -> None:
+    """Where there are no loops, the prediction between two nodes is what the whole graph says."""
+    graph, truth, _ = closed(np.random.default_rng(3))
+    motions, covs, known = graph.predicted(NODES - 1)
+    assert known.all()
+    errors = []
+    for seed in range(200):
+        other, _, _ = closed(np.random.default_rng(100 + seed))
+        motion = se3.inverse(other.pose(5)) @ other.pose(NODES - 1)
+        errors.append(se3.log(se3.inverse(motion) @ se3.inverse(truth[5]) @ truth[NODES - 1]))
+    assert np.allclose(np.cov(np.array(errors).T).diagonal(), covs[5].diagonal(), rtol=0.35)  # 3.5 σ of 200 trials
+    assert np.allclose(motions[5], se3.inverse(graph.pose(5)) @ graph.pose(NODES - 1))
+
+
+def test_doubtful_loops_are_judged_together() -> None:
+    graph, truth, loops = closed(np.random.default_rng(4), false=1)
+    refused = graph.close(loops, doubtful=True)
+    assert refused == loops[-1:]
+    assert graph.loops == loops[:-1]
+    error, cov = se3.log(se3.inverse(graph.poses[-1]) @ truth[-1]), graph.covariances()[-1]
+    assert error @ np.linalg.solve(cov, error) < 22.5  # χ² of six at 0.999
+    assert np.sqrt(np.trace(cov[:3, :3])) < 0.02  # the false loop was off by decimetres
+
+
+def test_a_segment_joins_the_world_it_is_found_in() -> None:
+    """After a cut the poses are at home in their own frame, until a loop says where that is."""
+    truth, graph = circle(), PoseGraph()
+    elsewhere = se3.exp([5, 6, 7, 0.3, 0.2, 0.1])
+    for k in range(NODES):
+        cut = k in (0, 8)
+        link = None if cut else Link(se3.inverse(truth[k - 1]) @ truth[k], np.diag(STD**2))
+        graph.add(k, elsewhere @ truth[k] if k >= 8 else truth[k], link)
+    assert graph.home(12) != graph.home(0)
+    assert not graph.predicted(12)[2][:8].any()
+    motion = se3.inverse(truth[2]) @ truth[13]
+    graph.close([Loop(2, 13, Link(motion, np.diag(LOOP_STD**2)))], doubtful=False)
+    assert graph.home(12) == graph.home(0)
+    assert np.allclose(graph.poses, truth, atol=1e-6)
+    assert graph.predicted(15)[2].all()
+
+
+def test_nodes_that_go_leave_their_motions_to_their_neighbours() -> None:
+    graph, truth, loops = closed(np.random.default_rng(5))
+    graph.close(loops, doubtful=False)
+    kept = [k for k in range(NODES) if k not in (1, 6, 7, 8, 13)]  # two of them are ends of loops
+    before = graph.poses[kept].copy()
+    graph.remove([1, 6, 7, 8, 13])
+    assert graph.numbers == kept
+    moved, cov = se3.log(se3.inverse(before) @ graph.poses)[1:], graph.covariances()[1:]
+    assert np.einsum("ni,nij,nj->n", moved, np.linalg.inv(cov), moved).max() < 2  # well within σ, of six directions
+    graph.add(NODES, np.eye(4), Link(np.eye(4), np.diag(STD**2)))
+    assert graph.predicted(NODES)[2].all()
+    assert np.isfinite(graph.covariances()).all()
+    assert np.abs(se3.log(se3.inverse(truth[kept]) @ graph.poses[:-1])[:, :3]).max() < 0.05

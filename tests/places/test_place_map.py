@@ -1,0 +1,191 @@
+"""The sink: loops closed in a run, live and replayed, lost and found, with bounds."""
+
+import sys
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.evaluation.association import truth_of_frames
+from stream_sfm.geometry import se3
+from stream_sfm.places.place_map import PlaceMap
+from stream_sfm.types import FrameEstimate, StereoFrame
+from tests.helpers.places import ROOM
+from tests.helpers.wall import rig
+
+gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: the extra [map]")
+PERIOD_NS = 100_000_000
+SET_DOWN, AGAIN = 20, 14  # the frame of the room where a second engine begins, and how many it gets
+Run = list[tuple[FrameEstimate, StereoFrame]]
+
+
+@dataclass(frozen=True)
+class Room:
+    """The sample log, every second frame there and the others back; and some frames more with an engine of their own.
+
+    `truth` (n, 4, 4) and `truth_again`: poses in the first camera of all.
+    """
+
+    rig: sfm.StereoRig
+    run: Run
+    truth: np.ndarray
+    again: Run
+    truth_again: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    log = sfm.open_log(ROOM)
+    frames, poses = list(log.frames()), log.ground_truth()
+    assert poses is not None and isinstance(log.rig, sfm.StereoRig)
+    truth = truth_of_frames(np.array([frame.stamp_ns for frame in frames]), poses)
+    order = [*range(0, len(frames), 2), *range(1, len(frames), 2)[::-1]]
+    again = list(range(SET_DOWN, SET_DOWN + AGAIN))
+    first = se3.inverse(truth[0])
+    run, other = (estimated([frames[k] for k in rows], log.rig) for rows in (order, again))
+    return Room(log.rig, run, first @ truth[order], other, first @ truth[again])
+
+
+def estimated(frames: list[StereoFrame], stereo: sfm.StereoRig) -> Run:
+    engine, run = sfm.Engine(stereo), []
+    for k, frame in enumerate(frames):
+        timed = sfm.StereoFrame(k * PERIOD_NS, frame.left, frame.right)
+        run.append((engine.step(timed), timed))
+    return run
+
+
+def drifting(run: Run, turn_rad: float = 0.004) -> Run:
+    """The same run of an odometry that turns too far in every frame, and says that it may."""
+    odom = [run[0][0].world_from_cam]
+    for (before, _), (estimate, _) in pairwise(run):
+        motion = se3.inverse(before.world_from_cam) @ estimate.world_from_cam
+        odom.append(odom[-1] @ motion @ se3.exp([0, 0, 0, 0, turn_rad, 0]))
+    drifted = []
+    for k, (estimate, frame) in enumerate(run):
+        relative = estimate.relative
+        if relative is not None:
+            apart = (k - relative.frame_indices)[:, None, None]
+            motions = se3.inverse(np.array([odom[i] for i in relative.frame_indices])) @ odom[k]
+            cov = relative.cov + apart**2 * np.diag([1e-6] * 3 + [turn_rad**2] * 3)
+            relative = replace(relative, frame_from_newest=motions, cov=cov, common_jacobian=None)
+        drifted.append((replace(estimate, world_from_cam=odom[k], relative=relative, common=None), frame))
+    return drifted
+
+
+def mapped(room: Room, run: Run | None = None, **settings: object) -> PlaceMap:
+    places = PlaceMap(room.rig, wait=True, **settings)  # type: ignore[arg-type]
+    for estimate, frame in run or room.run:
+        places.write(estimate, frame)
+    places.close()
+    assert not places.problem
+    return places
+
+
+def test_loops_take_the_drift_away(room: Room) -> None:
+    run = drifting(room.run)
+    places = mapped(room, run)
+    assert len(places.loops) >= 3
+    trajectory = sfm.Trajectory(
+        np.array([e.stamp_ns for e, _ in run]), np.array([e.world_from_cam for e, _ in run])
+    )
+    corrected = places.corrected(trajectory)
+    before, after = (
+        np.linalg.norm((t.world_from_cam - room.truth)[:, :3, 3], axis=1) for t in (trajectory, corrected)
+    )
+    assert before[-1] > 0.1 and after[-1] < before[-1] / 20
+    assert np.sqrt((after**2).mean()) < np.sqrt((before**2).mean()) / 3
+    end = places.world_from_odom @ run[-1][0].world_from_cam
+    assert np.allclose(end, corrected.world_from_cam[-1], atol=1e-9)
+
+
+def test_where_there_is_no_drift_the_map_does_no_harm(room: Room) -> None:
+    places = mapped(room)
+    poses = places.poses()
+    assert places.loops and poses.cov_pose is not None
+    rows = np.searchsorted([e.stamp_ns for e, _ in room.run], poses.stamps_ns)
+    error = se3.log(se3.inverse(poses.world_from_cam) @ room.truth[rows])[1:]
+    assert np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()) < 0.002
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(poses.cov_pose[1:]), error)
+    assert nees.mean() < 12  # twice what is expected of one run: its keyframes are not independent
+
+
+def test_the_same_frames_give_the_same_map(room: Room) -> None:
+    one, other = mapped(room), mapped(room)
+    assert one.loops == other.loops
+    assert np.array_equal(one.poses().world_from_cam, other.poses().world_from_cam)
+
+
+def test_live_nothing_waits_and_every_keyframe_is_finished(room: Room) -> None:
+    run = room.run
+    places = PlaceMap(room.rig)
+    for estimate, frame in run:
+        places.write(estimate, frame)
+        assert len(places._jobs) <= 2
+    places.close()
+    assert len(places.poses()) >= 2
+
+
+def test_lost_and_found(room: Room) -> None:
+    """Put down elsewhere, the camera is in its own world until it has seen enough of the old one."""
+    run = room.run
+    last = run[-1][0]
+    lost = replace(last, status=sfm.Status.LOST, relative=None, common=None)
+    shift, shift_ns = last.frame_index + 2, last.stamp_ns + 2 * PERIOD_NS
+    carried: Run = [(replace(lost, frame_index=shift - 1, stamp_ns=shift_ns - PERIOD_NS), run[-1][1])]
+    for estimate, frame in room.again:
+        relative = estimate.relative
+        if relative is not None:
+            relative = replace(relative, frame_indices=relative.frame_indices + shift)
+        moved = replace(
+            estimate,
+            frame_index=estimate.frame_index + shift,
+            stamp_ns=estimate.stamp_ns + shift_ns,
+            window_frame_indices=estimate.window_frame_indices + shift,
+            relative=relative,
+        )
+        carried.append((moved, frame))
+    places = PlaceMap(room.rig, wait=True)
+    for estimate, frame in run:
+        places.write(estimate, frame)
+    located = []
+    for estimate, frame in carried:
+        places.write(estimate, frame)
+        places._settle(True)
+        located.append(places.located)
+    places.close()
+    assert not located[1] and located[10]
+    end = places.world_from_odom @ carried[-1][0].world_from_cam
+    assert np.linalg.norm(se3.log(se3.inverse(end) @ room.truth_again[-1])[:3]) < 0.01
+
+
+def test_memory_is_bounded(room: Room) -> None:
+    places = mapped(room, max_keyframes=20)
+    assert 17 <= len(places.poses()) <= 20
+    assert np.isfinite(places.poses().world_from_cam).all()
+
+
+def test_where_gtsam_gives_up_the_run_goes_on(
+    room: Room, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    run = room.run
+    places = PlaceMap(room.rig, wait=True)
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("Indeterminate linear system\ndetected")
+
+    monkeypatch.setattr(places._graph, "add", fails)
+    for estimate, frame in run[:3]:
+        places.write(estimate, frame)
+    places.close()
+    assert places.problem == "the map ends at frame 1: Indeterminate linear system"
+    assert places.problem in caplog.text  # of the first frame with points
+
+
+def test_what_a_map_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(sfm.ConfigError, match="pair of cameras"):
+        PlaceMap(sfm.MonoRig(rig().left))  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    with pytest.raises(sfm.ConfigError, match=r"pip install gtsam, or this package with its extra \[map\]"):
+        PlaceMap(rig())
