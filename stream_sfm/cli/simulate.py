@@ -28,7 +28,7 @@ def simulate(
     Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
     covariances match the errors. Calibration: estimates with a wrong calibration and errors that last along tracks.
     Rates: the paper's Table 1, growth of the error variance. Figure6: the paper's Figure 6, errors over the sequence.
-    Writes results.json and figures (PNG, SVG).
+    Writes results.json, and for figure6 the picture (PNG, SVG).
 
     Args:
         experiment: the study
@@ -59,5 +59,6 @@ def simulate(
         print_json(report)
     elif not quiet:
         print_tables(experiment, report)
-        print(f"results.json, {experiment}.png and {experiment}.svg in {printable(str(folder))}")
+        written = "results.json, figure6.png and figure6.svg" if experiment == "figure6" else "results.json"
+        print(f"{written} in {printable(str(folder))}")
     return ExitCode.DONE

@@ -52,7 +52,8 @@ class View:
         """Where the points of a frame are in its left image, by track."""
         front = estimate.points_in_cam[:, 2] > 0
         pixels = project_into_image(self._camera, estimate.points_in_cam[front])
-        return dict(zip(estimate.track_ids[front].tolist(), pixels, strict=True))
+        known = np.isfinite(pixels).all(axis=1)
+        return dict(zip(estimate.track_ids[front][known].tolist(), pixels[known], strict=True))
 
     def figure(self) -> Markup:
         """The image with a line per point, from its place in the frame before; empty where none was kept."""
@@ -119,12 +120,16 @@ def lives(front: FrontRecord) -> Markup:
 
 
 def timeline(runs: Sequence[RunRecord], frames: int, gaps: Sequence[int]) -> Markup:
-    """The status of every frame, one bar per method; time gaps are marked."""
+    """The status of every frame, one bar for all methods whose frames have the same; time gaps are marked."""
+    groups: dict[tuple[Status, ...], list[RunRecord]] = {}
+    for run in runs:
+        groups.setdefault(tuple(run.statuses), []).append(run)
     n, row, left, w = max(frames, 1), 22, 150, WIDTH * 2 - 162
     out = []
-    for k, run in enumerate(runs):
+    for k, (run, *others) in enumerate(groups.values()):
+        name = short(run.name) + (f" and {len(others)} more" if others else "")
         y = 4 + k * row
-        out.append(f'<text x="{left - 8}" y="{y + 12}" class="tick end">{escape(short(run.name))}</text>')
+        out.append(f'<text x="{left - 8}" y="{y + 12}" class="tick end">{escape(name)}</text>')
         for status, first, last in _same_status(run):
             x, width = left + first / n * w, max((last - first + 1) / n * w, 1.0)
             reason = f": {run.reasons[first]}" if run.reasons[first] else ""
@@ -132,7 +137,7 @@ def timeline(runs: Sequence[RunRecord], frames: int, gaps: Sequence[int]) -> Mar
                 f'<rect class="s-{status}" x="{x:.1f}" y="{y}" width="{width:.1f}" height="15">'
                 f"<title>{escape(f'{status}, frames {first} to {last}{reason}')}</title></rect>"
             )
-    height = 4 + len(runs) * row
+    height = 4 + len(groups) * row
     out += [f'<path class="mark" d="M{left + g / n * w:.1f} 0V{height}"/>' for g in gaps]
     for f in round_numbers(n - 1, 8):
         out.append(f'<text x="{left + f / n * w:.0f}" y="{height + 14}" class="tick mid">{f}</text>')

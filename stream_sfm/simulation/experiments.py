@@ -35,10 +35,10 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results and figures are
-    written. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`; the numbers
-    depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises ConfigError,
-    OutputError.
+    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json is written, and
+    for figure6 the picture. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`;
+    the numbers depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises
+    ConfigError, OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
@@ -54,11 +54,13 @@ def simulate(
 
 
 def _write(name: str, report: Report, folder: Path) -> None:
-    """Write results.json and the figures (PNG, SVG) into the folder. Raises OutputError."""
+    """Write results.json, and for figure6 the picture (PNG, SVG), into the folder. Raises OutputError."""
     write_whole(folder / "results.json", json_bytes(report))
+    if name != "figure6":
+        return
     from . import figures  # matplotlib takes a second to import, and may be missing: after what took minutes
 
     try:
-        figures.save(getattr(figures, name)(report), folder, name)
+        figures.save(figures.figure6(report), folder, name)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}") from None

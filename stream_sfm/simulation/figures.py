@@ -1,4 +1,4 @@
-"""The figures of the studies as PNG and SVG. Only this file loads matplotlib, and without a display."""
+"""Figure 6 of the paper as PNG and SVG. Only this file loads matplotlib, and without a display."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .figure6 import BATCHES
-from .studies import REFERENCE
 from .trials import Report
 
 _STYLE: Any = {
@@ -25,7 +24,6 @@ _STYLE: Any = {
     "svg.hashsalt": "stream-sfm",
 }
 _DPI = 160  # legible on a screen of high density; a smaller file than for print
-_LOG_SCALE_ABOVE = 20  # times the expected value: beyond it the consistent estimators would share one spot
 _BATCH_COLOURS = ("#9ecae1", "#4f97c8", "#2171b5", "#08306b")
 _OTHERS = {
     "frame-to-frame": ("frame to frame", "#d95f02", "-"),
@@ -39,11 +37,6 @@ _ROWS = {
     "position": "pose: position, mm",
     "global_structure": "global structure, mm",
     "local_structure": "local structure, mm",
-}
-_PANELS = {
-    "nees_pose": "pose: normalised\nsquared error",
-    "nees_point": "local point",
-    "nees_point_in_world": "point in the world",
 }
 
 
@@ -84,69 +77,3 @@ def _curves(axis: Axes, report: Report, kind: str, quantity: str) -> None:
         axis.plot(frames, 1e3 * np.array(curves[key][quantity]), style, color=colour, label=label, lw=1.4)
     axis.set_ylim(bottom=0)
     axis.set_xlim(frames[0], frames[-1])
-
-
-def efficiency(report: Report) -> Figure:
-    """Draw the variance over the bound of every estimator, with intervals; one panel per quantity."""
-    estimators = report["conditions"]["nominal"]["estimators"]
-    values = {name: entry["over_bound"] for name, entry in estimators.items()}
-    title = "Variance over the Cramér–Rao bound (1 is the limit)"
-    return _bars(values, dict.fromkeys(values[REFERENCE], 1.0), title)
-
-
-def consistency(report: Report) -> Figure:
-    """Draw the mean normalised squared errors of every estimator; the dotted line is that of a true covariance."""
-    estimators = report["conditions"]["nominal"]["estimators"]
-    return _bars(estimators, report["expected"], "Normalised squared error (dotted: expected)")
-
-
-def calibration(report: Report) -> Figure:
-    """Draw the variance over the bound and the NEES of the pose, with a wrong rig and errors that last."""
-    estimators = next(iter(report["conditions"].values()))["estimators"]
-    values = {name: {**entry["over_bound"], "nees_pose": entry["nees_pose"]} for name, entry in estimators.items()}
-    expected = {q: report["expected"][q] for q in next(iter(values.values()))}
-    title = "Wrong calibration, lasting errors: variance over the bound, and consistency (dotted: expected)"
-    return _bars(values, expected, title)
-
-
-def _bars(values: dict[str, Any], expected: dict[str, float], title: str) -> Figure:
-    """Draw one panel per expected quantity, one row per estimator, each value with its interval."""
-    with plt.rc_context(_STYLE):
-        size = (2.8 * len(expected), 3.4)
-        figure, axes = plt.subplots(1, len(expected), figsize=size, sharey=True, layout="constrained")
-        names = list(values)[::-1]
-        for axis, (quantity, right) in zip(axes, expected.items(), strict=True):
-            intervals = [values[name][quantity] for name in names]
-            middle = np.array([v["value"] for v in intervals])
-            spread = np.array([[v["value"] - v["low"], v["high"] - v["value"]] for v in intervals]).T
-            ends = np.maximum(spread, 0)
-            axis.errorbar(middle, range(len(names)), xerr=ends, fmt="o", color=_BATCH_COLOURS[2], capsize=2)
-            axis.axvline(right, color="black", ls=":")
-            if middle.max() > _LOG_SCALE_ABOVE * right:
-                axis.set_xscale("log")
-            axis.set_title(_PANELS.get(quantity, quantity.replace("_", " ")))
-        axes[0].set_yticks(range(len(names)), names)
-        figure.suptitle(title, fontsize=11)
-        return figure
-
-
-def rates(report: Report) -> Figure:
-    """Draw the drift rate over the track length, and local structure over the window, with their laws."""
-    with plt.rc_context(_STYLE):
-        figure, (left, right) = plt.subplots(1, 2, figsize=(8.2, 3.4), layout="constrained")
-        spans, windows = report["drift_over_span"], report["structure_over_window"]
-        x = spans["span_frames"]
-        left.loglog(x, spans["theory"], "k:", label="3/(L²−1)")
-        left.loglog(x, spans["rotation_relative"], "o", color=_BATCH_COLOURS[2], label="rotation")
-        left.loglog(x, spans["position_relative"], "x", color="#d95f02", label="position")
-        left.set(xlabel="frames L in which a point is seen", ylabel="drift rate over that of L = 2")
-        left.set_xticks(x, map(str, x))
-        x = windows["window_frames"]
-        right.loglog(x, windows["theory"], "k:", label="(H_b + (L−b)/b)/L, L = 16")
-        right.loglog(x, [v["value"] for v in windows["relative"]], "o", color=_BATCH_COLOURS[2], label="bound")
-        right.set(xlabel="frames b in the window", ylabel="local structure over one view")
-        right.set_xticks(x, map(str, x))
-        for axis in (left, right):
-            axis.minorticks_off()
-            axis.legend()
-        return figure

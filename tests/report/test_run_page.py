@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stream_sfm.camera.models import Camera
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.config import RigConfig
 from stream_sfm.evaluation.association import without_frames
@@ -13,11 +14,12 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.report.calibration_field import CalibrationError, calibration_error, picture
 from stream_sfm.report.lengths import METRES, MILLIMETRES, LengthUnit, unit_for
+from stream_sfm.report.pictures import View
 from stream_sfm.report.records import RunRecord
 from stream_sfm.report.run_page import conclusion_of_run, render_run
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel
-from stream_sfm.types import FrameEstimate, Status, Trajectory
+from stream_sfm.types import FrameEstimate, Status, StereoFrame, Trajectory
 
 FRAMES = 30
 STAMPS = np.arange(FRAMES) * 100_000_000
@@ -125,3 +127,19 @@ def test_a_refined_calibration_is_told_whole() -> None:
     assert found is not None and found.disparity_px == pytest.approx(-0.25, abs=1e-9)
     assert "refined by 0.25 px of disparity" in found.numbers["text"]
     assert calibration_error(projection, None) is None
+
+
+def test_the_view_is_of_the_second_half_and_shows_where_points_came_from() -> None:
+    """A point on the optical axis moves right by ten pixels; one behind the camera is not shown."""
+    view = View(Camera(64, 48, np.array([[50.0, 0, 32], [0, 50.0, 24], [0, 0, 1]])))
+    assert not view.figure()
+    for k in range(7):
+        points = np.array([[0.2 * k, 0.0, 1.0], [0.0, 0.0, -1.0]])
+        none, nothing = np.empty(0, np.int64), np.empty((0, 3))
+        local = (np.array([7, 8]), points, np.zeros((2, 3, 3)), points, np.zeros((2, 3, 3)))
+        rest = (none, np.empty((0, 4, 4)), none, nothing, np.empty((0, 3, 3)))
+        estimate = FrameEstimate(k, k, Status.OK, "", np.eye(4), np.eye(6), *local, *rest, {}, 1.0, 1, {})
+        view.write(estimate, StereoFrame(k, np.full((48, 64), 9 * k, np.uint8), np.zeros((48, 64), np.uint8)))
+    figure = str(view.figure())
+    assert "left image of frame 4: 1 points" in figure
+    assert 'd="M62.0 24.0L72.0 24.0"' in figure  # 50 px · 0.6 and 0.8, from the middle
