@@ -38,20 +38,19 @@ def verdict(content: dict[str, Any]) -> Verdict:
         return Verdict(_returned(content["methods"]), covariances)
     ratios: dict[str, Ratios] = content["error_over_cross_frame"]
     if not ratios:
-        return Verdict(f"Nothing can be said about which method drifts least: {_obstacle(content)}.", covariances)
+        return Verdict(f"This log cannot tell which method drifts least: {_obstacle(content)}.", covariances)
     behind = [key for key, found in ratios.items() if _side(found) > 0]
     ahead = [key for key, found in ratios.items() if _side(found) < 0]
     level = len(ratios) - len(behind) - len(ahead)
-    if ahead:
-        said = f"{_upper(_all(ahead, ratios))} smaller errors than {REFERENCE}"
-        said += f", and {_all(behind, ratios)} larger ones" if behind else ""
-    elif not behind:
+    if not ahead and not behind:
         return Verdict(_undecided(ratios, content["frames_with_ground_truth"]), covariances)
-    elif not level:
-        said = f"{_upper(REFERENCE)} drifts least: {_all(behind, ratios)} larger errors"
+    if ahead:
+        said = f"{_upper(REFERENCE)} does not drift least: {_all(ahead, ratios, 'smaller')}"
+        said += f"; {_all(behind, ratios, 'larger')}" if behind else ""
     else:
-        said = f"{_upper(REFERENCE)} drifts less than others: {_all(behind, ratios)} larger errors"
-    said += f"; {_count(level)} cannot be told apart from {REFERENCE}" if level else ""
+        least = "No method is shown to drift less than cross-frame" if level else "Cross-frame drifts least"
+        said = f"{least}: {_all(behind, ratios, 'larger')}"
+    said += f"; {_count(level)} cannot be told apart from it" if level else ""
     return Verdict(f"{said}.", covariances)
 
 
@@ -65,20 +64,25 @@ def _side(found: Ratios) -> int:
     return int(low > 1) - int(high < 1)
 
 
-def _all(keys: list[str], ratios: dict[str, Ratios]) -> str:
-    """Methods with the figure of the quantity that is most certain, and the verb."""
-    named = [f"{label(key)} ({_figure(ratios[key])})" for key in keys[:_IN_FULL]]
+def _all(keys: list[str], ratios: dict[str, Ratios], size: str) -> str:
+    """How large the errors of some methods are, over those of the reference: of each the quantity most certain."""
+    parts: list[str] = []
+    for key in keys[:_IN_FULL]:
+        quantity = max(ratios[key], key=lambda q: _certainty(ratios[key][q]))
+        figure = ratios[key][quantity]
+        low, high = figure["ci95"]
+        are, as_large = ("are ", " as large") if not parts else ("", "")
+        parts.append(
+            f"{label(key)}’s {quantity} errors {are}{figure['value']:.2f} [{low:.2f}, {high:.2f}] times{as_large}"
+        )
     if (more := len(keys) - _IN_FULL) > 0:
-        named.append(_count(more))
-    text = named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"
-    return f"{text} {'has' if len(keys) == 1 else 'have'}"
+        parts.append(f"those of {_count(more)} are {size}, too")
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _figure(found: Ratios) -> str:
-    """The ratio that is farthest from 1 for its interval."""
-    quantity = max(found, key=lambda q: abs(math.log(found[q]["value"])) / _half_width(found[q]))
-    value, (low, high) = found[quantity]["value"], found[quantity]["ci95"]
-    return f"{quantity} ×{value:.2f} [{low:.2f}, {high:.2f}]"
+def _certainty(figure: dict[str, Any]) -> float:
+    """How far a ratio is from 1, in half widths of its interval."""
+    return abs(math.log(figure["value"])) / _half_width(figure)
 
 
 def _half_width(figure: dict[str, Any]) -> float:
@@ -97,15 +101,15 @@ def _count(methods: int) -> str:
 
 
 def _undecided(ratios: dict[str, Ratios], frames: int) -> str:
-    """That no method is told apart, by what the widest of differences is hidden, and how long a log would show it."""
+    """That no method is told apart, and how long a log would show the difference that was measured."""
     key = "ekf" if "ekf" in ratios else next(iter(ratios))
     figure = ratios[key]["position"]
     wanted, longer = frames_to_tell(figure, frames)
     low, high = figure["ci95"]
     return (
-        f"Nothing can be said about which method drifts least: on {frames} frames none is told apart from {REFERENCE} "
-        f"({label(key)}: position ×{figure['value']:.2f} [{low:.2f}, {high:.2f}]). "
-        f"A difference of {100 * (wanted - 1):.0f} % would show on about {longer} frames."
+        f"This log cannot tell which method drifts least: over {frames} frames none differs from {REFERENCE} "
+        f"for certain ({label(key)}’s position errors: {figure['value']:.2f} [{low:.2f}, {high:.2f}] times as large). "
+        f"A difference of {100 * (wanted - 1):.0f} % would show over about {longer} frames."
     )
 
 
@@ -137,7 +141,7 @@ def _returned(methods: dict[str, Any]) -> str:
     """Without ground truth: how far the methods end from their start, there and back."""
     ends = {key: m["there_and_back"]["end_drift_percent"] for key, m in methods.items() if m["there_and_back"]}
     if not ends:
-        return "Nothing can be said about which method drifts least: the log has no ground truth."
+        return "This log cannot tell which method drifts least: it has no ground truth."
     best = min(ends, key=lambda key: ends[key])
     said = f"{label(best)} ends closest to its start, {ends[best]:.2g} % of the way there and back"
     if best != "cross_frame" and "cross_frame" in ends:

@@ -29,21 +29,24 @@ def report(nees: dict[str, float] | None = None, **ratios: Any) -> dict[str, Any
 @pytest.mark.parametrize(
     ("ratios", "sentence"),
     [
-        ({"ekf": (MORE, MORE)}, "Cross-frame drifts least: EKF (position ×1.44 [1.25, 1.64]) has larger errors."),
+        (
+            {"ekf": (MORE, MORE)},
+            "Cross-frame drifts least: EKF’s position errors are 1.44 [1.25, 1.64] times as large.",
+        ),
         (
             {"ekf": (LEVEL, MORE), "frame_to_frame": (LEVEL, LEVEL)},
-            "Cross-frame drifts less than others: EKF (rotation ×1.44 [1.25, 1.64]) has larger errors; "
-            "one other method cannot be told apart from cross-frame.",
+            "No method is shown to drift less than cross-frame: EKF’s rotation errors are 1.44 [1.25, 1.64] times as "
+            "large; one other method cannot be told apart from it.",
         ),
         (
             {"ekf": (LESS, LEVEL), "frame_to_frame": (MORE, MORE)},
-            "EKF (position ×0.80 [0.70, 0.90]) has smaller errors than cross-frame, and frame-to-frame (position "
-            "×1.44 [1.25, 1.64]) has larger ones.",
+            "Cross-frame does not drift least: EKF’s position errors are 0.80 [0.70, 0.90] times as large; "
+            "frame-to-frame’s position errors are 1.44 [1.25, 1.64] times as large.",
         ),
         (
             {key: (MORE, MORE) for key in ("ekf", "iterated_ekf", "ekf_cv", "frame_to_frame")},
-            "Cross-frame drifts least: EKF (position ×1.44 [1.25, 1.64]), iterated EKF (position ×1.44 [1.25, 1.64]) "
-            "and 2 other methods have larger errors.",
+            "Cross-frame drifts least: EKF’s position errors are 1.44 [1.25, 1.64] times as large, iterated EKF’s "
+            "position errors 1.44 [1.25, 1.64] times and those of 2 other methods are larger, too.",
         ),
     ],
 )
@@ -54,7 +57,7 @@ def test_the_sentence_names_who_drifts_more_and_by_how_much(ratios: dict[str, An
 @pytest.mark.parametrize("both", [(LEVEL, LEVEL), (LESS, MORE)])
 def test_where_nothing_can_be_said_a_longer_log_is_asked_for(both: Any) -> None:
     text = verdict(report(ekf=both)).drift
-    assert text.startswith("Nothing can be said about which method drifts least: on 100 frames none is told apart")
+    assert text.startswith("This log cannot tell which method drifts least: over 100 frames none differs")
     assert "frames." in text
 
 
@@ -82,7 +85,7 @@ def test_why_there_is_no_comparison() -> None:
     few = verdict(content | {"frames_with_ground_truth": 12}).text
     assert "it takes 40 frames in a row with ground truth, and this log has 12" in few
     content["frames_with_ground_truth"] = 0
-    assert "the log has no ground truth" in verdict(content).text
+    assert "it has no ground truth" in verdict(content).text
     content["methods"]["ekf"]["there_and_back"] = {"end_drift_percent": 0.12}
     content["methods"]["cross_frame"]["there_and_back"] = {"end_drift_percent": 0.5}
     assert "EKF ends closest to its start, 0.12 %" in verdict(content).text
