@@ -49,6 +49,11 @@ class Job:
     timeout_s: float
     stop: Path
 
+    @property
+    def log_name(self) -> str:
+        """The path of the log as text; bytes that are not UTF-8 are escaped, as such a log fails and is listed."""
+        return os.fsencode(self.log).decode(errors="backslashreplace")
+
 
 class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     """How a job ended; the file job.json in its folder has the same content.
@@ -78,8 +83,8 @@ def run_job(job: Job) -> JobResult:
         log_sha256, key = _fingerprint(job)
         if (previous := _previous(job.folder)) is not None and previous.status in ("done", "incomplete"):
             if previous.key == key and all((job.folder / name).exists() for name in RESULTS):
-                return msgspec.structs.replace(previous, name=job.name, log=str(job.log), reused=True)
-            if previous.log_sha256 != log_sha256 and previous.log != str(job.log):
+                return msgspec.structs.replace(previous, name=job.name, log=job.log_name, reused=True)
+            if previous.log_sha256 != log_sha256 and previous.log != job.log_name:
                 reason = f"{job.folder} holds the results of another log, {previous.log}: choose another folder"
                 return _result(job, "failed", reason)
         if previous is None and (foreign := [name for name in RESULTS if os.path.lexists(job.folder / name)]):
@@ -100,7 +105,7 @@ def run_job(job: Job) -> JobResult:
 
 
 def _result(job: Job, status: JobStatus, reason: str, **known: Any) -> JobResult:
-    return JobResult(name=job.name, log=str(job.log), status=status, reason=reason, **known)
+    return JobResult(name=job.name, log=job.log_name, status=status, reason=reason, **known)
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:

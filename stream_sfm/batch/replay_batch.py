@@ -169,4 +169,4 @@ def _result(future: Future[JobResult], job: Job) -> JobResult:
         return future.result()
     except Exception as error:  # the worker itself was lost, or cannot write
         reason = f"{type(error).__name__}: {error}"
-        return JobResult(name=job.name, log=str(job.log), status="failed", reason=reason)
+        return JobResult(name=job.name, log=job.log_name, status="failed", reason=reason)
