@@ -17,21 +17,22 @@ from tests.helpers.places import ROOM
 _LIVE = """
 import hashlib, itertools, sys
 import stream_sfm as sfm
-log = sfm.open_log(sys.argv[1])
-engine, digest = sfm.Engine(log.rig, sfm.Config(method=sys.argv[2])), hashlib.sha256()
-for frame in itertools.islice(log.frames(), 25):
-    e = engine.step(frame)
-    for array in (e.world_from_cam, e.cov_pose, e.points_in_cam, e.cov_points, e.window_world_from_cam):
-        digest.update(array.tobytes())
-print(digest.hexdigest())
+log, digest = sfm.open_log(sys.argv[1]), hashlib.sha256()
+for method in ("cross-frame", "ekf"):
+    engine = sfm.Engine(log.rig, sfm.Config(method=method))
+    for frame in itertools.islice(log.frames(), 15):
+        e = engine.step(frame)
+        for array in (e.world_from_cam, e.cov_pose, e.points_in_cam, e.cov_points, e.window_world_from_cam):
+            digest.update(array.tobytes())
+    print(method, digest.hexdigest())
 """
 _REPLAY = """
 import hashlib, sys
 import numpy as np
 import stream_sfm as sfm
-sfm.replay(sys.argv[1], sys.argv[3], sfm.Config(method=sys.argv[2]), selection=sfm.Selection(max_frames=25))
+sfm.replay(sys.argv[1], sys.argv[2], selection=sfm.Selection(max_frames=15))
 digest = hashlib.sha256()
-for estimate in sfm.read_estimates(sys.argv[3] + "/estimates.mcap"):
+for estimate in sfm.read_estimates(sys.argv[2] + "/estimates.mcap"):
     digest.update(repr(estimate).encode())
 print(digest.hexdigest())
 """
@@ -46,14 +47,13 @@ def printed(program: str, threads: int, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("method", ["cross-frame", "ekf"])
-def test_live_estimates_do_not_depend_on_the_number_of_threads(method: str) -> None:
-    one, two = (printed(_LIVE, threads, method) for threads in (1, 2))
+def test_live_estimates_do_not_depend_on_the_number_of_threads() -> None:
+    one, two = (printed(_LIVE, threads) for threads in (1, 2))
     assert one == two
 
 
 def test_replayed_estimates_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
-    one, two = (printed(_REPLAY, n, "cross-frame", str(tmp_path / str(n))) for n in (1, 2))
+    one, two = (printed(_REPLAY, n, str(tmp_path / str(n))) for n in (1, 2))
     assert one == two
 
 

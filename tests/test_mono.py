@@ -1,14 +1,12 @@
 """One camera: the motion up to scale, a status that says when scale is not observable, and "unscaled" everywhere."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.ate import ate_rmse_sim3_m
 from stream_sfm.evaluation.drift import path_length_m
@@ -123,15 +121,17 @@ def test_lost_is_told_and_the_unit_after_it_is_about_the_same(room, frames, trut
     assert [e.status for e in now[14:17]] == [sfm.Status.LOST] * 3
     assert all("black" in e.reason for e in now[14:17])
     again = next(n for n in range(17, 30) if now[n].status != sfm.Status.LOST)
+    # a few frames after 17
     assert again < 22 and now[again].status == sfm.Status.INITIALISING and "as far away" in now[again].reason
     assert all(e.status == sfm.Status.OK for e in now[again + 1 :])
     _, before = error_percent(now[3:14], truth[3:14])
     percent, after = error_percent(now[again:], truth[again:30])
+    # of the path; the unit is that of the last depths seen
     assert percent < 1 and after == pytest.approx(before, rel=0.25)
-    assert now[again].cov_pose[0, 0] > 100 * now[13].cov_pose[0, 0]
+    assert now[again].cov_pose[0, 0] > 100 * now[13].cov_pose[0, 0]  # three frames of unknown motion
 
 
-def test_what_needs_two_cameras_refuses_one(frames, tmp_path) -> None:
+def test_what_needs_two_cameras_refuses_one(frames, tmp_path, cli) -> None:
     with pytest.raises(sfm.ConfigError, match="method ekf needs two cameras"):
         sfm.Config(mono=True, method="ekf")
     with pytest.raises(sfm.ConfigError, match=r"Config\(mono=True\)"):
@@ -145,7 +145,7 @@ def test_what_needs_two_cameras_refuses_one(frames, tmp_path) -> None:
         surface_of_frame(pair, 0, MONO)
     with pytest.raises(sfm.ConfigError, match="opened for one camera"):
         _ = one.stereo_rig
-    assert main(["batch", str(ROOM), "--out", str(tmp_path / "b"), "--set", "mono=true"]) == 2
+    cli("batch", ROOM, "--out", tmp_path / "b", "--set", "mono=true", code=2)
 
 
 @pytest.fixture(scope="module")
@@ -153,10 +153,9 @@ def one_camera_log(tmp_path_factory) -> Path:
     return write_wall_log(tmp_path_factory.mktemp("logs") / "one.mcap", n=16, right=False)
 
 
-def test_a_log_of_one_camera_is_replayed_and_every_output_says_unscaled(one_camera_log, tmp_path, capsys) -> None:
+def test_a_log_of_one_camera_is_replayed_and_every_output_says_unscaled(one_camera_log, tmp_path, cli) -> None:
     out = tmp_path / "out"
-    assert main(["replay", str(one_camera_log), "--mono", "--json", "--out", str(out)]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = cli("replay", one_camera_log, "--mono", "--json", "--out", out).json
     assert summary["unscaled"] is True and "unscaled" in summary["unit_of_length"]
     assert summary["frames"]["paired"] == summary["frames"]["estimated"] == 16
     truth = summary["ground_truth"]
@@ -169,8 +168,7 @@ def test_a_log_of_one_camera_is_replayed_and_every_output_says_unscaled(one_came
     first, *lines = (out / "trajectory.tum").read_text().splitlines()
     assert first.startswith("# unscaled") and len(lines) == 16
     assert sfm.read_config(out / "config.toml") == MONO
-    assert main(["replay", str(one_camera_log), "--mono", "--max-frames", "3", "--out", str(out)]) == 0
-    assert "unscaled" in capsys.readouterr().out
+    assert "unscaled" in cli("replay", one_camera_log, "--mono", "--max-frames", "3", "--out", out).out
 
 
 def test_a_log_of_one_camera_without_mono_says_what_to_do(one_camera_log) -> None:

@@ -1,7 +1,7 @@
 """Hostile inputs, many more than the tests try: `python -m tools.fuzz --count 20000`. Exit code 1 on any failure.
 
 Damaged logs are made as in tests/faults/mutations.py, with `--attacks` everything else as in tests/faults/attacks.py:
-definitions, images, texts, names, escapes. Each seed is one input;
+definitions, images, texts. Each seed is one input;
 `--first` continues where another run ended.
 """
 

@@ -17,9 +17,8 @@ import pytest
 
 from stream_sfm.batch import job as jobs
 from stream_sfm.batch.job import RESULTS, Job, run_job
-from stream_sfm.cli.main import main
 from stream_sfm.config import Config, config_to_toml
-from tests.batch.running import GOOD, NEEDS_PROC, batch, in_the_midst, meanwhile, outcomes, process_of
+from tests.batch.running import GOOD, NEEDS_PROC, in_the_midst, meanwhile, outcomes, process_of
 from tests.helpers.same_results import assert_same_results
 
 pytestmark = [NEEDS_PROC, pytest.mark.slow]
@@ -46,19 +45,18 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     assert not re.findall(r'(?:src|href)="(?!data:|#)|url\(|@import|https?://(?!www\.w3\.org/2000/svg)', loaded)
 
 
-def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path) -> None:
+def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path, cli) -> None:
     out, found, _ = first
-    assert main(["replay", str(logs / "good4.mcap"), "--out", str(tmp_path / "alone"), "-q"]) == 0
+    cli("replay", logs / "good4.mcap", "--out", tmp_path / "alone", "-q")
     assert_same_results(out / "good4", tmp_path / "alone")
     alone = json.loads((tmp_path / "alone" / "summary.json").read_text())
     assert found["good4"]["summary"]["ground_truth"] == alone["ground_truth"]
 
 
-def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, cli) -> None:
     out, _, _ = first
     before = {name: (out / name / "estimates.mcap").stat().st_mtime_ns for name in GOOD}
-    assert main(["batch", str(logs), "--out", str(out), "--json"]) == 3
-    said = capsys.readouterr()
+    said = cli("batch", logs, "--out", out, "--json", code=3)
     content = json.loads(said.out)
     assert content == json.loads((out / "batch.json").read_text())
     assert content["counts"] == {"done": 11, "failed": 1} and content["reused"] == 10
@@ -89,11 +87,7 @@ def test_done_means_the_same_log_configuration_selection_and_software(
     moved = tmp_path / "moved.mcap"
     moved.write_text("first")
     assert run_job(replace(job, log=moved)).reused
-    for change in (
-        {"config_toml": "x"},
-        {"options": ("--stride=2",)},
-        {"inputs": (calibration,)},
-    ):
+    for change in ({"config_toml": "x"}, {"options": ("--stride=2",)}, {"inputs": (calibration,)}):
         changed = replace(job, **change)
         assert not run_job(changed).reused and run_job(changed).reused, change
     calibration.write_text("[right]")
@@ -158,7 +152,7 @@ def test_a_replay_ends_with_the_batch_that_started_it(logs: Path, tmp_path: Path
     assert json.loads((tmp_path / "victim" / "summary.json").read_text())["complete"] is False
 
 
-def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, cli) -> None:
     out = tmp_path / "out"
     (tmp_path / "empty").mkdir()
     good = logs / "good0.mcap"
@@ -170,15 +164,12 @@ def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, capsys: pytest.Cap
         ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "exclude each other"),
         ((tmp_path / "empty",), 3, "empty"),
     ):
-        assert batch(*arguments, "--out", out) == code, arguments
-        error = capsys.readouterr().err
-        assert said in error and "Traceback" not in error
+        assert said in cli("batch", *arguments, "--out", out, "--quiet", code=code).err
         assert not out.exists()
 
 
-def test_a_missing_log_is_reported_and_the_others_done(logs: Path, tmp_path: Path, capsys: Any) -> None:
-    assert main(["batch", "gone.mcap", str(logs / "good1.mcap"), "--out", str(tmp_path), "--stride", "2"]) == 3
-    said = capsys.readouterr()
+def test_a_missing_log_is_reported_and_the_others_done(logs: Path, tmp_path: Path, cli) -> None:
+    said = cli("batch", "gone.mcap", logs / "good1.mcap", "--out", tmp_path, "--stride", "2", code=3)
     assert "stream-sfm: gone: failed: " in said.err and "gone.mcap: No such file" in said.err
     assert "1 of 2 logs done, 1 failed." in said.out and str(tmp_path / "report.html") in said.out
     assert outcomes(tmp_path)["good1"]["summary"]["frames"]["estimated"] == 2

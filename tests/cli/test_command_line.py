@@ -21,7 +21,7 @@ from stream_sfm.cli.usage import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.usage import OPTIONS, option_names, rewritten
 from stream_sfm.config import Config, FrontendConfig, WindowConfig, read_config
 from stream_sfm.run.compare import COMPARED
-from tests.helpers.stereo_logs import Spec, video, write_log
+from tests.helpers.stereo_logs import Spec, write_log
 from tests.helpers.wall_log import write_wall_log
 
 FAST = ["--method", "frame-to-frame"]
@@ -107,28 +107,13 @@ def test_an_unknown_method_is_2_and_names_the_known(wall_log, cli, tmp_path):
     assert not (tmp_path / "o").exists()
 
 
-def bad_logs(folder: Path, good: Path) -> dict[str, Path]:
-    (folder / "text.mcap").write_text("this is no log\n" * 10)
-    (folder / "empty.mcap").touch()
-    (folder / "head.mcap").write_bytes(good.read_bytes()[:200])
-    return {
-        "missing": folder / "missing.mcap",
-        "folder": folder,
-        "not MCAP": folder / "text.mcap",
-        "empty": folder / "empty.mcap",
-        "cut in the header": folder / "head.mcap",
-        "no image": write_log(folder / "a.mcap", Spec(left=(), right=())),
-        "one camera": write_log(folder / "b.mcap", Spec(right=())),
-        "no calibration": write_log(folder / "c.mcap", Spec(infos=(None, None))),
-        "other size": write_log(folder / "d.mcap", Spec(size=(128, 64))),
-        "video": video(folder / "e.mcap"),
-    }
-
-
 def test_logs_that_cannot_be_used_are_3_with_the_file_named(wall_log, tmp_path, cli):
-    for what, path in bad_logs(tmp_path, wall_log).items():
+    """As every LogError; tests/recording/test_bad_logs.py has all that may be wrong."""
+    (tmp_path / "head.mcap").write_bytes(wall_log.read_bytes()[:200])
+    one_camera = write_log(tmp_path / "one.mcap", Spec(right=()))
+    for path in (tmp_path / "missing.mcap", tmp_path / "head.mcap", tmp_path, one_camera):
         said = cli("replay", path, "--out", tmp_path / "out", "--json", code=3)
-        assert said.out == "" and path.name in said.err and not (tmp_path / "out").exists(), what
+        assert said.out == "" and path.name in said.err and not (tmp_path / "out").exists(), path
         cli("inspect", path, code=3)
 
 

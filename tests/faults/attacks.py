@@ -1,4 +1,4 @@
-"""Hostile inputs of many kinds, made by a seed: definitions, images, texts, names and commands of a terminal.
+"""Hostile inputs of many kinds, made by a seed: definitions of messages, images, and texts.
 
 Each attack puts files into a folder and gives the words of a command. Whatever they are, the command ends with the
 exit code of a success or of a named error, prints nothing that a terminal obeys, and changes no file but its results.
@@ -10,7 +10,6 @@ import os
 import random
 import re
 import shutil
-import string
 import struct
 import zlib
 from dataclasses import dataclass
@@ -25,10 +24,6 @@ from tests.helpers.stereo_logs import START_NS, LogWriter, Spec, write_log
 from tests.helpers.wall import rig
 
 _FAST = ["--method", "frame-to-frame", "--max-frames", "4"]
-_ODD_TEXTS = (
-    "\x1b[2J", "\x1b]0;owned\x07", "\0", "\r\n", "\u202e", "\x9b31m", "..", "/", "[bold]", "{0}", "%s", "-", "'", "é",
-    "\udcff",
-)  # fmt: skip
 _ODD_NUMBERS = (
     "-1", "0", "1", "2147483648", "4294967295", "18446744073709551616", "9" * 400, "1e400", "0x" + "f" * 300, "nan",
 )  # fmt: skip
@@ -181,51 +176,7 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     )
 
 
-def names(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
-    """Logs and results called `..`, or with characters that a file system, a shell or a terminal could obey."""
-    stem = "".join(rng.choices([*_ODD_TEXTS, *string.ascii_letters], k=rng.choice((1, 2, 3, 8, 300))))
-    name = stem.replace("/", rng.choice(("", "_"))).replace("\0", "") + rng.choice((".mcap", "", ".bag", "."))
-    (folder / "logs").mkdir()
-    log = folder / "logs" / name
-    try:
-        shutil.copy(ammunition.log, log)
-    except OSError:
-        log = folder / "logs" / "...mcap"
-        shutil.copy(ammunition.log, log)
-    odd_out = folder / "out" / stem.replace("/", "_").replace("..", "__").replace("\0", "")
-    return Attack(
-        rng.choice(
-            [
-                _command(rng, str(log), folder),
-                ["replay", str(log), "--out", str(odd_out), *_FAST],
-                ["surface", str(log), "--out", f"{odd_out}.ply", "--max-frames", "1"],
-                ["recover", str(log), str(odd_out)],
-                ["replay", str(log), "--left", stem, "--right", stem, "--out", str(folder / "out")],
-            ]
-        ),
-        ("out", "out.ply"),
-    )
-
-
-def escapes(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
-    """Topics, encodings, frames and schemas called after commands of a terminal."""
-
-    def odd() -> str:
-        return "".join(rng.choices([t for t in _ODD_TEXTS if t != "\udcff"], k=rng.randint(1, 6)))
-
-    spec = Spec(topics=(f"/left{odd()}/image", f"/right{odd()}/image"))
-    path = write_log(folder / "log.mcap", spec) if rng.random() < 0.5 else folder / "log.mcap"
-    if not path.exists():
-        log = LogWriter(path)
-        for n in range(rng.randint(1, 5)):
-            kind = rng.choice((f"{odd()}/msg/{odd()}", "sensor_msgs/msg/Image", "foxglove.RawImage", odd()))
-            encoding = rng.choice((*_ENCODINGS, (odd(), odd())))
-            log.add(odd(), kind, encoding, odd().encode(), START_NS + n, odd().encode())
-        log.close()
-    return Attack(_command(rng, str(path), folder), ("out", "out.ply"))
-
-
-ATTACKS = {f.__name__: f for f in (definitions, images, texts, names, escapes)}
+ATTACKS = {f.__name__: f for f in (definitions, images, texts)}
 
 
 def attacked(kind: str, folder: Path) -> Trial:

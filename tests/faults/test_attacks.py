@@ -1,4 +1,4 @@
-"""Hostile inputs of five kinds: none hangs, swells, ends in a defect, reaches the terminal, or touches other files.
+"""Hostile inputs of three kinds: none hangs, swells, ends in a defect, reaches the terminal, or touches other files.
 
 `tools/fuzz.py --attacks` runs as many more as one likes, with other seeds.
 """

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +10,11 @@ import stream_sfm as sfm
 from stream_sfm.camera.models import Camera
 from stream_sfm.evaluation.association import matched
 from stream_sfm.evaluation.consistency import nees_pose
+from tests.helpers.places import ROOM
 
 pytestmark = pytest.mark.slow
 
-ROOM = Path(__file__).parents[2] / "logs" / "room.mcap"
-FRAMES, FAULT = 44, 18  # of the log; the first one at fault
+FRAMES, FAULT = 36, 18  # of the log; the first one at fault
 TEN_SIGMA = 100.0  # of the squared error in units of the covariance
 Pair = tuple[np.ndarray, np.ndarray]
 Shown = Callable[[Callable[[int], Pair], int], Pair]
@@ -38,19 +37,12 @@ def frozen(k: int) -> int:
     return min(k, FAULT - 1)
 
 
-def black(image: np.ndarray, k: int) -> np.ndarray:
-    return np.asarray(image * np.uint8(k < FAULT))
-
-
 ATTACKS: dict[str, tuple[Shown, str]] = {
     "left frozen": (lambda at, k: (at(frozen(k))[0], at(k)[1]), "is the left camera frozen"),
     "right frozen": (lambda at, k: (at(k)[0], at(frozen(k))[1]), "is the right camera frozen"),
-    "both frozen": (lambda at, k: at(frozen(k)), "are the cameras frozen"),
     "exchanged midway": (lambda at, k: at(k) if k < FAULT else at(k)[::-1], "are left and right exchanged"),
     "exchanged from the start": (lambda at, k: at(k)[::-1], "are left and right exchanged"),
     "mirrored": (lambda at, k: (at(k)[0][:, ::-1].copy(), at(k)[1][:, ::-1].copy()), "calibration of these cameras"),
-    "left black": (lambda at, k: (black(at(k)[0], k), at(k)[1]), "left image is black"),
-    "right black": (lambda at, k: (at(k)[0], black(at(k)[1], k)), "right image is black"),
     "right late": (lambda at, k: (at(k)[0], at(max(k - 1, 0))[1]), "not of one moment"),
     "right late midway": (lambda at, k: (at(k)[0], at(k - (k >= FAULT))[1]), "not of one moment"),
     "left late midway": (lambda at, k: (at(k - (k >= FAULT))[0], at(k)[1]), "not of one moment"),
@@ -106,7 +98,7 @@ def test_the_calibration_of_half_the_resolution_is_never_ok_and_wrong(room) -> N
 
 def test_a_right_camera_that_comes_back_confirms_the_map(room) -> None:
     rig, frames, truth = room
-    seen = [replace(f, right=f.right * np.uint8(not 10 <= k < 16)) for k, f in enumerate(frames[:30])]
+    seen = [replace(f, right=f.right * np.uint8(not 10 <= k < 16)) for k, f in enumerate(frames[:20])]
     estimates, squares = judged(rig, seen, truth)
     assert [e.status for e in estimates[10:16]] == [sfm.Status.DEGRADED] * 6
     assert all(e.status == sfm.Status.OK for e in estimates[17:])

@@ -35,31 +35,55 @@ def test_printable() -> None:
     assert printable("a\nb\x1b") == r"a\nb\x1b"
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["inspect", "{log}"],
-        ["inspect", "{odd}"],
-        ["inspect", "{log}", "--json"],
-        ["replay", "{log}", "--out", "{dir}/o\x1b[1m", "--method", "frame-to-frame", "-v"],
-        ["replay", "{log}", "--left", "\x1b[2J", "--out", "{dir}/o"],
-        ["replay", "{log}", "--out", "{dir}/o", "--json", "--method", "frame-to-frame"],
-        ["replay", "{dir}/missing\x1b[31m", "--out", "{dir}/o"],
-        ["replay", "{log}", "--\x1b[31m"],
-        ["replay", "{log}", "--config", "\x1b[31m"],
-        ["batch", "{log}", "--out", "{dir}/o\x1b[1m", "--method", "frame-to-frame"],
-        ["batch", "{dir}/missing\x1b[31m", "--out", "{dir}/o\x1b[1m"],
-        ["surface", "{log}", "--out", "{dir}/s\x1b[1m.ply", "--frame", "2"],
-    ],
-)  # fmt: skip
-def test_a_terminal_is_told_nothing(
-    command: list[str], log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap"}
-    main([word.format(**names) for word in command])
+COMMANDS = [
+    "inspect {log}", "inspect {odd}", "inspect {log} --json", "recover {log} {dir}/o{esc}.mcap",
+    "replay {log} --out {dir}/o{esc} --method frame-to-frame -v",
+    "replay {log} --left {esc} --right {esc} --out {dir}/o",
+    "replay {log} --out {dir}/o --json --method frame-to-frame", "replay {dir}/missing{esc} --out {dir}/o",
+    "replay {log} --{esc}", "replay {log} --config {esc}", "batch {log} --out {dir}/o{esc} --method frame-to-frame",
+    "batch {dir}/missing{esc} --out {dir}/o{esc}", "surface {log} --out {dir}/s{esc}.ply --frame 2",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_terminal_is_told_nothing(command: str, log: Path, tmp_path: Path, capsys) -> None:
+    names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap", "esc": "\x1b[2J\x9b31m"}
+    main([word.format(**names) for word in command.split()])
     said = capsys.readouterr()
     assert said.out or said.err
     assert not obeyed(said.out + said.err)
     assert "Traceback" not in said.err and "defect" not in said.err
     if "--json" in command:  # the names themselves, not what is shown of them
         assert json.loads(said.out)["log"] in (str(log), log.name)
+
+
+ODD_NAMES = (
+    "...mcap",
+    "\x1b]0;owned\x07",
+    "\u202e.bag",
+    "[bold].mcap",
+    "{0}",
+    "%s.mcap",
+    "-",
+    "'é",
+    "\udcff.mcap",
+    "x" * 255,
+)
+
+
+@pytest.mark.parametrize("name", ODD_NAMES, ids=range(len(ODD_NAMES)))
+def test_odd_names_of_logs_and_results_stay_in_their_folders(name: str, tmp_path: Path, capsys) -> None:
+    (tmp_path / "logs").mkdir()
+    log, out = tmp_path / "logs" / name, tmp_path / "out" / name.replace("..", "__")
+    write_log(tmp_path / "sound.mcap").rename(log)
+    for words in (
+        ["inspect", log], ["replay", log, "--out", out, "--method", "frame-to-frame", "--max-frames", "3"],
+        ["recover", log, out / "r.mcap"], ["surface", log, "--out", f"{out}.ply", "--max-frames", "1"],
+        ["batch", log, "--out", tmp_path / "out" / "b", "--method", "frame-to-frame", "--max-frames", "3"],
+    ):  # fmt: skip
+        assert main([str(word) for word in words]) in (0, 3), words
+        said = capsys.readouterr()
+        assert not obeyed(said.out + said.err) and "Traceback" not in said.err and "defect" not in said.err
+    assert {p.name for p in tmp_path.iterdir()} <= {"logs", "out"} and [p.name for p in log.parent.iterdir()] == [
+        name
+    ]

@@ -17,6 +17,7 @@ BAD: dict[str, tuple] = {
     "empty": (lambda p: p.write_bytes(b""), ["empty (0 bytes)"]),
     "not mcap": (lambda p: p.write_bytes(b"hello world, no log"), ["not a recording", "ROS 2 bag"]),
     "a bag": (lambda p: p.write_bytes(b"#ROSBAG V1.2\n"), ["another version", "rosbag migrate"]),
+    "cut in the header": (lambda p: p.write_bytes(write_log(p).read_bytes()[:20]), ["no message"]),
     "header only": (lambda p: p.write_bytes(b"\x89MCAP0\r\n"), ["no message"]),
     "no images": (log_of(left=(), right=()), ["holds no"]),
     "one camera": (log_of(right=()), ["one camera only", "/camera/left/image"]),

@@ -1,7 +1,5 @@
 """Every profile, encoding and container gives the same frames; what is lost on the way is counted."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -23,11 +21,6 @@ from tests.helpers.stereo_logs import (
     write_info,
     write_log,
 )
-
-ENCODINGS = (
-    "png", "jpeg", "webp", "mono8", "mono8-padded", "8UC1", "mono16", "rgb8", "bgr8", "8UC3", "rgba8", "bgra8",
-    "yuv422", "uyvy", "yuyv", "yuv422_yuy2", "bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8",
-)  # fmt: skip
 
 
 def check_frames(path, tolerance=0.0, count=12, **kwargs):
@@ -239,12 +232,3 @@ def test_rectified_images_are_pinholes_with_p(path):
     rig = open_log(write_log(path, Spec(infos=infos, topics=topics, info_topics=("/left/info", "/right/info")))).rig
     assert rig.left.distortion_model == "none" and rig.left.K[0, 0] == 80.0
     np.testing.assert_array_equal(rig.right_from_left[:3, :3], np.eye(3))
-
-
-def test_importing_the_room_is_cheap():
-    code = (
-        "import sys, stream_sfm.recording as r; r.open_log; "
-        "print([m for m in ('rerun', 'filterpy', 'matplotlib', 'scipy') if m in sys.modules])"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"

@@ -84,23 +84,6 @@ def test_numbers_and_files_are_those_of_replay(exact: Any, tmp_path: Path, metho
     assert (out / key / "estimates.mcap").exists()
 
 
-def test_the_error_is_evos(whole: Any) -> None:
-    pytest.importorskip("evo")
-    from evo.core import metrics, trajectory
-
-    log, out, numbers, _ = whole
-    tum = np.loadtxt(out / "ekf" / "trajectory.tum")
-    truth = open_log(log).ground_truth()
-    assert truth is not None
-    estimate = trajectory.PosePath3D(tum[:, 1:4], tum[:, [7, 4, 5, 6]])
-    reference = trajectory.PosePath3D(poses_se3=list(truth.world_from_cam))
-    estimate.align_origin(reference)
-    ape = metrics.APE(metrics.PoseRelation.translation_part)
-    ape.process_data((reference, estimate))
-    expected = ape.get_statistic(metrics.StatisticsType.rmse)
-    assert numbers["methods"]["ekf"]["ate_rmse_m"] == pytest.approx(expected, rel=1e-6)  # the digits of the file
-
-
 def test_without_ground_truth_it_goes_there_and_back(tmp_path: Path) -> None:
     numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
     assert "no ground truth" in html and "12 frames there, 11 back" in html

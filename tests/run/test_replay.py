@@ -14,7 +14,7 @@ import stream_sfm as sfm
 from stream_sfm.config import read_config
 from stream_sfm.recording import open_log
 from stream_sfm.recording.ground_truth import DepthImages
-from stream_sfm.results.estimates_reader import read_estimates, read_trajectory
+from stream_sfm.results.estimates_reader import read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
@@ -111,23 +111,6 @@ def test_missing_right_images_are_counted_and_not_fatal(tmp_path: Path):
     assert result.summary["complete"] and any("no partner" in w for w in result.summary["warnings"])
 
 
-def test_a_cut_log_is_estimated_as_far_as_it_goes(wall_log: Path, tmp_path: Path):
-    data = wall_log.read_bytes()
-    (tmp_path / "half.mcap").write_bytes(data[: len(data) // 2])
-    result = replay(tmp_path / "half.mcap", tmp_path / "out", FAST)
-    assert 3 <= result.summary["frames"]["estimated"] <= 7  # half of twelve
-    assert result.summary["complete"] is False
-    assert any("in part only" in w for w in result.summary["warnings"])
-    assert len(list(read_estimates(tmp_path / "out" / "estimates.mcap"))) == len(result.trajectory)
-
-
-def test_a_log_that_cannot_be_used_leaves_no_folder(tmp_path: Path):
-    (tmp_path / "no.mcap").write_bytes(b"not a log")
-    with pytest.raises(sfm.LogError):
-        replay(tmp_path / "no.mcap", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("error", [RuntimeError("the caller's own"), sfm.OutputError("no space left on device")])
 def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
     error: Exception, wall_log: Path, tmp_path: Path
@@ -164,22 +147,6 @@ def test_a_signal_ends_the_run_after_the_frame_in_hand(number, wall_log: Path, t
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
     assert caught.value.result.summary["complete"] is False
     assert any("interrupted after 5 frames" in w for w in caught.value.result.summary["warnings"])
-
-
-def test_a_killed_run_leaves_its_estimates_and_the_next_one_works(wall_log: Path, tmp_path: Path):
-    script = (
-        "import os, signal, sys; from stream_sfm.run.replay import replay; from stream_sfm.config import Config\n"
-        "class Kill:\n"
-        "    def write(self, e, f): e.frame_index == 11 and os.kill(os.getpid(), signal.SIGKILL)\n"
-        "replay(sys.argv[1], sys.argv[2], Config(method='frame-to-frame'), sinks=[Kill()])"
-    )
-    out = tmp_path / "out"
-    done = subprocess.run([sys.executable, "-c", script, str(wall_log), str(out)], env=os.environ, timeout=120)
-    assert done.returncode == -signal.SIGKILL
-    assert len(list(read_estimates(out / "estimates.mcap.part"))) >= 10  # half a second holds ten frames
-    assert (out / "trajectory.tum.part").read_text().count("\n") == 12
-    replay(wall_log, out, FAST)
-    assert {p.name for p in out.iterdir()} == FILES
 
 
 def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):

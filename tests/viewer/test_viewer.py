@@ -101,15 +101,6 @@ def test_a_full_disk_neither_holds_up_the_run_nor_hides(capfd):
     assert capfd.readouterr().err == "", "Rerun says nothing itself"
 
 
-def test_importing_the_package_imports_nothing_heavy():
-    code = (
-        "import sys, stream_sfm, stream_sfm.cli.main, stream_sfm.viewer; "
-        "print({'rerun', 'filterpy', 'matplotlib', 'plotly', 'cv2'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
-
-
 def test_replay_writes_a_recording(tmp_path, capsys):
 
     (tmp_path / "c.toml").write_text(_rig().to_toml())
