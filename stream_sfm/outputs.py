@@ -15,6 +15,7 @@ RESULTS = (
     "metadata.yaml",
     "report.html",
 )  # fmt: skip
+MAP_TRAJECTORY = "trajectory_map.tum"  # and of a replay with loops
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file
 
 

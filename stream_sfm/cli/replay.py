@@ -25,6 +25,7 @@ def replay(
     view: options.ResultFlag = False,
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
+    loops: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
     mono: options.CameraFlag = False,
     two_pass: options.CameraFlag = False,
@@ -49,10 +50,12 @@ def replay(
         view: show the run in a Rerun window
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
+        loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
         two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
         verbose: report every change of status, and the time per stage
     """
+    from ..outputs import MAP_TRAJECTORY
     from ..recording import open_log
     from ..results.folder import changed_results, new_run_folder, point_latest_to
     from ..run import replay as run
@@ -61,7 +64,11 @@ def replay(
     config, selection = settings.read(*(["mono=true"] if mono else [])), frames.selection()
     folder = Path(out) if out else new_run_folder(log)
     options.protect(
-        [rrd, *changed_results(folder, config)], log, truth.ground_truth, settings.config, cameras.calibration
+        [rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)],
+        log,
+        truth.ground_truth,
+        settings.config,
+        cameras.calibration,
     )
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
     viewers = _viewers(recording, config.mono, rrd, view)
@@ -78,6 +85,7 @@ def replay(
                 ignore_ground_truth=truth.ignore_ground_truth,
                 calibrate=two_pass,
                 self_test=self_test,
+                loops=loops,
                 std_truth=truth.ground_truth_std,
                 sinks=[*viewers, progress],
             )

@@ -127,6 +127,13 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "calibration", rig["text"]
     for name, spans in summary.get("self_test", {}).items():
         yield f"halves of the {name}", f"differ by {factors_text(spans)}"
+    if places := summary.get("map"):
+        yield "loops", places["problem"] or f"{places['loops']} over {places['keyframes']} keyframes"
+        if truth := places.get("ground_truth"):
+            yield (
+                "",
+                f"ATE {number(truth['ate_rmse_m'], '.3g')} m, aligned {number(truth['ate_rmse_aligned_m'], '.3g')} m",
+            )
     if back := summary.get("there_and_back"):
         yield (
             "there and back",

@@ -21,7 +21,7 @@ from ..blas import one_thread
 from ..camera.axes import RectifiedAxes
 from ..camera.pixels import GreyScaler, to_grey
 from ..camera.rectification import Rectifier
-from ..camera.rig import StereoRig
+from ..camera.rig import MonoRig, StereoRig
 from ..camera.unseen_errors import UnseenErrors
 from ..config import Config
 from ..errors import ConfigError
@@ -83,13 +83,13 @@ class PlaceMap:
 
     def __init__(
         self,
-        rig: StereoRig,
+        rig: StereoRig | MonoRig,
         config: Config | None = None,
         *,
         wait: bool = False,
         max_keyframes: int = MAX_KEYFRAMES,
     ) -> None:
-        if not isinstance(rig, StereoRig):
+        if not isinstance(rig, StereoRig) or (config is not None and config.mono):
             raise ConfigError("maps need a pair of cameras: with one camera a motion has no length")
         self.problem = ""
         self._graph = PoseGraph()
@@ -113,6 +113,10 @@ class PlaceMap:
         self._world_from_odom, self._located = np.eye(4), False
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
         self._jobs: list[Future[None]] = []
+
+    def __len__(self) -> int:
+        """How many keyframes there are."""
+        return len(self._nodes)
 
     @property
     def world_from_odom(self) -> Array:

@@ -11,11 +11,11 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import json_bytes, make_folder, write_whole
-from ..outputs import RESULTS, lock_folder, only_writer
-from ..types import Frame, FrameEstimate, Sink
+from ..outputs import MAP_TRAJECTORY, RESULTS, lock_folder, only_writer
+from ..types import Frame, FrameEstimate, Sink, Trajectory
 from . import bag_metadata
 from .estimates_writer import EstimatesWriter
-from .trajectory_files import csv_writer, kitti_writer, tum_writer
+from .trajectory_files import csv_writer, kitti_writer, tum_line, tum_writer
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
 _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits the 255 bytes of file systems
@@ -67,6 +67,13 @@ class ResultFolder:
         if self._files:
             with only_writer(self.path):
                 write_whole(self.path / "report.html", html.encode())
+
+    def write_corrected(self, trajectory: Trajectory) -> None:
+        """Write trajectory_map.tum, the poses in the world of a map."""
+        if self._files:
+            lines = map(tum_line, trajectory.stamps_ns.tolist(), trajectory.world_from_cam)
+            with only_writer(self.path):
+                write_whole(self.path / MAP_TRAJECTORY, "".join(f"{line}\n" for line in lines).encode())
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""

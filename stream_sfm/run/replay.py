@@ -4,16 +4,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..errors import InputError
+from ..evaluation import evaluate
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
-from ..outputs import RESULTS, refuse_overwriting
+from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording import StereoLog, open_log
 from ..report.calibration_field import calibration_error
 from ..report.pictures import View
@@ -28,6 +29,9 @@ from .loop import Course, run
 from .refine import refined_for_itself
 from .self_test import SelfTest
 from .summary import peak_rss_mib, summarise
+
+if TYPE_CHECKING:
+    from ..places.place_map import PlaceMap
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -69,6 +73,7 @@ def replay(
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     calibrate: bool = False,
     self_test: bool = False,
+    loops: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
@@ -78,8 +83,9 @@ def replay(
     run ends from its start is in the summary. `ignore_ground_truth`: ranges [first, end) of frames of this run whose
     ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
     errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
-    tracks, too, and tell in the summary how large their difference is in σ. `std_truth`: σ of the ground truth itself,
-    in metres and radians. `sinks` are given each estimate and its frame after the files have been written, and are
+    tracks, too, and tell in the summary how large their difference is in σ. `loops`: find places again beside the
+    engine, and write the poses that follow, trajectory_map.tum. `std_truth`: σ of the ground truth itself, in metres
+    and radians. `sinks` are given each estimate and its frame after the files have been written, and are
     closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
     they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
     OutputError, ReplayInterrupted.
@@ -92,9 +98,9 @@ def replay(
         log = open_log(log, left, right, calibration, mono=config.mono)
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
-        refuse_overwriting([folder / name for name in RESULTS], [log.path])
+        refuse_overwriting([folder / name for name in (*RESULTS, MAP_TRAJECTORY)], [log.path])
     rig = refined_for_itself(log, config, selection) if calibrate else log.rig
-    replayed = _Replay(log, rig, config, selection, folder, self_test)
+    replayed = _Replay(log, rig, config, selection, folder, self_test, loops)
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -124,6 +130,7 @@ class _Replay:
         selection: Selection,
         folder: Path | None,
         self_test: bool,
+        loops: bool,
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
@@ -134,7 +141,8 @@ class _Replay:
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
         self._calibration = None if config.mono else CalibrationSink(log)
         self._view = View(rig.left)
-        self.sinks: list[Sink] = [sink for sink in (self._calibration, self._view) if sink is not None]
+        self._places = _places(rig, config) if loops else None
+        self.sinks: list[Sink] = [s for s in (self._calibration, self._view, self._places) if s is not None]
 
     def result(self, course: Course, truth: Truth, there_and_back: bool) -> ReplayResult:
         """Write summary and page; a failure of these is the error of the course unless there is one already."""
@@ -156,6 +164,9 @@ class _Replay:
             further["self_test"] = test.result()
         if there_and_back:
             further["there_and_back"] = return_error(record)
+        corrected = None
+        if self._places is not None and len(record):
+            corrected, further["map"] = self._corrected(self._places, course, truth)
         of_run = [*course.warnings, self._depth.problem if self._depth is not None else ""]
         summary = summarise(
             self._log,
@@ -170,11 +181,26 @@ class _Replay:
         if folder is not None and len(record):
             try:
                 folder.write_summary(summary)
+                if corrected is not None:
+                    folder.write_corrected(corrected)
                 poses = None if self._config.mono else truth.poses
                 folder.write_page(render_run(summary, record, poses, calibration, self._view))
             except Exception as error:
                 course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
+
+    def _corrected(
+        self, places: "PlaceMap", course: Course, truth: Truth
+    ) -> tuple[Trajectory | None, dict[str, Any]]:
+        """The poses of the run in the world of its map, None where that has failed; and what it has found."""
+        found: dict[str, Any] = {"keyframes": len(places), "loops": len(places.loops), "problem": places.problem}
+        if places.problem:
+            course.warnings.append(places.problem)
+            return None, found
+        corrected = places.corrected(self.lane.record.trajectory())
+        if truth.poses is not None:
+            found["ground_truth"] = evaluate(corrected, truth.poses)
+        return corrected, found
 
     def _with_poses(self, truth: Truth, course: Course) -> tuple[Truth, list[str]]:
         """The truth with its poses at the frames of the run; and why they are refused, if they are."""
@@ -191,3 +217,10 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
+
+
+def _places(rig: StereoRig | MonoRig, config: Config) -> "PlaceMap":
+    """The map of a replay. Raises ConfigError where there cannot be one."""
+    from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
+
+    return PlaceMap(rig, config, wait=True)

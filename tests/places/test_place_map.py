@@ -3,6 +3,7 @@
 import sys
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,6 +182,20 @@ def test_where_gtsam_gives_up_the_run_goes_on(
     places.close()
     assert places.problem == "the map ends at frame 1: Indeterminate linear system"
     assert places.problem in caplog.text  # of the first frame with points
+
+
+def test_a_replay_writes_what_follows_from_its_loops(room: Room, tmp_path: Path) -> None:
+    few = sfm.Selection(max_frames=12)
+    plain, with_loops = (sfm.replay(ROOM, tmp_path / str(loops), selection=few, loops=loops) for loops in (0, 1))
+    assert with_loops.summary["map"]["keyframes"] >= 1
+    assert with_loops.summary["map"]["ground_truth"]["frames_compared"] == 12
+    assert with_loops.out_dir is not None and plain.out_dir is not None
+    assert len(sfm.read_results(with_loops.out_dir).trajectory) == 12
+    lines = (with_loops.out_dir / "trajectory_map.tum").read_text().splitlines()
+    same = (with_loops.out_dir / "trajectory.tum").read_text().splitlines()
+    assert [line.split()[0] for line in lines] == [line.split()[0] for line in same]
+    assert (plain.out_dir / "trajectory.tum").read_text().splitlines() == same  # the engine does not know the map
+    assert "map" not in plain.summary and not (plain.out_dir / "trajectory_map.tum").exists()
 
 
 def test_what_a_map_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
