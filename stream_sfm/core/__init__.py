@@ -32,7 +32,10 @@ if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  #
 
 from ._core import align_patches as align_patches
 from ._core import disparity_slopes as disparity_slopes
+from ._core import linearise_views as linearise_views
 from ._core import match_along_rows as match_along_rows
+from ._core import motion_step as motion_step
 from ._core import sample_weights as sample_weights
 from ._core import store_patches as store_patches
+from ._core import view_residuals as view_residuals
 from ._core import warp_patches as warp_patches

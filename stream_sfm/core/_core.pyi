@@ -50,3 +50,43 @@ def disparity_slopes(
     Zero where the patches do not clearly show one. `std_grey`: deviation of one grey difference, with the pixels that
     share one noise value counted in.
     """
+
+def linearise_views(
+    pinholes: tuple[float, float, float, float, float],
+    points: Array,
+    cov_points: Array | None,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    cam_from_ref: Array,
+) -> tuple[Array, Array]:
+    """Return roots (n, 4, 4) that whiten the views of points, and the whitened Jacobian (n, 4, 6 + j).
+
+    `pinholes`: f, cx left and right, cy in pixels, baseline in metres. Homogeneous points (n, 4) with covariances
+    (n, 4, 4) (None: exact), views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all
+    views share (n, 4, j), motion (4, 4). The Jacobian is that of a left perturbation and of the amplitudes of what is
+    shared. Where the motion leaves nothing predicted, root and Jacobian are zero. Raises LinAlgError where a covariance
+    is not definite.
+    """
+
+def view_residuals(
+    pinholes: tuple[float, float, float, float, float],
+    points: Array,
+    z_px: Array,
+    root: Array,
+    shared: Array,
+    amplitudes: Array,
+    cams_from_ref: Array,
+) -> tuple[Array, Array]:
+    """Return whitened residuals (m, n, 4) under motions (m, 4, 4), and their squared norms (m, n).
+
+    Arrays as in `linearise_views`, amplitudes (j,). Squares are inf of points behind the camera, and of those that
+    predicted nothing where `root` was linearised.
+    """
+
+def motion_step(jacobian: Array, residuals: Array, weights: Array, amplitudes: Array) -> tuple[Array, Array]:
+    """Return a weighted Gauss-Newton step (6 + j,) of a motion and amplitudes, and the information (6 + j, 6 + j).
+
+    Whitened Jacobian (n, 4, 6 + j) and residuals (n, 4), weights (n,), and amplitudes (j,), which have σ = 1. The step
+    is zero in directions that the data do not determine, and NaN where the information is not finite.
+    """

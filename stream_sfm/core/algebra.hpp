@@ -87,6 +87,28 @@ void invert_positive(const double* a, double* out) {
         }
 }
 
+// Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
+inline bool solve_positive(double* a, double* b, std::size_t n) {
+    for (std::size_t j = 0; j < n; j++) {
+        for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
+        if (!(a[j * n + j] > 0)) return false;
+        a[j * n + j] = std::sqrt(a[j * n + j]);
+        for (std::size_t i = j + 1; i < n; i++) {
+            for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] /= a[j * n + j];
+        }
+    }
+    for (std::size_t i = 0; i < n; i++) {
+        for (std::size_t k = 0; k < i; k++) b[i] -= a[i * n + k] * b[k];
+        b[i] /= a[i * n + i];
+    }
+    for (std::size_t i = n; i-- > 0;) {
+        for (std::size_t k = i + 1; k < n; k++) b[i] -= a[k * n + i] * b[k];
+        b[i] /= a[i * n + i];
+    }
+    return true;
+}
+
 // The median of values, of which there is one at least; NaN where one is.
 inline double median(std::vector<double> values) {
     for (double value : values)

@@ -2,7 +2,9 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 
+#include <optional>
 #include <utility>
 
 #include "stages.hpp"
@@ -52,6 +54,19 @@ nb::tuple match_along_rows_of(const GreyOf<T>& left, const GreyOf<T>& right, con
     return nb::make_tuple(numpy(std::move(r.disparity)), numpy(std::move(r.unique)));
 }
 
+// As NumPy says it.
+void require_definite(bool definite, const char* otherwise) {
+    if (definite) return;
+    PyErr_SetString(nb::module_::import_("numpy.linalg").attr("LinAlgError").ptr(), otherwise);
+    throw nb::python_error();
+}
+
+Pinholes pinholes(const nb::tuple& numbers) {
+    require(numbers.size() == 5, "pinholes are not five numbers");
+    auto number = [&](int i) { return nb::cast<double>(numbers[i]); };
+    return {number(0), number(1), number(2), number(3), number(4)};
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -83,5 +98,32 @@ NB_MODULE(_core, m) {
         return numpy(unlocked([&] {
             return disparity_slopes(image(left), image(right), view(points_px), view(right_px), radius, std_grey);
         }));
+    });
+    m.def("linearise_views",
+          [](const nb::tuple& camera, const In<double, 2>& points, std::optional<In<double, 3>> cov_points, const In<double, 2>& z,
+             const In<double, 3>& cov, const In<double, 3>& shared, const In<double, 2>& cam_from_ref) {
+              Pinholes of = pinholes(camera);
+              View<double, 3> point_noise{};
+              if (cov_points) point_noise = view(*cov_points);
+              auto r = unlocked([&] {
+                  return linearise_views(of, view(points), cov_points ? &point_noise : nullptr, view(z), view(cov), view(shared),
+                                         view(cam_from_ref));
+              });
+              require_definite(r.definite, "a view's covariance is not positive definite");
+              return nb::make_tuple(numpy(std::move(r.root)), numpy(std::move(r.jacobian)));
+          },
+          nb::arg(), nb::arg(), nb::arg().none(), nb::arg(), nb::arg(), nb::arg(), nb::arg());
+    m.def("view_residuals", [](const nb::tuple& camera, const In<double, 2>& points, const In<double, 2>& z, const In<double, 3>& root,
+                               const In<double, 3>& shared, const In<double, 1>& amplitudes, const In<double, 3>& cams_from_ref) {
+        Pinholes of = pinholes(camera);
+        auto r = unlocked([&] {
+            return view_residuals(of, view(points), view(z), view(root), view(shared), view(amplitudes), view(cams_from_ref));
+        });
+        return nb::make_tuple(numpy(std::move(r.residuals)), numpy(std::move(r.squares)));
+    });
+    m.def("motion_step", [](const In<double, 3>& jacobian, const In<double, 2>& residuals, const In<double, 1>& weights,
+                            const In<double, 1>& amplitudes) {
+        auto r = unlocked([&] { return motion_step(view(jacobian), view(residuals), view(weights), view(amplitudes)); });
+        return nb::make_tuple(numpy(std::move(r.step)), numpy(std::move(r.information)));
     });
 }

@@ -39,4 +39,30 @@ AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, 
 Array<double, 2> disparity_slopes(const Image& left, const Image& right, const Pixels& points, const View<double, 2>& right_px,
                                   int radius, double std_grey);
 
+// views.cpp
+struct Pinholes {  // a rectified pair, px and metres
+    double f, cx_left, cx_right, cy, baseline;
+};
+struct LinearisedViews {
+    Array<double, 3> root;
+    Array<double, 3> jacobian;
+    bool definite;  // all covariances are
+};
+struct ViewResiduals {
+    Array<double, 3> residuals;
+    Array<double, 2> squares;
+};
+LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 3>* cov_points,
+                                const View<double, 2>& z, const View<double, 3>& cov, const View<double, 3>& shared,
+                                const View<double, 2>& cam_from_ref);
+ViewResiduals view_residuals(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& z,
+                             const View<double, 3>& root, const View<double, 3>& shared, const View<double, 1>& amplitudes,
+                             const View<double, 3>& cams_from_ref);
+struct MotionStep {
+    Array<double, 1> step;
+    Array<double, 2> information;
+};
+MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& residuals, const View<double, 1>& weights,
+                       const View<double, 1>& amplitudes);
+
 }  // namespace core

@@ -5,15 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import se3
+from .. import core
 from .gates import chi2_gates
-from .linear import matvec
 from .se3 import Array
-from .stereo import MIN_DEPTH, StereoProjection, clamp_depth, whitening_of_views
-
-# A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a
-# hundred times more, the noise of the view itself would be lost to rounding in their sum.
-_MAX_PREDICTED_STD_PX = 1e5
+from .stereo import StereoProjection
 
 
 class PointViews:
@@ -74,41 +69,35 @@ class PointViews:
         The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
-        in_cam = clamp_depth(self.points @ cam_from_ref.T)
-        j = self.projection.jacobian_homogeneous(in_cam)
-        if self.cov_points is not None:
-            by_point = (j.reshape(-1, 4) @ cam_from_ref).reshape(j.shape)
-            predicted = by_point @ self.cov_points @ np.swapaxes(by_point, -1, -2)
-            placed = np.trace(predicted, axis1=-2, axis2=-1) < _MAX_PREDICTED_STD_PX**2
-            root = whitening_of_views(self.z_px, self.cov_px + np.where(placed[:, None, None], predicted, 0.0))
-            root[~placed] = 0.0
-        else:
-            root = whitening_of_views(self.z_px, self.cov_px)
-        a = root @ j[..., :3]
-        by_pose = a * in_cam[:, None, 3:], -a @ se3.skew(in_cam[:, :3])
-        return root, np.concatenate([*by_pose, root @ self.shared], axis=2)
+        return core.linearise_views(
+            self._pinholes(),
+            self.points,
+            self.cov_points,
+            self.z_px,
+            self.cov_px,
+            self.shared,
+            cam_from_ref,
+        )
 
     def residuals(self, cam_from_ref: Array, root: Array, amplitudes: Array | None = None) -> tuple[Array, Array]:
-        """Return whitened residuals (n, 4) and their squared norms (n,), inf where `_unusable`.
+        """Return whitened residuals (n, 4) and their squared norms (n,), inf where nothing is predicted or seen.
 
         `amplitudes` (j,) of the shared errors; None: zero.
         """
-        in_cam = self.points @ cam_from_ref.T
-        unusable = _unusable(in_cam, root)
-        expected = self.projection.project_homogeneous(clamp_depth(in_cam))
-        if amplitudes is not None:
-            expected += self.shared @ amplitudes
-        r = matvec(root, self.z - expected)
-        return r, np.where(unusable, np.inf, (r * r).sum(1))
+        if amplitudes is None:
+            amplitudes = np.zeros(self.shared.shape[2])
+        r, squares = core.view_residuals(
+            self._pinholes(), self.points, self.z, root, self.shared, amplitudes, cam_from_ref[None]
+        )
+        return r[0], squares[0]
 
     def squared_residuals(self, cams_from_ref: Array, root: Array) -> Array:
-        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf where `_unusable`."""
-        in_cam = self.points @ np.swapaxes(cams_from_ref, -1, -2)
-        unusable = _unusable(in_cam, root)
-        r = matvec(root, self.z - self.projection.project_homogeneous(clamp_depth(in_cam)))
-        return np.where(unusable, np.inf, (r * r).sum(-1))
+        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf as in `residuals`."""
+        amplitudes = np.zeros(self.shared.shape[2])
+        return core.view_residuals(
+            self._pinholes(), self.points, self.z, root, self.shared, amplitudes, cams_from_ref
+        )[1]
 
-
-def _unusable(in_cam: Array, root: Array) -> NDArray[np.bool_]:
-    """Whether points (…, n, 4) are behind the camera, or predicted nothing where `root` (n, 4, 4) was linearised."""
-    return np.asarray((in_cam[..., 2] < MIN_DEPTH) | (root[:, 0, 0] == 0))
+    def _pinholes(self) -> tuple[float, float, float, float, float]:
+        p = self.projection
+        return p.f_px, p.cx_left_px, p.cx_right_px, p.cy_px, p.baseline_m

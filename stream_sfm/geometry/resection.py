@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from . import se3
-from .linear import damped_solve, scaled_inverse
+from .linear import scaled_inverse
 from .medians import median
 from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
@@ -266,12 +267,7 @@ def _step(at: _Motion, j: Array, r: Array, weight: Array) -> tuple[_Motion, floa
 
     Returns the motion, the squared length of the step in deviations, and the information (6 + j, 6 + j).
     """
-    size = j.shape[2]
-    weighted = (j * weight[:, None, None]).reshape(-1, size).T
-    h, g = weighted @ j.reshape(-1, size), weighted @ r.ravel()
-    h[6:, 6:] += np.eye(size - 6)
-    g[6:] -= at.amplitudes
-    delta = damped_solve(h, g)
+    delta, h = core.motion_step(j, r, weight, at.amplitudes)
     angle = math.sqrt(delta[3:6] @ delta[3:6])
     if angle > _MAX_ROTATION_STEP_RAD:
         delta *= _MAX_ROTATION_STEP_RAD / angle

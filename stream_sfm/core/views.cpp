@@ -1,0 +1,198 @@
+// Points with covariances and their stereo views: whitened residuals under a motion, and their Jacobian.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+// A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
+// times more, the noise of the view itself would be lost to rounding in their sum.
+constexpr double MAX_PREDICTED_STD_PX = 1e5;
+constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
+constexpr double DAMPING = 1e-9;    // of the scaled information: a direction that the data do not see stays where it is
+
+// A homogeneous point (4,) by a motion (4, 4).
+void move(const double* motion, const double* point, double* out) {
+    for (int i = 0; i < 4; i++) {
+        const double* row = motion + 4 * i;
+        out[i] = row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] * point[3];
+    }
+}
+
+// The point in front of the camera; whether it was there.
+bool clamp_depth(double* in_cam) {
+    if (!(in_cam[2] < MIN_DEPTH)) return true;
+    in_cam[2] = MIN_DEPTH;
+    return false;
+}
+
+// Views of homogeneous points (X, Y, Z, ρ), eq. (8).
+void project(const Pinholes& p, const double* point, double* z) {
+    double s = p.f / point[2], u = s * point[0];
+    z[0] = u + p.cx_left;
+    z[1] = z[3] = s * point[1] + p.cy;
+    z[2] = u - s * p.baseline * point[3] + p.cx_right;
+}
+
+// ∂z/∂(X, Y, Z, ρ) (4, 4), eq. (9).
+void jacobian(const Pinholes& p, const double* point, double* a) {
+    double s = p.f / point[2], sx = -s * point[0] / point[2], sy = -s * point[1] / point[2];
+    std::fill(a, a + 16, 0.0);
+    a[0] = a[5] = a[8] = a[13] = s;
+    a[2] = sx;
+    a[6] = a[14] = sy;
+    a[10] = sx + s * p.baseline * point[3] / point[2];
+    a[11] = -s * p.baseline;
+}
+
+// out (4, 4) = a b, and a bᵀ.
+void multiply(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            out[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
+}
+void multiply_transposed(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            out[4 * i + j] = a[4 * i] * b[4 * j] + a[4 * i + 1] * b[4 * j + 1] + a[4 * i + 2] * b[4 * j + 2] + a[4 * i + 3] * b[4 * j + 3];
+}
+
+// R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
+bool whitening(const double* z, const double* cov, double* root) {
+    double seen_cov[16], lower[16];
+    bool seen[4];
+    for (int i = 0; i < 4; i++) seen[i] = std::isfinite(z[i]);
+    for (int i = 0; i < 16; i++) seen_cov[i] = seen[i / 4] && seen[i % 4] ? cov[i] : (i / 4 == i % 4 ? 1.0 : 0.0);
+    if (!cholesky<4>(seen_cov, lower)) return false;
+    invert_lower<4>(lower, root);
+    for (int i = 0; i < 16; i++)
+        if (!(seen[i / 4] && seen[i % 4])) root[i] = 0.0;
+    return true;
+}
+
+void check(const View<double, 2>& points, const View<double, 2>& z) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    require_shape(z, {n, 4}, "z_px");
+}
+
+}  // namespace
+
+LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 3>* cov_points,
+                                const View<double, 2>& z, const View<double, 3>& cov, const View<double, 3>& shared,
+                                const View<double, 2>& cam_from_ref) {
+    check(points, z);
+    std::size_t n = points.shape[0], amplitudes = shared.shape[2], columns = 6 + amplitudes;
+    if (cov_points) require_shape(*cov_points, {n, 4, 4}, "cov_points");
+    require_shape(cov, {n, 4, 4}, "cov_px");
+    require_shape(shared, {n, 4, amplitudes}, "shared");
+    require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
+    LinearisedViews result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 4, columns}), true};
+    const double* motion = cam_from_ref.data;
+    for (std::size_t i = 0; i < n; i++) {
+        double p[4], a[16], noise[16], *root = result.root[i], *j = result.jacobian[i];
+        move(motion, points[i], p);
+        clamp_depth(p);
+        jacobian(pinholes, p, a);
+        std::copy(cov[i], cov[i] + 16, noise);
+        bool placed = true;
+        if (cov_points) {
+            double by_point[16], half[16], predicted[16];
+            multiply(a, motion, by_point);
+            multiply(by_point, (*cov_points)[i], half);
+            multiply_transposed(half, by_point, predicted);
+            placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_STD_PX * MAX_PREDICTED_STD_PX;
+            for (int k = 0; placed && k < 16; k++) noise[k] += predicted[k];
+        }
+        if (!whitening(z[i], noise, root)) result.definite = false;
+        if (!placed) std::fill(root, root + 16, 0.0);
+        double by_cam[16];
+        multiply(root, a, by_cam);
+        for (int row = 0; row < 4; row++) {
+            const double* b = by_cam + 4 * row;
+            double* out = j + static_cast<std::size_t>(row) * columns;
+            for (int k = 0; k < 3; k++) out[k] = b[k] * p[3];
+            out[3] = b[2] * p[1] - b[1] * p[2];
+            out[4] = b[0] * p[2] - b[2] * p[0];
+            out[5] = b[1] * p[0] - b[0] * p[1];
+            for (std::size_t k = 0; k < amplitudes; k++)
+                for (int c = 0; c < 4; c++) out[6 + k] += root[4 * row + c] * shared[i][c * amplitudes + k];
+        }
+    }
+    return result;
+}
+
+ViewResiduals view_residuals(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& z,
+                             const View<double, 3>& root, const View<double, 3>& shared, const View<double, 1>& amplitudes,
+                             const View<double, 3>& cams_from_ref) {
+    check(points, z);
+    std::size_t n = points.shape[0], motions = cams_from_ref.shape[0], j = amplitudes.shape[0];
+    require_shape(root, {n, 4, 4}, "root");
+    require_shape(shared, {n, 4, j}, "shared");
+    require_shape(cams_from_ref, {motions, 4, 4}, "cams_from_ref");
+    ViewResiduals result{Array<double, 3>({motions, n, 4}), Array<double, 2>({motions, n})};
+    for (std::size_t m = 0; m < motions; m++)
+        for (std::size_t i = 0; i < n; i++) {
+            double p[4], expected[4], difference[4], sum = 0, *r = result.residuals[m] + 4 * i;
+            move(cams_from_ref[m], points[i], p);
+            bool usable = clamp_depth(p) && root[i][0] != 0;
+            project(pinholes, p, expected);
+            for (int c = 0; c < 4; c++) {
+                for (std::size_t k = 0; k < j; k++) expected[c] += shared[i][c * j + k] * amplitudes.data[k];
+                difference[c] = (std::isfinite(z[i][c]) ? z[i][c] : 0.0) - expected[c];  // a missing side has no weight
+            }
+            for (int c = 0; c < 4; c++) {
+                for (int k = 0; k < 4; k++) r[c] += root[i][4 * c + k] * difference[k];
+                sum += r[c] * r[c];
+            }
+            result.squares[m][i] = usable ? sum : std::numeric_limits<double>::infinity();
+        }
+    return result;
+}
+
+MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& residuals, const View<double, 1>& weights,
+                       const View<double, 1>& amplitudes) {
+    std::size_t n = jacobian.shape[0], k = jacobian.shape[2];
+    require(k >= 6 && k <= 1000, "the Jacobian has fewer columns than a motion, or too many");
+    require_shape(jacobian, {n, 4, k}, "jacobian");
+    require_shape(residuals, {n, 4}, "residuals");
+    require_shape(weights, {n}, "weights");
+    require_shape(amplitudes, {k - 6}, "amplitudes");
+    MotionStep result{Array<double, 1>({k}), Array<double, 2>({k, k})};
+    double* h = result.information.data.get();
+    std::vector<double> g(k), scale(k), scaled(k * k), weighted(k);
+    for (std::size_t i = 0; i < n; i++) {
+        if (weights.data[i] == 0) continue;
+        for (int row = 0; row < 4; row++) {
+            const double* j = jacobian[i] + static_cast<std::size_t>(row) * k;
+            for (std::size_t a = 0; a < k; a++) weighted[a] = weights.data[i] * j[a];
+            for (std::size_t a = 0; a < k; a++) {
+                g[a] += weighted[a] * residuals[i][row];
+                for (std::size_t b = a; b < k; b++) h[a * k + b] += weighted[a] * j[b];
+            }
+        }
+    }
+    for (std::size_t a = 6; a < k; a++) {  // amplitudes have σ = 1
+        h[a * k + a] += 1;
+        g[a] -= amplitudes.data[a - 6];
+    }
+    for (std::size_t a = 0; a < k; a++) {
+        scale[a] = 1 / std::sqrt(std::max(h[a * k + a], 1e-12));  // an unseen direction has a zero there
+        for (std::size_t b = a + 1; b < k; b++) h[b * k + a] = h[a * k + b];
+    }
+    for (std::size_t a = 0; a < k; a++)
+        for (std::size_t b = 0; b < k; b++) scaled[a * k + b] = h[a * k + b] * scale[a] * scale[b] + (a == b ? DAMPING : 0.0);
+    for (std::size_t a = 0; a < k; a++) g[a] *= scale[a];
+    bool solved = solve_positive(scaled.data(), g.data(), k);
+    for (std::size_t a = 0; a < k; a++)
+        result.step.data[a] = solved ? scale[a] * g[a] : std::numeric_limits<double>::quiet_NaN();
+    return result;
+}
+
+}  // namespace core

@@ -1,0 +1,92 @@
+"""The compiled core as a whole: it takes any array without harm, and gives the same bytes in every thread."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from stream_sfm import core
+
+RNG = np.random.default_rng(0)
+IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
+N, SIDE, K2 = 7, 27, 25
+PIXELS = RNG.integers(-20, 100, (N, 2))
+STARTS = RNG.uniform(-20, 100, (N, 2))
+STORED = RNG.uniform(0, 255, (N, SIDE, SIDE)).astype(np.float32)
+SLOTS = np.arange(N)
+WARPS = np.eye(3, 2) + 0.1 * RNG.normal(size=(N, 3, 2))
+POINTS = np.concatenate([RNG.normal(size=(N, 3)), np.ones((N, 1))], axis=1)
+VIEWS, COV = RNG.uniform(0, 60, (N, 4)), np.broadcast_to(np.eye(4), (N, 4, 4))
+PINHOLES = (60.0, 40.0, 40.0, 30.0, 0.1)
+SHARED = RNG.normal(size=(N, 4, 2))
+
+# Each function with arguments that it takes
+CALLS = {
+    "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
+    "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
+    "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
+    "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
+    "disparity_slopes": (IMAGE, IMAGE, PIXELS, STARTS, 10, 4.0),
+    "linearise_views": (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.eye(4)),
+    "view_residuals": (PINHOLES, POINTS, VIEWS, COV, SHARED, np.ones(2), np.eye(4)[None]),
+    "motion_step": (RNG.normal(size=(N, 4, 8)), VIEWS, np.ones(N), np.zeros(2)),
+}
+VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
+
+
+def call(name: str, arguments: list) -> object:
+    """The answer, or None where the arguments were refused."""
+    try:
+        return getattr(core, name)(*arguments)
+    except (ValueError, TypeError):
+        return None
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None:
+    assert call(name, list(CALLS[name])) is not None or name == "store_patches"
+    for at, argument in enumerate(CALLS[name]):
+        if not isinstance(argument, np.ndarray):
+            continue
+        others = [argument[:0], argument[:1], argument[..., :1], argument[..., None], argument.ravel(), argument.T]
+        others += [np.zeros((0,) * argument.ndim, argument.dtype), np.asfortranarray(argument)]
+        if argument.dtype.kind == "f":
+            for value in VALUES:
+                with np.errstate(over="ignore"):
+                    others.append(np.full_like(argument, value))
+                    some = argument.copy()
+                    some.flat[::3] = value
+                others.append(some)
+        else:
+            others += [np.full_like(argument, value) for value in (-1, 10**6, 2**62, -(2**62))]
+        for other in others:
+            arguments = list(CALLS[name])
+            arguments[at] = other.copy()
+            call(name, arguments)
+
+
+def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
+    with pytest.raises(ValueError, match=r"right_px has shape \(3, 2\) in place of \(7, 2\)"):
+        core.disparity_slopes(IMAGE, IMAGE, PIXELS, STARTS[:3], 10, 4.0)
+    with pytest.raises(ValueError, match="slot"):
+        core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
+    with pytest.raises(np.linalg.LinAlgError, match="definite"):
+        core.linearise_views(PINHOLES, POINTS, COV, VIEWS, -COV, SHARED, np.eye(4))
+
+
+def test_only_the_sides_that_are_there_count() -> None:
+    views = VIEWS.copy()
+    views[:, 2:] = np.nan
+    root, jacobian = core.linearise_views(PINHOLES, POINTS, None, views, COV, SHARED, np.eye(4))
+    assert (root[:, 2:] == 0).all() and (root[:, :, 2:] == 0).all() and (jacobian[:, 2:] == 0).all()
+
+
+@pytest.mark.parametrize("name", [name for name in CALLS if name != "store_patches"])
+def test_threads_give_the_same_bytes(name: str) -> None:
+    def run(_: int) -> list[bytes]:
+        answer = getattr(core, name)(*CALLS[name])
+        return [a.tobytes() for a in (answer if isinstance(answer, tuple) else (answer,))]
+
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(run, range(16)))
+    assert all(answer == answers[0] for answer in answers)
