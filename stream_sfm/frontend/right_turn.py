@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.medians import median
+from ..geometry.medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, median
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -41,8 +41,6 @@ _AGREE = 0.6  # share of the views on the right that a turn explains: of a body 
 # standard deviations and more.
 _STEPS, _WORTH_A_CLOSER_LOOK = 12, 0.3
 _GATE = 0.999  # share of good views that agree
-_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
-_MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
 # σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
 # estimator starts, and is not used a second time.
 _STD_TURN_RAD = 3e-3
@@ -205,8 +203,8 @@ def _fitted(views: PointViews, cam_from_previous: Array, steps: int) -> Turn:
     j = np.concatenate([by_motion, by_turn, r[..., None]], axis=2) * usable[:, None, None]
     squares = (j[..., 9] ** 2).sum(axis=1)
     for _ in range(steps):
-        spread = max(1.0, median(squares) / _MEDIAN_CHI2_4)
-        weighted = j / (1 + squares / (_CAUCHY_WIDTH * spread))[:, None, None]
+        spread = max(1.0, median(squares) / MEDIAN_CHI2_4)
+        weighted = j / (1 + squares / (CAUCHY_WIDTH**2 * spread))[:, None, None]
         normal = weighted.reshape(-1, 10).T @ j.reshape(-1, 10)
         information = normal[:9, :9] + _DAMPING * np.diag(np.diag(normal)[:9] + _DAMPING)
         step = np.linalg.solve(information, normal[:9, 9])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..geometry.linear import symmetric, symmetric_inverse
-from ..geometry.medians import median
+from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.field import field_over
@@ -23,12 +23,10 @@ _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
 _STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
 _MEMORY_FRAMES = 20.0  # over which that scatter is averaged, chosen by hand: a second at 20 frames per second
-_CAUCHY = 2.4  # width of the robust weights in standard deviations: 95 % efficiency on Gaussian noise
 _REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
 _GATE = 4.0  # standard deviations that a match may be off: one good match in 16 000 is lost
 # Three times the scatter of good matches; below, few matches that agree by chance set the gate.
 _LEAST_GATE_PX = 0.3
-_MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
 _POLYNOMIAL = 6  # coefficients
 # σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
 # probable as all others together.
@@ -101,12 +99,12 @@ class Rows:
         mean: Array = self.mean
         for _ in range(_REWEIGHTINGS):  # what earlier frames said keeps its weight
             residual = (difference_px - terms @ mean) / self.scatter_px
-            weight = 1 / (1 + (residual / _CAUCHY) ** 2) / self.scatter_px**2
+            weight = 1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2
             information = before + (terms.T * weight) @ terms
             right = before @ self.mean + (terms.T * weight) @ difference_px
             mean = np.asarray(np.linalg.solve(information, right), np.float64)
         frames = self.frames + 1
-        scatter = _MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
+        scatter = MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
         scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, _MEMORY_FRAMES)
         learnt = replace(
             self, mean=mean, cov=symmetric_inverse(information), scatter_px=float(scatter_px), frames=frames

@@ -1,11 +1,15 @@
-"""The median of a few numbers: NumPy's own takes eight times as long for some hundred."""
+"""Robust statistics of a few numbers: medians, what they are of Gaussian noise, and the width of robust weights."""
 
 import numpy as np
 
 from .se3 import Array
 
+MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
+MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
+CAUCHY_WIDTH = 2.4  # of Cauchy weights, in standard deviations; literature: 95 % efficiency on Gaussian noise
+
 
 def median(values: Array) -> float:
-    """Return the median of finite values (n,), of one at least."""
+    """Return the median of finite values (n,), of one at least; NumPy's own takes eight times as long."""
     ordered, n = np.sort(values), len(values)
     return 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2])

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from . import se3
 from .linear import damped_solve, matvec
+from .medians import CAUCHY_WIDTH
 from .point_views import PointViews
-from .se3 import Array
+from .se3 import MAX_ROTATION_STEP_RAD, Array
 from .stereo import clamp_depth
 
 # Closed form: with 60 % outliers, P(no clean sample) is (1 - 0.4**3)**256 < 1e-7 for stereo views and
@@ -27,8 +28,6 @@ _REFINED = 12  # of the best samples: their order is rough, because few noisy vi
 # Widths, in gates, within which views refine a motion: first the neighbourhood of a rough one, then its own views.
 _REFINING_WIDTHS = (16.0, 4.0)
 _REFINING_STEPS = 2
-_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
-_MAX_ROTATION_STEP_RAD = 0.3
 # The extent decides where history does not: it makes a factor of .56 at the least, since a background may be seen
 # through a gap between bodies.
 _EXTENT_POWER, _MIN_EXTENT = 0.25, 0.1
@@ -58,7 +57,7 @@ def search_motion(views: PointViews, start: Array, weights: Array, agreeing: int
     for width in _REFINING_WIDTHS:
         s2 = views.squared_residuals(motions, root)
         near = s2 < width * views.gate
-        motions = _fit(views, root, motions, every, near * weights / (1 + s2 / _CAUCHY_WIDTH), _REFINING_STEPS)
+        motions = _fit(views, root, motions, every, near * weights / (1 + s2 / CAUCHY_WIDTH**2), _REFINING_STEPS)
     return np.asarray(motions[int(np.argmax(support(views, motions, root, weights)))])
 
 
@@ -130,5 +129,5 @@ def _fit(
         delta = damped_solve(h, matvec(jt, r.reshape(len(motions), -1)))
         delta = np.where(np.isfinite(delta), delta, 0.0)
         angle = np.linalg.norm(delta[:, 3:], axis=1, keepdims=True)
-        motions = se3.exp(delta * np.minimum(1.0, _MAX_ROTATION_STEP_RAD / np.maximum(angle, 1e-12))) @ motions
+        motions = se3.exp(delta * np.minimum(1.0, MAX_ROTATION_STEP_RAD / np.maximum(angle, 1e-12))) @ motions
     return motions

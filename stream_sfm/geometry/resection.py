@@ -16,19 +16,14 @@ from numpy.typing import NDArray
 from .. import core
 from . import se3
 from .linear import scaled_inverse
-from .medians import median
+from .medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, median
 from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
-from .se3 import Array
+from .se3 import MAX_ROTATION_STEP_RAD, Array
 from .stereo import StereoProjection
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
-_MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
-# Cauchy weights, in squared standard deviations of a view.
-_CAUCHY_WIDTH = 2.4**2  # literature: 95 % efficiency on Gaussian noise
-_CAUCHY_WIDTH_FIRST = (
-    6.0  # a little wider while the motion is still moving fast: fewer good views are let go of early
-)
+_FIRST_CAUCHY_WIDTH2 = 6.0  # a little wider while the motion is still moving fast: fewer good views are let go of
 _WIDE_STEPS = 3
 _MAX_ROBUST_STEPS = 9
 _MAX_FINAL_STEPS = 4
@@ -37,9 +32,6 @@ _RELINEARISE_EVERY = 3  # steps: between them the pose moves too little to chang
 _ROBUST_CONVERGED = 0.3  # half a standard deviation; the final least squares does the rest
 _FINAL_CONVERGED = 1e-2  # a tenth of a standard deviation
 _SPREAD_SETTLED = 2.0  # residuals this close to their expected size: the first step may already be the last
-_MAX_ROTATION_STEP_RAD = (
-    0.3  # a linearised rotation is off by a few per cent there; longer steps keep their direction
-)
 # The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
@@ -224,7 +216,7 @@ def _robust_fit(views: PointViews, at: _Motion) -> tuple[_Motion, Array, Array]:
     r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
     for k in range(_MAX_ROBUST_STEPS):
         spread = _spread(s2)
-        width = spread * (_CAUCHY_WIDTH_FIRST if k < _WIDE_STEPS else _CAUCHY_WIDTH)
+        width = spread * (_FIRST_CAUCHY_WIDTH2 if k < _WIDE_STEPS else CAUCHY_WIDTH**2)
         at, moved, _ = _step(at, j, r, 1 / (1 + s2 / width))
         if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
             break
@@ -269,8 +261,8 @@ def _step(at: _Motion, j: Array, r: Array, weight: Array) -> tuple[_Motion, floa
     """
     delta, h = core.motion_step(j, r, weight, at.amplitudes)
     angle = math.sqrt(delta[3:6] @ delta[3:6])
-    if angle > _MAX_ROTATION_STEP_RAD:
-        delta *= _MAX_ROTATION_STEP_RAD / angle
+    if angle > MAX_ROTATION_STEP_RAD:
+        delta *= MAX_ROTATION_STEP_RAD / angle
     moved = _Motion(se3.exp(delta[:6]) @ at.cam_from_ref, at.amplitudes + delta[6:])
     return moved, float(delta @ h @ delta), h
 
@@ -278,4 +270,4 @@ def _step(at: _Motion, j: Array, r: Array, weight: Array) -> tuple[_Motion, floa
 def _spread(s2: Array) -> float:
     """Return the median of squared residuals over its expected value, at least 1."""
     finite = s2[np.isfinite(s2)]
-    return max(1.0, median(finite) / _MEDIAN_CHI2_4) if len(finite) else 1.0
+    return max(1.0, median(finite) / MEDIAN_CHI2_4) if len(finite) else 1.0

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 _EYE = np.eye(3)
 _LEAST_ANGLE = 1e-150  # rad, in place of 0 where an angle divides: its square is still a normal double
+# A linearised rotation is off by a few per cent there; longer steps of an iteration keep their direction.
+MAX_ROTATION_STEP_RAD = 0.3
 _SMALL = 1e-4  # sine of half an angle; closed form: the next term of the series, n⁴/5, is below a double's rounding
 
 

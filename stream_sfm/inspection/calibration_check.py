@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
+from ..geometry.medians import MAD_TO_STD
 from ..geometry.se3 import Array
 
 _FEATURES = 1500  # ORB corners per image: some hundred of them match in an ordinary scene
@@ -21,7 +22,6 @@ _MIN_MATCHES = 40  # in all frames together: fewer say nothing certain about row
 _MIN_FRAME_MATCHES = 8  # in one frame
 _INLIER_SPREADS, _MIN_INLIER_PX = 3.0, 1.0  # matches within 3 σ of the median row offset, but never less than 1 px
 _INLIER_ROUNDS = 6  # of median and spread, enough to settle
-_SIGMA_PER_MAD = 1.4826  # of a normal distribution
 _NEGATIVE_PX = -1.0  # disparities below it are negative beyond the noise of a match
 _CLEARLY_BETTER = 0.5  # the other row error must be below this share of the present one
 _CLEAR_ROW_ERROR_PX = 0.2  # below it, another pairing of the frames cannot be told from this one
@@ -74,7 +74,7 @@ def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCh
         if good.sum() < _MIN_MATCHES:
             return CalibrationCheck(int(good.sum()), np.nan, np.nan, np.nan, np.nan)
         centre = float(np.median(vertical[good]))
-        spread = _SIGMA_PER_MAD * float(np.median(np.abs(vertical[good] - centre)))
+        spread = MAD_TO_STD * float(np.median(np.abs(vertical[good] - centre)))
     disparity = disparity[good]
     negative = float(np.mean(disparity < _NEGATIVE_PX))
     return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))

@@ -49,7 +49,7 @@ NO_FIELD = np.zeros(len(field_over(P.width, P.height)))
 
 def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without robust weights and steps it is least squares over all matches at once."""
-    monkeypatch.setattr(rows_of, "_CAUCHY", 1e9)
+    monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
     monkeypatch.setattr(rows_of, "_STEP_PX", 0.0)
     monkeypatch.setattr(Rows, "_with_likely_field", lambda self: self)
     rng = np.random.default_rng(1)
