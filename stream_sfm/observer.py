@@ -164,6 +164,8 @@ class Observer:
             ),
             window_frame_indices=solution.window_frame_indices,
             window_world_from_cam=axes.poses(solution.window_world_from_cam),
+            rejected_ids=solution.rejected_ids,
+            iterations=solution.iterations,
             ended_ids=solution.ended_ids,
             ended_points_in_world=axes.points(solution.ended_points_in_world),
             ended_cov_points_in_world=axes.cov_points(self._cov_ended(solution)),
@@ -180,7 +182,7 @@ class Observer:
             rig=self._frontend.rig_in_px(self.state, solution.rig),
             relative=self._relative(solution.relative, solution.common),
             common=self._common(solution),
-            rig_change=observations.rig_change,
+            rig_change=None if observations.rig is None else observations.rig.change,
         )
 
     def _relative(self, relative: RelativeMotions | None, common: CommonErrors | None) -> RelativeMotions | None:

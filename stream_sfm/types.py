@@ -130,6 +130,59 @@ class MapStart:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LastingErrors:
+    """How the errors of a frame's views (n) go on from those of earlier frames.
+
+    `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
+    a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
+    side for an estimator that adds up the views of a track as if they were independent; None where they are.
+    """
+
+    std_drift_px: Array | None = None
+    inflation: Array | None = None
+
+    def __repr__(self) -> str:
+        return f"<LastingErrors of {0 if self.std_drift_px is None else len(self.std_drift_px)} views>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Ambiguity:
+    """Why the motion that the views show may not be the camera's.
+
+    `other_from_previous` (4, 4): another motion since the previous frame that may as well be the camera's, and its
+    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `misfit`: the images do not
+    fit each other or the calibration; the note of the observations says why.
+    """
+
+    other_from_previous: Array | None = None
+    cov_other: Array | None = None
+    misfit: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Ambiguity: {'' if self.other_from_previous is None else 'two motions '}{'misfit' * self.misfit}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigView:
+    """What errors of the rig do to the views (n) of a frame.
+
+    `model`: the linear model of all of them. `field_std_px`: σ of those errors that no physical term follows, as the
+    rows have it so far. `timing_px` (n, 4): what delay and readout, as far as they are known, do to the views, which
+    are as they were seen. `change`: the right camera has turned against the left one; the turn is taken out of the
+    views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of each error.
+    """
+
+    model: RigModel
+    field_std_px: float = 0.0
+    timing_px: Array | float = 0.0
+    change: "RigChange | None" = None
+    change_root: Array | None = None
+
+    def __repr__(self) -> str:
+        return f"<RigView {len(self.model)} errors{'' if self.change is None else ', changed'}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observations:
     """What the front-end found in one frame, in pixels of the rectified images.
 
@@ -139,20 +192,10 @@ class Observations:
       it was not found. The first view of a point has both sides.
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
       None.
-    - `rival_from_previous` (4, 4), `cov_rival` (6, 6): another motion since the previous frame that may as well be the
-      camera's, and its covariance, of the perturbation on the right of its inverse; or None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
-    - `doubtful`: the views may show another motion than the camera's, because the images do not fit each other or the
-      calibration; `note` says why.
-    - `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen
-      from a changing direction; None where points are exact.
-    - `inflation` (n, 2): factors on the variances of left and right side for an estimator that adds up the views of a
-      track as if they were independent; None where they are.
-    - `rig`: what errors of the rig do to the views; None where the calibration is exact. `field_std_px`: σ of those
-      errors that no physical term follows, as the rows have it so far. `timing_px` (n, 4): what delay and readout, as
-      far as they are known, do to the views, which are as they were seen.
-    - `rig_change`: the right camera has turned against the left one; the turn is taken out of the views from this frame
-      on, and `rig_change_root` (m, j) is a root of the covariance of what is left, in σ of each error of the rig.
+    - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
+    - `lasting`: errors that the views share with those of earlier frames.
+    - `rig`: what errors of the rig do to the views; None where the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
     """
 
@@ -162,19 +205,17 @@ class Observations:
     z_px: Array
     cov_px: Array
     cam_from_previous: Array | None = None
-    rival_from_previous: Array | None = None
-    cov_rival: Array | None = None
-    note: str = ""
-    doubtful: bool = False
     n_new: int = 0
-    std_drift_px: Array | None = None
-    inflation: Array | None = None
-    rig: RigModel | None = None
-    field_std_px: float = 0.0
-    timing_px: Array | float = 0.0
-    rig_change: "RigChange | None" = None
-    rig_change_root: Array | None = None
+    note: str = ""
+    ambiguity: Ambiguity | None = None
+    lasting: LastingErrors = field(default_factory=LastingErrors)
+    rig: RigView | None = None
     start: MapStart | None = None
+
+    @property
+    def misfit(self) -> bool:
+        """Whether images and calibration do not fit each other."""
+        return self.ambiguity is not None and self.ambiguity.misfit
 
     def __repr__(self) -> str:
         note = f", {self.note}" if self.note else ""
@@ -257,10 +298,23 @@ class CommonErrors:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
-    """The result of an estimator for one frame, in the axes of the rectified left camera.
+    """The result of an estimator for one frame, in the axes of the rectified left camera; lengths in metres.
 
-    Fields as in `FrameEstimate`, and `rejected_ids`: points whose views in this frame were judged to be outliers;
-    `iterations`: of the solver.
+    - `status`, and `reason`: why it is not ok.
+    - `world_from_cam` (4, 4): the pose; the world is the left camera of the first frame. `cov_pose` (6, 6): of the
+      perturbation on its right, translation first; metres², radians².
+    - `track_ids` (n,), `points_in_cam` (n, 3), `cov_points` (n, 3, 3): the local structure, points seen now in
+      camera axes; `points_in_world`, `cov_points_in_world`: the same points in the world.
+    - `ended_ids` (k,), `ended_points_in_world` (k, 3), `ended_cov_points_in_world` (k, 3, 3): points that left the
+      estimator with this frame, as they are in the end.
+    - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
+    - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: of the solver.
+    - `nis`, `nis_dof`: whitened squared innovation of the accepted views, and its degrees of freedom.
+    - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
+    - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
+      the method has no joint covariance of them, or left and right do not fit each other.
+    - `common`: the errors that all poses and motions share, and their part in `world_from_cam`; for whom fuses or adds
+      up motions. None where the rig is taken for exact, where the pose is predicted only, and in a map's first frame.
     """
 
     status: Status
@@ -304,54 +358,22 @@ class Estimator(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class FrameEstimate:
-    """The result for one frame, in the axes of the physical left camera; lengths in metres.
+@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
+class FrameEstimate(Solution):
+    """The result for one frame: a Solution in the axes of the physical left camera, lengths in metres; and
 
-    - `frame_index` from 0, `stamp_ns`, `status`, and `reason`: why the status is not ok.
-    - `world_from_cam` (4, 4): the pose; the world is the left camera of the first frame. `cov_pose` (6, 6): of the
-      perturbation on its right, translation first; metres², radians².
-    - `track_ids` (n,), `points_in_cam` (n, 3), `cov_points` (n, 3, 3): the local structure, points seen now in
-      camera axes; `points_in_world`, `cov_points_in_world`: the same points in the world.
-    - `ended_ids` (k,), `ended_points_in_world` (k, 3), `ended_cov_points_in_world` (k, 3, 3): points that left the
-      estimator with this frame, as they are in the end.
-    - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
-    - `counts`: points tracked, new, used, rejected. `nis`, `nis_dof`: whitened squared innovation of the accepted
-      views, and its degrees of freedom.
+    - `frame_index` from 0, and `stamp_ns`.
+    - `counts`: points tracked, new, used, rejected.
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
-    - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
-      the method has no joint covariance of them, or left and right do not fit each other.
-    - `common`: the errors that all poses and motions share, and their part in `world_from_cam`; for whom fuses or adds
-      up motions. None where the rig is taken for exact, where the pose is predicted only, and in a map's first frame.
-    - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
     - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
     """
 
     frame_index: int
     stamp_ns: int
-    status: Status
-    reason: str
-    world_from_cam: Array
-    cov_pose: Array
-    track_ids: NDArray[np.int64]
-    points_in_cam: Array
-    cov_points: Array
-    points_in_world: Array
-    cov_points_in_world: Array
-    window_frame_indices: NDArray[np.int64]
-    window_world_from_cam: Array
-    ended_ids: NDArray[np.int64]
-    ended_points_in_world: Array
-    ended_cov_points_in_world: Array
     counts: dict[str, int]
-    nis: float
-    nis_dof: int
     timings_ms: dict[str, float]
     unscaled: bool = False
-    rig: RigEstimate | None = None
-    relative: RelativeMotions | None = None
-    common: CommonErrors | None = None
     rig_change: RigChange | None = None
 
     def __repr__(self) -> str:

@@ -53,7 +53,7 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["cross-frame", "frame-to-frame"])
-def test_points_now_and_ended_keep_the_doubt_that_all_their_views_share(frames, method: str) -> None:
+def test_points_now_and_ended_keep_the_error_that_all_their_views_share(frames, method: str) -> None:
     engine = sfm.Engine(rig(0.03), sfm.Config(method=method))
     projection = engine.observer.projection
     shift = MIN_BIAS_PX / (projection.f_px * projection.baseline_m)  # of 1/Z

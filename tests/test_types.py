@@ -13,7 +13,7 @@ from stream_sfm.recording.frames import recorded_frame
 from stream_sfm.recording.messages import ImageMessage
 from stream_sfm.recording.pair_reader import StereoPair
 from stream_sfm.results.estimates_reader import Cloud
-from stream_sfm.types import MapStart, Observations, Solution
+from stream_sfm.types import Ambiguity, LastingErrors, MapStart, Observations, Solution
 from tests.helpers.wall import Wall, camera_path, rig
 
 
@@ -70,6 +70,8 @@ def records(estimate: sfm.FrameEstimate) -> list[object]:
         estimate,
         solution,
         Observations(12, 7, ids, views, cov, start=start),
+        LastingErrors(np.zeros(5), np.ones((5, 2))),
+        Ambiguity(*pose),
         start,
         sfm.StereoFrame(7, image, image),
         sfm.MonoFrame(7, image),

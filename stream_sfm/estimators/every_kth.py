@@ -58,11 +58,11 @@ class EveryKth:
 
     def _accumulate(self, observations: Observations) -> None:
         """Add the drift of this frame, and a change of the rig, to those since the method's last frame."""
-        if observations.rig_change_root is not None:
-            self._rig_change_roots.append(observations.rig_change_root)
-        if observations.std_drift_px is None:
+        if observations.rig is not None and observations.rig.change_root is not None:
+            self._rig_change_roots.append(observations.rig.change_root)
+        if observations.lasting.std_drift_px is None:
             return
-        variances = observations.std_drift_px**2
+        variances = observations.lasting.std_drift_px**2
         _, now, before = np.intersect1d(observations.track_ids, self._drift_ids, return_indices=True)
         variances[now] += self._var_drift_px[before]
         self._drift_ids, self._var_drift_px = observations.track_ids, variances
@@ -71,15 +71,20 @@ class EveryKth:
         """The observations as if the frames between had not been: motion, drift and new tracks since the last one."""
         if self._between == 1:
             return observations
-        start = None
+        start, rig, lasting = None, observations.rig, observations.lasting
+        if rig is not None:
+            roots = self._rig_change_roots
+            rig = replace(rig, change_root=np.concatenate(roots, axis=1) if roots else None)
+        if lasting.std_drift_px is not None:
+            lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px))
         if observations.cam_from_previous is not None and self._previous_from_last is not None:
             start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(
             observations,
             cam_from_previous=start,
             n_new=int((observations.track_ids > self._newest_id).sum()),
-            std_drift_px=None if observations.std_drift_px is None else np.sqrt(self._var_drift_px),
-            rig_change_root=np.concatenate(self._rig_change_roots, axis=1) if self._rig_change_roots else None,
+            lasting=lasting,
+            rig=rig,
         )
 
     def _resect(self, last: Solution, observations: Observations) -> Resection | None:
@@ -137,5 +142,5 @@ def _without_rig_error(observations: Observations, last: Solution) -> Array:
     if observations.rig is None or last.rig is None:
         return observations.z_px
     return np.asarray(
-        observations.z_px - observations.rig.effects(observations.z_px, age_s=last.rig.age_s) @ last.rig.mean
+        observations.z_px - observations.rig.model.effects(observations.z_px, age_s=last.rig.age_s) @ last.rig.mean
     )

@@ -52,9 +52,14 @@ def initial_motion(
 
 def _second_motion(found: Resection, observations: Observations) -> SecondMotion | None:
     """Return the other of the two motions between which the front-end could not decide; it has seen each view anew."""
-    rival, own, cov = observations.rival_from_previous, observations.cam_from_previous, observations.cov_rival
-    if rival is None or own is None or cov is None:
+    ambiguity, own = observations.ambiguity, observations.cam_from_previous
+    if ambiguity is None or own is None or ambiguity.other_from_previous is None or ambiguity.cov_other is None:
         return None
-    from_rival, from_own = (np.linalg.norm(se3.log(found.cam_from_ref @ se3.inverse(m))) for m in (rival, own))
-    other = rival if from_rival > from_own else own
-    return SecondMotion(other, cov, views=np.zeros_like(found.accepted), odds=1.0)
+    motions = ambiguity.other_from_previous, own
+    apart = [np.linalg.norm(se3.log(found.cam_from_ref @ se3.inverse(m))) for m in motions]
+    return SecondMotion(
+        motions[0] if apart[0] > apart[1] else own,
+        ambiguity.cov_other,
+        views=np.zeros_like(found.accepted),
+        odds=1.0,
+    )

@@ -50,7 +50,7 @@ def frame_status(
     inliers: int, note: str, config: RobustConfig, motion: Resection | None = None
 ) -> tuple[Status, str]:
     """Return status and reason of a frame that was estimated; `note` as in Observations, `motion` its robust start."""
-    reasons = [] if motion is None else _doubts(motion)
+    reasons = [] if motion is None else _weaknesses(motion)
     if inliers < config.degraded_inliers:
         reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
     if note:
@@ -58,7 +58,7 @@ def frame_status(
     return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)
 
 
-def _doubts(motion: Resection) -> list[str]:
+def _weaknesses(motion: Resection) -> list[str]:
     """Return why the motion of a frame may not be the camera's, or its covariance not mean what it says."""
     reasons = []
     if motion.ambiguous is not None:
@@ -73,10 +73,10 @@ def _doubts(motion: Resection) -> list[str]:
 def recorded(motion: MotionModel, observations: Observations, solution: Solution) -> Solution:
     """Give the pose of an estimated frame to the motion model, and return what is to be reported.
 
-    From doubtful observations the model learns nothing: until they end it says where the camera may be, too, and the
-    covariances of the pose and of the points in the world cover that; relative motions are not reported.
+    From images that do not fit each other the model learns nothing: until that ends it says where the camera may be,
+    too, and the covariances of the pose and of the points in the world cover that; relative motions are not reported.
     """
-    if not observations.doubtful:
+    if not observations.misfit:
         motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution
     cov = motion.covering(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)

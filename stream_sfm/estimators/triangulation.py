@@ -53,7 +53,7 @@ def points_to_world(
 def counted_cov(observations: Observations, rows: NDArray[np.intp]) -> Array:
     """Return the covariances (k, 4, 4) of views `rows` for a filter that adds the views of a track up, eq. (69)."""
     cov = observations.cov_px[rows]
-    if observations.inflation is None:
+    if observations.lasting.inflation is None:
         return cov
-    root = np.repeat(np.sqrt(observations.inflation[rows]), 2, axis=1)
+    root = np.repeat(np.sqrt(observations.lasting.inflation[rows]), 2, axis=1)
     return np.asarray(cov * root[:, :, None] * root[:, None, :])

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 
 from ..camera.refinement import Refinement
 from ..config import Config
+from ..geometry.resection import SecondMotion
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
-from ..types import Observations, RigChange
+from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner, drift
 from .image_checks import image_note
 from .new_points import begin_points, renews
-from .pair_check import PairFit, problem_of
+from .pair_check import PairCheck, PairFit, problem_of
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
@@ -80,9 +81,10 @@ class StereoFrontEnd:
         state, change = self._take_out_turn(state)
         state, observed = self._step(state, images, stamp_ns)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
-        if change is None:
+        if change is None or observed.rig is None:
             return state, observed
-        return state, replace(observed, rig_change=change, rig_change_root=root_of_turn(self.rig))
+        rig = replace(observed.rig, change=change, change_root=root_of_turn(self.rig))
+        return state, replace(observed, rig=rig)
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
         """Take a turn of the right camera that the frames before have shown out of all that is measured from now on."""
@@ -116,10 +118,9 @@ class StereoFrontEnd:
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
-            rival_from_previous=None if followed.other is None else followed.other.cam_from_ref,
-            cov_rival=None if followed.other is None else followed.other.cov_pose,
             n_new=len(z_new),
-            std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
+            ambiguity=_ambiguity(followed.other, state.pair),
+            lasting=replace(observed.lasting, std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))])),
         )
 
     def _fit(self, followed: Followed | None) -> PairFit | None:
@@ -152,6 +153,7 @@ class StereoFrontEnd:
         n = len(z_px)
         ids, points = state.tracks.ids[:n], state.tracks.points[:n]
         persistence, timing = state.persistence.after(ids, z_px, cov_px), state.timing
+        timing_px = np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
         observed = Observations(
             frame_index=state.frame_index,
             stamp_ns=stamp_ns,
@@ -159,12 +161,9 @@ class StereoFrontEnd:
             z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
             note=self._turn_note(state.turn_watch) or note or state.pair.problem,
-            doubtful=bool(state.pair.problem),
-            std_drift_px=np.zeros(n),
-            rig=None if self.setup.config.rig.exact else self.rig,
-            field_std_px=state.rows.field_std_px,
-            inflation=persistence.inflation,
-            timing_px=np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist),
+            ambiguity=_ambiguity(None, state.pair),
+            lasting=LastingErrors(np.zeros(n), persistence.inflation),
+            rig=None if self.setup.config.rig.exact else RigView(self.rig, state.rows.field_std_px, timing_px),
         )
         return replace(state, persistence=persistence), observed
 
@@ -188,6 +187,13 @@ class StereoFrontEnd:
             return None
         found, rad = self.rig.in_units(estimate), state.turn.rad
         return found if not rad.any() else with_turn(self.rig, found, rad)
+
+
+def _ambiguity(other: SecondMotion | None, pair: PairCheck) -> Ambiguity | None:
+    """Why the motion of a frame may not be the camera's: another one may be, or left and right do not fit."""
+    if other is not None:
+        return Ambiguity(other.cam_from_ref, other.cov_pose, bool(pair.problem))
+    return Ambiguity(misfit=True) if pair.problem else None
 
 
 def _note(state: FrontEndState, images: PreparedImages, z_px: Array) -> str:

@@ -21,7 +21,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..motion import Motion
 from ..observer import Observed
-from ..types import Frame, FrameEstimate, Observations, Solution, Status
+from ..types import Frame, FrameEstimate, LastingErrors, Observations, Solution, Status
 
 SPANS = (1, 2, 5, 8)
 TESTS = ("tracks", "image")
@@ -93,6 +93,8 @@ def _part(observations: Observations, rows: Mask) -> Observations:
         z_px=o.z_px[rows],
         cov_px=o.cov_px[rows],
         n_new=int(np.count_nonzero(rows[n_old:])),
-        std_drift_px=None if o.std_drift_px is None else o.std_drift_px[rows],
-        inflation=None if o.inflation is None else o.inflation[rows],
+        lasting=LastingErrors(
+            None if o.lasting.std_drift_px is None else o.lasting.std_drift_px[rows],
+            None if o.lasting.inflation is None else o.lasting.inflation[rows],
+        ),
     )

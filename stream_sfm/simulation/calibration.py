@@ -17,7 +17,7 @@ from ..estimators.baselines.calibration_bound import bound_with_rig
 from ..frontend.persistence import Persistence
 from ..geometry.se3 import Array
 from ..rig_model.model import RigModel
-from ..types import Observations, Solution
+from ..types import LastingErrors, Observations, RigView, Solution
 from .measure import bound_variances, errors, followed
 from .scenes import Scene, Sequence
 from .statistics import mean, ratio
@@ -43,7 +43,7 @@ class Window:
         return replace(
             observations,
             rig=observations.rig if self.rig else None,
-            inflation=observations.inflation if self.lasting else None,
+            lasting=observations.lasting if self.lasting else LastingErrors(),
         )
 
 
@@ -66,7 +66,7 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
         for _ in range(_STEPS if error.any() else 0):
             z_px = o.z_px + model.effects(z_px) @ amplitudes
         persistence = persistence.after(o.track_ids, z_px, o.cov_px)
-        result.append(replace(o, z_px=z_px, rig=model, inflation=persistence.inflation))
+        result.append(replace(o, z_px=z_px, rig=RigView(model), lasting=LastingErrors(None, persistence.inflation)))
     return tuple(result)
 
 

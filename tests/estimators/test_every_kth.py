@@ -11,7 +11,7 @@ from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import Observations, Solution, Status
+from stream_sfm.types import LastingErrors, Observations, Solution, Status
 
 K = 3
 THINNED = Config(estimate_every=K)
@@ -99,10 +99,10 @@ def test_drift_and_motion_add_up(arc):
     for n, o in enumerate(arc.observations[: K + 1]):
         motion = None if n == 0 else se3.inverse(poses[n]) @ poses[n - 1]
         drift = np.full(len(o.track_ids), 0.1)
-        estimator.step(replace(o, cam_from_previous=motion, std_drift_px=drift))
+        estimator.step(replace(o, cam_from_previous=motion, lasting=LastingErrors(drift)))
     (first, last) = told
     both = np.isin(last.track_ids, first.track_ids)
-    assert last.std_drift_px[both] == pytest.approx(np.sqrt(K) * 0.1)
+    assert last.lasting.std_drift_px[both] == pytest.approx(np.sqrt(K) * 0.1)
     motion = se3.inverse(poses[K]) @ poses[0]
     # the motion that was found between, of noisy views
     assert se3.log(se3.inverse(motion) @ last.cam_from_previous) == pytest.approx(np.zeros(6), abs=0.02)

@@ -18,7 +18,7 @@ from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import FOCAL, TERMS
 from stream_sfm.rig_model.velocities import twists, velocities
 from stream_sfm.simulation.scenes import Scene, Sequence
-from stream_sfm.types import Observations, Solution
+from stream_sfm.types import Observations, RigView, Solution
 
 STD_PX = 0.15
 TRIALS = 8
@@ -33,7 +33,7 @@ def seen(sequence: Sequence, errors: Array) -> list[Observations]:
     """Observations that a rig with such errors (M,) of lenses, in units of their σ, makes of the scene."""
     model = RigModel.of(sequence.projection, RigConfig())
     return [
-        replace(o, z_px=o.z_px + model.effects(o.z_px)[..., LENS] @ errors, rig=model)
+        replace(o, z_px=o.z_px + model.effects(o.z_px)[..., LENS] @ errors, rig=RigView(model))
         for o in sequence.observations
     ]
 
@@ -149,7 +149,7 @@ class Flight:
                     track_ids=ids,
                     z_px=z_px,
                     cov_px=cov,
-                    rig=model,
+                    rig=RigView(model),
                 )
             )
         return result
@@ -198,10 +198,10 @@ def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_f
     points = homogeneous_from_q(q)
     rows = np.searchsorted(first.track_ids, prior.ids)
     c = current.rig_error
-    at_rest = effects = first.rig.effects(flight.P.project_homogeneous(points))
+    at_rest = effects = first.rig.model.effects(flight.P.project_homogeneous(points))
     for _ in range(5):  # effects are taken where a view is expected, errors and all
         expected_px = flight.P.project_homogeneous(points) + effects @ c
-        effects = first.rig.effects(expected_px, velocities(flight.P, points, twist))
+        effects = first.rig.model.effects(expected_px, velocities(flight.P, points, twist))
     assert np.abs(effects - at_rest).max() > 0.1  # px per σ: velocities matter here
     by_q = np.stack(
         [(_projected(flight.P, q + h) - _projected(flight.P, q - h)) / 2e-6 for h in 1e-6 * np.eye(3)], 2

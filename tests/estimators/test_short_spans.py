@@ -10,6 +10,7 @@ from stream_sfm.estimators import make_estimator
 from stream_sfm.evaluation.relative import mean_squares
 from stream_sfm.frontend.persistence import Persistence
 from stream_sfm.simulation.scenes import Scene
+from stream_sfm.types import LastingErrors
 from tests.frontend.test_persistence import with_lasting_errors
 
 SPANS = [1, 4, 16]
@@ -27,7 +28,7 @@ def frame_to_frame_over_window(ratio: float, scenes: int = 10) -> np.ndarray:
         learnt = []
         for o in observations:
             persistence = persistence.after(o.track_ids, o.z_px, o.cov_px)
-            learnt.append(replace(o, inflation=persistence.inflation))
+            learnt.append(replace(o, lasting=LastingErrors(None, persistence.inflation)))
         for name, found in squares.items():
             estimator = make_estimator(name, s.projection, Config())
             poses = np.array([estimator.step(o).world_from_cam for o in learnt])

@@ -38,22 +38,22 @@ def test_two_motions_that_agree_are_reported_and_covered() -> None:
     estimator = CrossFrame(P, Config())
     solutions = [estimator.step(o) for o in frames]
     assert all(s.status is Status.OK for s in solutions[1:5])
-    doubtful = solutions[5]
-    assert doubtful.status is Status.DEGRADED
-    assert "two rigid motions agree with the views" in doubtful.reason
+    ambiguous = solutions[5]
+    assert ambiguous.status is Status.DEGRADED
+    assert "two rigid motions agree with the views" in ambiguous.reason
     certain = solutions[4]
-    assert np.trace(doubtful.cov_pose[:3, :3]) > 10 * np.trace(certain.cov_pose[:3, :3])
+    assert np.trace(ambiguous.cov_pose[:3, :3]) > 10 * np.trace(certain.cov_pose[:3, :3])
     # the camera as the other set would have it: both are within a few standard deviations
     for pose in (poses[5], se3.exp(-OWN) @ poses[5]):
-        error = se3.log(se3.inverse(doubtful.world_from_cam) @ pose)
-        assert error @ np.linalg.solve(doubtful.cov_pose, error) < 30  # χ²(6), once in 25 000
-    assert doubtful.relative is not None
+        error = se3.log(se3.inverse(ambiguous.world_from_cam) @ pose)
+        assert error @ np.linalg.solve(ambiguous.cov_pose, error) < 30  # χ²(6), once in 25 000
+    assert ambiguous.relative is not None
     # or as a third set would have it, whose motion differs by as much in another direction
     third = se3.exp(OWN[[1, 2, 0, 4, 5, 3]]) @ poses[5]
-    error = se3.log(se3.inverse(doubtful.world_from_cam) @ third)
-    assert error @ np.linalg.solve(doubtful.cov_pose, error) < 30  # χ²(6), once in 25 000
-    before = np.flatnonzero(doubtful.relative.frame_indices == 4)[0]
-    motion, cov = doubtful.relative.frame_from_newest[before], doubtful.relative.cov[before]
+    error = se3.log(se3.inverse(ambiguous.world_from_cam) @ third)
+    assert error @ np.linalg.solve(ambiguous.cov_pose, error) < 30  # χ²(6), once in 25 000
+    before = np.flatnonzero(ambiguous.relative.frame_indices == 4)[0]
+    motion, cov = ambiguous.relative.frame_from_newest[before], ambiguous.relative.cov[before]
     error = se3.log(se3.inverse(motion) @ se3.inverse(poses[4]) @ third)
     assert error @ np.linalg.solve(cov, error) < 30  # χ²(6), once in 25 000
 

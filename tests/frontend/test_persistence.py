@@ -10,6 +10,7 @@ from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.persistence import _DECAY, _LEFT_FRACTION, Persistence, inflation_by_age
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene, Sequence
+from stream_sfm.types import LastingErrors
 
 STD_PX, FRAMES = 0.2, 60
 
@@ -61,7 +62,9 @@ def nees_of_short_motions(observations: list, sequence: Sequence, learnt: bool) 
     values = []
     for o in observations:
         persistence = persistence.after(o.track_ids, o.z_px, o.cov_px)
-        solution = estimator.step(replace(o, inflation=persistence.inflation if learnt else None))
+        solution = estimator.step(
+            replace(o, lasting=LastingErrors(None, persistence.inflation if learnt else None))
+        )
         if o.frame_index >= 8:
             error = se3.log(se3.inverse(solution.world_from_cam) @ sequence.world_from_cam[o.frame_index])
             values.append(error @ np.linalg.solve(solution.cov_pose, error))

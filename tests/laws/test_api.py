@@ -35,7 +35,10 @@ OF_COMMAND = {
 }
 # Parameters that are results of another public name, and need not be named.
 HANDED_ON = {
-    "RigModel": "Observations.rig",
+    "Ambiguity": "Observations.ambiguity",
+    "LastingErrors": "Observations.lasting",
+    "RigView": "Observations.rig",
+    "RigModel": "RigView.model",
     "PreparedImages": "of Engine.prepare",
     "Mesh": "Surface.mesh",
     "StructureComparison": "of the local structure, filled during a replay",

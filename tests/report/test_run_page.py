@@ -32,10 +32,9 @@ def record(status: Status = Status.OK) -> RunRecord:
     for k in range(FRAMES):
         cov = k * np.diag([0.01**2] * 3 + [1e-6] * 3)
         counts = dict.fromkeys(("tracked", "new", "used", "rejected"), 100)
-        local = (none, points, covs, points, covs, none, np.empty((0, 4, 4)), none, points, covs)
-        found.add(
-            FrameEstimate(k, int(STAMPS[k]), status, "", pose, cov, *local, counts, 1.0, 1, {"estimator": 1.0})
-        )
+        local, times_ms = (none, points, covs, points, covs, none, np.empty((0, 4, 4))), {"estimator": 1.0}
+        about = {"frame_index": k, "stamp_ns": int(STAMPS[k]), "counts": counts, "timings_ms": times_ms}
+        found.add(FrameEstimate(status, "", pose, cov, *local, nis=1.0, nis_dof=1, **about))
         pose = pose @ se3.exp([0, 0, 0.1, 0, 0.02, 0])
     return found
 
@@ -135,10 +134,11 @@ def test_the_view_is_of_the_second_half_and_shows_where_points_came_from() -> No
     assert not view.figure()
     for k in range(7):
         points = np.array([[0.2 * k, 0.0, 1.0], [0.0, 0.0, -1.0]])
-        none, nothing = np.empty(0, np.int64), np.empty((0, 3))
         local = (np.array([7, 8]), points, np.zeros((2, 3, 3)), points, np.zeros((2, 3, 3)))
-        rest = (none, np.empty((0, 4, 4)), none, nothing, np.empty((0, 3, 3)))
-        estimate = FrameEstimate(k, k, Status.OK, "", np.eye(4), np.eye(6), *local, *rest, {}, 1.0, 1, {})
+        window, about = (np.empty(0, np.int64), np.empty((0, 4, 4))), {"counts": {}, "timings_ms": {}}
+        estimate = FrameEstimate(
+            Status.OK, "", np.eye(4), np.eye(6), *local, *window, frame_index=k, stamp_ns=k, **about
+        )
         view.write(estimate, StereoFrame(k, np.full((48, 64), 9 * k, np.uint8), np.zeros((48, 64), np.uint8)))
     figure = str(view.figure())
     assert "left image of frame 4: 1 points" in figure

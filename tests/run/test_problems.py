@@ -77,7 +77,7 @@ def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames,
         assert "the images are swapped" in " ".join((output.out + output.err).split())
 
 
-def test_nothing_is_learnt_from_exchanged_cameras_and_their_surface_is_doubted(frames, tmp_path) -> None:
+def test_nothing_is_learnt_from_exchanged_cameras_and_their_surface_is_questioned(frames, tmp_path) -> None:
     log = write(tmp_path / "a.mcap", swapped(frames))
     with pytest.raises(sfm.LogError, match="the images are swapped"):
         sfm.refine([log])

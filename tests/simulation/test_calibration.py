@@ -58,7 +58,9 @@ def dense_bound(sequence: Sequence, effects: np.ndarray) -> np.ndarray:
 def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
     sequence = SMALL.sequence(np.random.SeedSequence(2))
     observations = seen_by_wrong_rig(sequence, np.zeros(len(TERMS)))
-    by_track = np.concatenate([o.rig.effects(o.z_px) for o in observations if o.rig is not None])[..., : len(TERMS)]
+    by_track = np.concatenate([o.rig.model.effects(o.z_px) for o in observations if o.rig is not None])[
+        ..., : len(TERMS)
+    ]
     order = np.argsort(np.concatenate([o.track_ids for o in observations]), kind="stable")
     last = SMALL.frames - 1
     found = bound_with_rig(

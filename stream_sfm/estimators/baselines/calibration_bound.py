@@ -67,7 +67,7 @@ def bound_with_rig(
 def _effects(observations: Observations) -> Array:
     if observations.rig is None:
         return np.zeros((len(observations.track_ids), 4, 0))
-    return observations.rig.effects(observations.z_px)[..., : len(TERMS)]
+    return observations.rig.model.effects(observations.z_px)[..., : len(TERMS)]
 
 
 class _System:

@@ -50,8 +50,8 @@ class JointFilter(ABC):
         ended = self._drop(np.isin(self._ids, obs.track_ids))
         predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
         rows = np.searchsorted(obs.track_ids, self._ids)
-        if obs.std_drift_px is not None:  # part of the prediction, ahead of the gate
-            self._let_drift(obs.std_drift_px[rows])
+        if obs.lasting.std_drift_px is not None:  # part of the prediction, ahead of the gate
+            self._let_drift(obs.lasting.std_drift_px[rows])
         found = self._initial_motion(obs, rows, predicted)
         if found is None:
             ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])

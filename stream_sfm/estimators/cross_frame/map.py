@@ -64,7 +64,7 @@ class Map:
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
-        self._frames_in_doubt = 0
+        self._frames_ambiguous = 0
         self.rig_jumped = False  # with the latest judgement
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
@@ -113,13 +113,13 @@ class Map:
         """Keep the points of a mask or of an order."""
         self.ids, self.q, self.ref_from_anchor = self.ids[rows], self.q[rows], self.ref_from_anchor[rows]
 
-    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64], contested: bool) -> None:
+    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64], ambiguous: bool) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
-        Points that the map does not hold yet start at their stereo view. Where the motion is `contested`, the tracks
+        Points that the map does not hold yet start at their stereo view. Where the motion is `ambiguous`, the tracks
         may be right another time, and nothing is held against them.
         """
-        if not contested:
+        if not ambiguous:
             self._count_rejected(rejected)
         excluded = self.rejections.excluded(frame.ids)
         known = among(frame.ids, self.ids)
@@ -161,25 +161,25 @@ class Map:
             count += among(ids, frame.ids[frame.used])
         return np.maximum(count, 0)
 
-    def doubt(self, motion: Resection) -> None:
-        """Take into the world's uncertainty that the newest motion may be the other of two that the views agree with.
+    def consider_other(self, motion: Resection) -> None:
+        """Add to the world's uncertainty that the second of two plausible motions may be the true one.
 
         Modes of the world with the difference of the two, in any direction, as the camera's motion may be that of a
         third set, which is hidden; and with the error of the other, eq. (36a). The differences of frames in a row have
         one sign.
         """
-        rival = motion.ambiguous
-        if rival is None:
-            self._frames_in_doubt = 0
+        other = motion.ambiguous
+        if other is None:
+            self._frames_ambiguous = 0
             return
-        self._frames_in_doubt += 1
-        first_from_other = motion.cam_from_ref @ se3.inverse(rival.cam_from_ref)  # of the newest camera
+        self._frames_ambiguous += 1
+        first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
-        own = se3.adjoint(first_from_other) @ scaled_cholesky(rival.cov_pose)
-        doubt = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
-        self.frames[-1].doubt = doubt
-        modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ doubt
-        modes[:, :6] *= np.sqrt(2 * self._frames_in_doubt - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        own = se3.adjoint(first_from_other) @ scaled_cholesky(other.cov_pose)
+        ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
+        self.frames[-1].ambiguity = ambiguity
+        modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity
+        modes[:, :6] *= np.sqrt(2 * self._frames_ambiguous - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
         self.prior = self.prior.with_world_modes(modes)
         self.amplitudes = np.concatenate([np.zeros(modes.shape[1]), self.amplitudes])
 
@@ -325,15 +325,15 @@ class Map:
         mean = q + matvec(cov, blocks.g_point) + by_rig @ (self.prior.rig.mean - self.rig_error)
         self.prior = self.prior.with_first_views(mean, cov, by_rig)
 
-    def judge_rig(self, doubtful: bool) -> RigEstimate | None:
+    def judge_rig(self, misfit: bool) -> RigEstimate | None:
         """Return what the latest system says about the rig's errors, which are held there; None for an exact rig.
 
-        `doubtful`: as in `Observations`.
+        `misfit`: as in `Observations`.
         """
         if not len(self.prior.rig):
             return None
         mean, cov = self.system.rig_errors(self.rig_error)
-        rig, found = self.prior.rig.judged(mean, cov, doubtful)
+        rig, found = self.prior.rig.judged(mean, cov, misfit)
         *change, distance2 = self.system.follow_rig(rig.held - self.rig_error)
         self._move(*change)
         self.rig_jumped = distance2 > _RIG_JUMP

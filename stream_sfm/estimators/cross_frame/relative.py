@@ -30,7 +30,7 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _doubts(current) + cov_newest,
+        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _ambiguities(current) + cov_newest,
         common_jacobian=j @ current.system.by_rig_errors(),
     )
 
@@ -45,13 +45,13 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _doubts(current: Map) -> Array:
-    """Return what doubtful motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
+def _ambiguities(current: Map) -> Array:
+    """Return what ambiguous motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
     together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
     for frame in reversed(current.frames):
-        if frame.doubt.shape[1]:
-            doubt = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(frame.cam_from_ref)) @ frame.doubt
-            together = together + doubt[:, :6]
-            apart = apart + doubt[:, 6:] @ doubt[:, 6:].T
+        if frame.ambiguity.shape[1]:
+            moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(frame.cam_from_ref)) @ frame.ambiguity
+            together = together + moved[:, :6]
+            apart = apart + moved[:, 6:] @ moved[:, 6:].T
         covs.append(together @ together.T + apart)
     return np.stack(covs[::-1])

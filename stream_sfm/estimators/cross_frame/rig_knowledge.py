@@ -60,13 +60,13 @@ class RigKnowledge:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
 
-    def judged(self, mean: Array, cov: Array, doubtful: bool) -> tuple["RigKnowledge", Mixture]:
+    def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
 
-        Where it is `doubtful` that images and calibration belong together, nothing is corrected, and everything counts.
+        In a `misfit` of images and calibration nothing is corrected, and everything counts.
         """
         found = mixture(mean, cov, self.size, known_wrong=not self.steady)
-        if doubtful and self.steady:
+        if misfit and self.steady:
             found = Mixture(np.zeros(len(mean)), cov + np.outer(mean, mean), found.p_wrong)
         return replace(self, held=found.mean, cov_held=found.cov), found
 

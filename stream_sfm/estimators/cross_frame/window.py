@@ -15,7 +15,7 @@ from ...geometry import se3
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...types import Observations, Solution
+from ...types import Ambiguity, Observations, Solution
 from ..ids import among
 from ..initial_motion import initial_motion
 from ..lifecycle import first_solution, frame_status, lost_solution, recorded, too_few_inliers
@@ -50,13 +50,13 @@ class CrossFrame:
         self._std_acceleration = np.repeat(
             [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2], 3
         )
-        self._rig_doubt = ""  # why the calibration cannot be right; once said, it stays
+        self._impossible = ""  # why the calibration cannot be right; once said, it stays
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
         frame = WindowFrame.from_observations(observations, self.projection)
-        if observations.rig_change_root is not None:
-            self._change_rig(observations.rig_change_root)
+        if observations.rig is not None and observations.rig.change_root is not None:
+            self._change_rig(observations.rig.change_root)
         if self.map is None:
             return self._start(observations, frame)
         try:
@@ -90,8 +90,8 @@ class CrossFrame:
             absorb_oldest_frame(current)
         self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, rejected, contested=motion.ambiguous is not None)
-        current.doubt(motion)
+        current.enter(frame, rejected, ambiguous=motion.ambiguous is not None)
+        current.consider_other(motion)
         current.renew_rig_effects()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
@@ -167,15 +167,15 @@ class CrossFrame:
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
-        rig = current.judge_rig(observations.doubtful)
+        rig = current.judge_rig(observations.misfit)
         if current.rig_jumped:
             current.renew_rig_effects()
             iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
-            rig = current.judge_rig(observations.doubtful)
+            rig = current.judge_rig(observations.misfit)
         before, now = current.marginals, current.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
-        self._rig_doubt = self._rig_doubt or impossible(rig)
-        observations = _with_doubt(observations, self._rig_doubt)
+        self._impossible = self._impossible or impossible(rig)
+        observations = _with_misfit(observations, self._impossible)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
@@ -204,24 +204,26 @@ class CrossFrame:
             relative=relative_motions(current, cov_timing),
             common=common_errors(current, rig),
         )
-        current.resize_rig(rig, observations.field_std_px)
+        current.resize_rig(rig, 0.0 if observations.rig is None else observations.rig.field_std_px)
         return recorded(self.motion, observations, solution)
 
 
-def _with_doubt(observations: Observations, doubt: str) -> Observations:
-    """Return the observations, doubtful for one more reason if there is one."""
-    if not doubt:
+def _with_misfit(observations: Observations, reason: str) -> Observations:
+    """Return the observations with one more reason why images and calibration do not fit, if there is one."""
+    if not reason:
         return observations
-    return replace(
-        observations, doubtful=True, note=f"{observations.note}; {doubt}" if observations.note else doubt
-    )
+    ambiguity = replace(observations.ambiguity or Ambiguity(), misfit=True)
+    note = f"{observations.note}; {reason}" if observations.note else reason
+    return replace(observations, ambiguity=ambiguity, note=note)
 
 
 def _unknown_rig(observations: Observations) -> RigKnowledge:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
         return RigKnowledge.unknown(np.zeros(0))
-    return RigKnowledge.unknown(np.ones(len(observations.rig)), not observations.rig.refined, observations.stamp_ns)
+    return RigKnowledge.unknown(
+        np.ones(len(observations.rig.model)), not observations.rig.model.refined, observations.stamp_ns
+    )
 
 
 def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:

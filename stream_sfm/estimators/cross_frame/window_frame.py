@@ -18,7 +18,7 @@ class WindowFrame:
 
     The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
-    `rig_effects` (n, 4, m): px per unit of the rig's errors. `doubt` (6, k): by what else the motion from the frame
+    `rig_effects` (n, 4, m): px per unit of the rig's errors. `ambiguity` (6, k): by what else the motion from the frame
     before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
     alone.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
@@ -36,7 +36,7 @@ class WindowFrame:
     used: NDArray[np.bool_]
     var_drift: Array
     cam_from_ref: Array
-    doubt: Array
+    ambiguity: Array
 
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
@@ -49,13 +49,13 @@ class WindowFrame:
             root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
             rig_effects=effects_of(observations),
-            rig=observations.rig,
+            rig=None if observations.rig is None else observations.rig.model,
             stamp_ns=observations.stamp_ns,
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
             used=np.ones(len(observations.track_ids), bool),
             var_drift=_drift_variances(observations, projection),
             cam_from_ref=np.eye(4),
-            doubt=np.zeros((6, 0)),
+            ambiguity=np.zeros((6, 0)),
         )
 
     def corrected_px(self, rig_error: Array) -> Array:
@@ -87,19 +87,21 @@ def effects_of(observations: Observations) -> Array:
     """Return what errors of the rig do to the views (n, 4, m), px, at rest; m is 0 where none are possible."""
     if observations.rig is None:
         return np.zeros((len(observations.track_ids), 4, 0))
-    return observations.rig.effects(observations.z_px)
+    return observations.rig.model.effects(observations.z_px)
 
 
 def _weights(observations: Observations) -> Array:
     """Return the square roots (n, 4) of the share of each coordinate's information that counts."""
-    if observations.inflation is None:
+    inflation = observations.lasting.inflation
+    if inflation is None:
         return np.ones((len(observations.track_ids), 4))
-    return np.repeat(1 / np.sqrt(observations.inflation), 2, axis=1)
+    return np.repeat(1 / np.sqrt(inflation), 2, axis=1)
 
 
 def _drift_variances(observations: Observations, projection: StereoProjection) -> Array:
     """Return the drift of patches over their surfaces as variances of q (n, 3), eq. (33): rays, and disparity."""
-    if observations.std_drift_px is None:
+    std_px = observations.lasting.std_drift_px
+    if std_px is None:
         return np.empty((0, 3))
     scale = np.array([1, 1, 1 / projection.baseline_m]) / projection.f_px
-    return np.asarray((observations.std_drift_px[:, None] * scale) ** 2)
+    return np.asarray((std_px[:, None] * scale) ** 2)

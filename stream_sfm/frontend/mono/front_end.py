@@ -13,7 +13,7 @@ from ...config import Config, RigConfig
 from ...geometry import se3
 from ...geometry.stereo import StereoProjection
 from ...rig_model.estimate import RigEstimate
-from ...types import MapStart, Observations
+from ...types import LastingErrors, MapStart, Observations
 from ..alignment import TemplateAligner
 from ..disparity_bias import DisparityBias
 from ..image_checks import image_note
@@ -78,7 +78,6 @@ class MonoFrontEnd:
             track_ids=np.empty(0, np.int64),
             z_px=np.empty((0, 4)),
             cov_px=np.empty((0, 4, 4)),
-            std_drift_px=np.zeros(0),
         )
         if followed is not None:
             state, observed = self._with_right_sides(state, observed, followed)
@@ -138,7 +137,7 @@ class MonoFrontEnd:
             cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
             cam_from_previous=followed.cam_from_previous,
             n_new=int(new.sum()),
-            std_drift_px=state.aligners[1].noise.drift(tracks.points, followed.cam_from_previous),
+            lasting=LastingErrors(state.aligners[1].noise.drift(tracks.points, followed.cam_from_previous)),
             start=MapStart(z_all, cov_all, se3.inverse(state.cam_from_start), state.map.cov_start),
         )
 
