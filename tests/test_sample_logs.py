@@ -233,20 +233,6 @@ def test_depth_and_pose_carry_a_frame_through_time(log, rig, ahead):
     assert_no_shift(shifts)
 
 
-def test_corners_can_be_tracked_and_matched(log):
-    """Every picture offers corners, and most of them are found again a frame later."""
-    images = [decoded(message) for _, message in log["/camera/left/image"]]
-    for i in range(0, FRAMES - 1, 10):
-        corners = cv2.goodFeaturesToTrack(images[i], 500, 0.003, 9)
-        assert len(corners) > 250  # the front-end wants as many
-        options = {"winSize": (15, 15), "maxLevel": 4}
-        there, found, _ = cv2.calcOpticalFlowPyrLK(images[i], images[i + 1], corners, None, **options)
-        back, found_back, _ = cv2.calcOpticalFlowPyrLK(images[i + 1], images[i], there, None, **options)
-        returned = np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5
-        # the rest is hidden or at the rim
-        assert np.mean(returned & (found.ravel() == 1) & (found_back.ravel() == 1)) > 0.6
-
-
 def test_the_renderer_still_makes_this_scene(log, rig):
     """The committed log is of the committed renderer: rig, path and depth agree, the picture resembles it."""
     sys.path.insert(0, str(ROOT / "tools"))

@@ -30,7 +30,7 @@ def process_of(log: Path) -> int | None:
 
 def in_the_midst(log: Path, out: Path) -> int | None:
     """The process that replays `log` once it has written a frame to `out`; None if it never does."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 600  # ends only what hangs
     while time.monotonic() < deadline:
         written = out / "trajectory.tum.part"
         if written.exists() and written.stat().st_size and (process := process_of(log)):

@@ -146,7 +146,7 @@ def test_a_replay_ends_with_the_batch_that_started_it(logs: Path, tmp_path: Path
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:
         assert in_the_midst(logs / "victim.mcap", tmp_path / "victim") is not None
         run.kill()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 600  # ends only what hangs
     while process_of(logs / "victim.mcap") is not None and time.monotonic() < deadline:
         time.sleep(0.02)
     assert json.loads((tmp_path / "victim" / "summary.json").read_text())["complete"] is False

@@ -34,7 +34,7 @@ def dask_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         for command in (scheduler, [*worker, "--local-directory", str(folder)]):
             running.append(subprocess.Popen([*dask, *command, "--no-dashboard"], stderr=subprocess.DEVNULL))
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 600  # ends only what hangs
         while not contact.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         yield json.loads(contact.read_text())["address"]

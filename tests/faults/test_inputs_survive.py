@@ -181,19 +181,6 @@ def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: 
         write_whole(tmp_path / "x", b"content")
 
 
-def test_a_batch_stays_in_its_folder(tmp_path: Path, cli: CommandLine) -> None:
-    """The stem of `...mcap` is `..`; results went beside the folder, over whatever was there."""
-    (tmp_path / "logs").mkdir()
-    log = write_log(tmp_path / "logs" / "...mcap")
-    (tmp_path / "config.toml").write_text("mine")
-    out = tmp_path / "out"
-    before = everything(tmp_path)
-    cli("batch", log, "--out", out, *FAST)
-    after = everything(tmp_path)
-    assert {name: content for name, content in after.items() if not name.startswith("out/")} == before
-    assert (out / "log" / "estimates.mcap").exists()
-
-
 def test_names_are_plain() -> None:
     odd = ("/l/...mcap", "/l/.hidden.mcap", "/l/a\nb.mcap", "/l/....mcap", "/l/\x1b[31m.mcap")
     names = list(names_for({Path(log): 1 for log in odd}).values())

@@ -1,7 +1,5 @@
 """Every profile, encoding and container gives the same frames; what is lost on the way is counted."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -151,29 +149,6 @@ def test_ground_truth_and_depth(path):
     assert stamp == START_NS and depth.dtype == np.float32
     assert np.isnan(depth[0, 0]) and depth[5, 5] == np.float32(2.0)
     assert open_log(write_log(path)).ground_truth() is None
-
-
-def test_one_damaged_image_is_skipped(path):
-    log = LogWriter(path)
-    inner = path.with_name("whole.mcap")
-    write_log(inner)
-    whole = open_log(inner)
-    for n, pair in enumerate(whole.pairs()):
-        for side, image in enumerate((pair.left, pair.right)):
-            if (n, side) == (4, 1):
-                message = replace(image, data=image.data[:40])
-                from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-
-                broken = CompressedImage(frame_id="left", format="png", data=message.data)
-                broken.timestamp.FromNanoseconds(image.stamp_ns)
-                log.protobuf(image.topic, broken, image.stamp_ns)
-            else:
-                write_image(log, "foxglove", image.topic, image.stamp_ns, scene(n, side), "png")
-    log.close()
-    read = open_log(path, calibration=whole.rig)
-    assert len(list(read.frames())) == 11
-    assert read.stats.undecodable == 1
-    assert "/camera/right/image" in read.stats.warnings[-1]
 
 
 def test_topics_can_be_named(path):

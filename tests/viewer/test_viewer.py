@@ -99,17 +99,3 @@ def test_a_full_disk_neither_holds_up_the_run_nor_hides(capfd):
     with pytest.raises(sfm.OutputError, match="/dev/full is incomplete: No space left on device"):
         _run("/dev/full", compressed=False)
     assert capfd.readouterr().err == "", "Rerun says nothing itself"
-
-
-def test_replay_writes_a_recording(tmp_path, capsys):
-
-    (tmp_path / "c.toml").write_text(_rig().to_toml())
-    for n in range(4):
-        for side, image in zip("lr", _images(n), strict=True):
-            cv2.imwrite(str(tmp_path / f"{side}{n}.png"), image)
-    log = tmp_path / "a.mcap"
-    globs = ["--left", str(tmp_path / "l*.png"), "--right", str(tmp_path / "r*.png")]
-    assert main(["import", "images", *globs, "--calibration", str(tmp_path / "c.toml"), str(log)]) == 0
-    rrd = tmp_path / "a.rrd"
-    assert main(["replay", str(log), "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]) == 0
-    assert rrd.stat().st_size > sum(f.stat().st_size for f in tmp_path.glob("*.png"))
