@@ -14,7 +14,6 @@ from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile, LogMessage
 from ..recording.ros import ros_decoder
-from ..types import Trajectory
 from .record_messages import from_message
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
 from .schema import SCHEMA_VERSION, EstimateRecord
@@ -47,16 +46,6 @@ def read_estimates(path: str | Path, warnings: list[str] | None = None) -> Itera
     except in a `.part` file, which a killed run has left: its end is always missing.
     """
     yield from _read(Path(path), "/stream_sfm/estimate", _record, warnings)
-
-
-def read_trajectory(path: str | Path, warnings: list[str] | None = None) -> Trajectory:
-    """Read stamps, poses and covariances of all frames, exact to the last bit; damage as in `read_estimates`."""
-    records = list(read_estimates(path, warnings))
-    return Trajectory(
-        np.array([r.stamp_ns for r in records], dtype=np.int64),
-        np.array([r.world_from_cam for r in records], dtype=float).reshape(-1, 4, 4),
-        np.array([r.cov_pose for r in records], dtype=float).reshape(-1, 6, 6),
-    )
 
 
 def read_clouds(

@@ -19,7 +19,7 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
 from stream_sfm.errors import InputError, LogError, OutputError
 from stream_sfm.geometry import se3
-from stream_sfm.results.estimates_reader import read_clouds, read_estimates, read_trajectory
+from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import fixed_axis_covariance
 from stream_sfm.results.run_results import read_results
@@ -27,6 +27,7 @@ from stream_sfm.results.trajectory_files import kitti_writer, read_tum, tum_writ
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import estimate_messages
+from tests.helpers.trajectories import read_trajectory
 
 START_NS = 1_700_000_000_123_456_789
 FRAMES = 25

@@ -10,10 +10,11 @@ from rosbags.typesys import Stores, get_typestore
 from stream_sfm.config import Config, RosConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
-from stream_sfm.results.estimates_reader import read_clouds, read_trajectory
+from stream_sfm.results.estimates_reader import read_clouds
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import RosFrames
 from stream_sfm.results.path import PathSoFar
+from tests.helpers.trajectories import read_trajectory
 from tests.results.test_estimates import estimate, rig
 
 ROBOT = RosConfig(

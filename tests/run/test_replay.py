@@ -14,13 +14,13 @@ import stream_sfm as sfm
 from stream_sfm.config import read_config
 from stream_sfm.recording import open_log
 from stream_sfm.recording.ground_truth import DepthImages
-from stream_sfm.results.estimates_reader import read_trajectory
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.sinks import Calling
+from tests.helpers.trajectories import read_trajectory
 from tests.helpers.wall import PERIOD_NS
 from tests.helpers.wall_log import START_NS, write_wall_log
 
