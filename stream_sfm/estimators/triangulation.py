@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.linear import matvec, symmetric
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection, clamp_depth, information_of_views
+from ..geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection, clamp_depth, information_of_views
 from ..types import Observations
 
-_MIN_DISPARITY_SIGMAS = 3.0  # below it the depth of one view is skewed too far to be called Gaussian
 _STEPS = 3  # Gauss-Newton; the start differs from the minimum only by the difference of the two rows
 
 
@@ -18,7 +17,7 @@ def usable_births(projection: StereoProjection, z_px: Array, cov_px: Array) -> N
     disparity = (z_px[:, 0] - projection.cx_left_px) - (z_px[:, 2] - projection.cx_right_px)
     variance = cov_px[:, 0, 0] + cov_px[:, 2, 2] - 2 * cov_px[:, 0, 2]
     with np.errstate(invalid="ignore"):
-        return np.isfinite(z_px).all(axis=1) & (disparity > _MIN_DISPARITY_SIGMAS * np.sqrt(np.abs(variance)))
+        return np.isfinite(z_px).all(axis=1) & (disparity > KNOWN_DEPTH_SIGMAS * np.sqrt(np.abs(variance)))
 
 
 def triangulate(projection: StereoProjection, z_px: Array, cov_px: Array) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """Which other motion may as well be the camera's, remembered for a while.
 
 Two sets of tracks move differently, and nothing tells which of them stands still. When one of them leaves the view,
-that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and half a
-second at least.
+that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
+tracks that have begun meanwhile have a full history at least.
 """
 
 from dataclasses import dataclass, replace
@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 from ..geometry import se3
 from ..geometry.resection import Resection, SecondMotion
 from ..geometry.se3 import Array
-
-# Half a second of most cameras; by then a background has got new tracks in other places, and a body may show itself.
-_MEMORY_FRAMES = 10
+from .tracks import FULL_HISTORY
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +34,7 @@ class AmbiguityMemory:
         if other is not None:
             seen = self.frames_seen + 1
             apart = other.cam_from_ref @ se3.inverse(motion.cam_from_ref)
-            return AmbiguityMemory(other, apart, seen, max(_MEMORY_FRAMES, seen)), other
+            return AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen)), other
         if self.last is None or self.other_from_first is None or self.frames_left == 0:
             return replace(self, frames_seen=0), None
         remembered = replace(self.last, cam_from_ref=self.other_from_first @ motion.cam_from_ref)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 
-_BLOCK_PX, _SOBEL_PX = 5, 3  # window of the gradient matrix, and of its derivatives: the usual small ones
+_BLOCK_PX = 5  # window of the gradient matrix, a usual small one; its derivatives have OpenCV's, 3
 # Of the image's strongest corner, chosen by hand: what always counts as a corner. An exposure cut to a quarter
 # leaves none above a fixed limit.
 _DIM_FRACTION = 0.02
@@ -17,7 +17,7 @@ _CANDIDATES = 12  # per corner that is wanted: the others are weaker than these 
 
 def corner_strength(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
     """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
-    return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX, ksize=_SOBEL_PX), np.float32)
+    return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX), np.float32)
 
 
 def detect(

@@ -113,7 +113,7 @@ class StereoFrontEnd:
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        note = _note(state, images, z_px)
+        note = self._note(state, images, z_px)
         state, observed = self._observed(_remember(state, images, stamp_ns), stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,
@@ -140,7 +140,7 @@ class StereoFrontEnd:
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, lose(state), images)
-        note = _note(anew, images, z_px)
+        note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
         state, observed = self._observed(_remember(anew, images, stamp_ns), stamp_ns, z_px, cov_px, note)
@@ -166,6 +166,11 @@ class StereoFrontEnd:
             rig=None if self.setup.config.rig.exact else RigView(self.rig, state.rows.field_std_px, timing_px),
         )
         return replace(state, persistence=persistence), observed
+
+    def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
+        """What is wrong with the images, from the views (n, 4) of all tracks."""
+        n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
+        return image_note(images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers)
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Say that the right camera seems to have turned."""
@@ -194,12 +199,6 @@ def _ambiguity(other: SecondMotion | None, pair: PairCheck) -> Ambiguity | None:
     if other is not None:
         return Ambiguity(other.cam_from_ref, other.cov_pose, bool(pair.problem))
     return Ambiguity(misfit=True) if pair.problem else None
-
-
-def _note(state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
-    """What is wrong with the images, from the views (n, 4) of all tracks."""
-    n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
-    return image_note(images, state.previous, len(z_px), n_in_both)
 
 
 def _remember(state: FrontEndState, images: PreparedImages, stamp_ns: int) -> FrontEndState:

@@ -4,27 +4,30 @@ import numpy as np
 
 from .prepared import Image, PreparedImages
 
-_FEW_POINTS = 8  # with fewer the images are looked at for the cause; as many as the default of `robust.min_inliers`
-_BLACK_GREY = 8  # of 255: an image without one brighter pixel shows at most the sensor's noise
-_WHITE_GREY = 247  # as far below 255
+_BLACK_GREY = (
+    8  # of 255: an image without one brighter pixel shows at most the sensor's noise; white as far below 255
+)
 
 
-def image_note(images: PreparedImages, previous: PreparedImages | None, n_tracked: int, n_in_both: int) -> str:
+def image_note(
+    images: PreparedImages, previous: PreparedImages | None, n_tracked: int, n_in_both: int, enough: int
+) -> str:
     """Say what is wrong with the images; empty when nothing is.
 
-    `n_tracked` points are tracked in the left image, `n_in_both` of them are matched in the right one too.
+    `n_tracked` points are tracked in the left image, `n_in_both` of them are matched in the right one too; with less
+    than `enough` the images are looked at for the cause.
     """
-    if n_in_both < _FEW_POINTS:
+    if n_in_both < enough:
         for name, image in (("left", images.left), ("right", images.right)):
             if problem := _without_contrast(image):
                 return f"the {name} image is {problem}"
     if problem := frozen(images, previous):
         return problem
-    if n_in_both >= _FEW_POINTS:
+    if n_in_both >= enough:
         return ""
-    if n_tracked >= _FEW_POINTS and previous is not None and np.array_equal(images.right, previous.right):
+    if n_tracked >= enough and previous is not None and np.array_equal(images.right, previous.right):
         return "the right image is that of the frame before, to the bit: is the right camera frozen?"
-    if n_tracked < _FEW_POINTS:
+    if n_tracked < enough:
         return f"{n_tracked} points can be matched in the images: too little texture, or blurred"
     return (
         f"only {n_in_both} points are found in both images: is one camera covered, are left and right exchanged, or "
@@ -44,4 +47,4 @@ def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
 def _without_contrast(image: Image) -> str:
     if image.max() < _BLACK_GREY:
         return "black"
-    return "white" if image.min() > _WHITE_GREY else ""
+    return "white" if image.min() > 255 - _BLACK_GREY else ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS, StereoProjection
 from .alignment import WIDE, TemplateAligner
 from .corners import corner_strength, detect
 from .prepared import PreparedImages
@@ -26,16 +26,14 @@ from .warps import facing, sheared
 _RENEWAL_PERIOD = 2
 _URGENT_FRACTION = 0.6
 # Along the row the search covers 1.5 times the largest disparity of a track, plus a margin. Once per period, and
-# where less than a fraction of the tracks is there, it covers the whole row. On KITTI 1.2 ms of 16 less with the
+# where less than `_BARE_FRACTION` of the tracks is there, it covers the whole row. On KITTI 1.2 ms of 16 less with the
 # figures unchanged.
-_FULL_SEARCH_PERIOD = 4
+_FULL_SEARCH_PERIOD = 2 * _RENEWAL_PERIOD
 _SEARCH_FACTOR, _SEARCH_MARGIN_PX = 1.5, 16.0
-_FEW_TRACKS = 4  # the fraction: one of so many
 _MATCH_TOLERANCE_PX = 2.0  # of the coarse images: a whole-pixel match, and its neighbour
 # Between the matches of a whole patch and of its inner half, px: farther apart, a depth edge runs through the
 # patch. With it the RMS of local structure error over σ went from 7.3 to 2.7 on rendered images.
 _MAX_HALVES_APART_PX = 0.5
-_MIN_INVERSE_DEPTH = -2.0  # standard deviations: points at infinity pass, wrong matches beyond it do not
 # Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.
 _STD_GREY = 4.0
 # Wide templates are added where fewer than a fraction of the tracks is there, up to twice as many. In between, images
@@ -200,7 +198,7 @@ def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[
     p, cfg, tracks = setup.projection, setup.config.frontend, state.tracks
     far = p.cx_left_px - p.cx_right_px
     near = far + cfg.max_disparity_fraction * p.width
-    if state.frame_index % _FULL_SEARCH_PERIOD and len(tracks) > cfg.max_tracks // _FEW_TRACKS:
+    if state.frame_index % _FULL_SEARCH_PERIOD and len(tracks) > _BARE_FRACTION * cfg.max_tracks:
         largest = p.f_px * p.baseline_m * float(tracks.points[:, 3].max())
         near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
     return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
@@ -283,7 +281,7 @@ def _begin_tracks(
     taken_px = state.timing.taken_out(_points(p, seen_px), twist)
     rho = p.inverse_depth(seen_px - taken_px)
     var_rho = (cov_px[:, 0, 0] + cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
-    good = m.good & (rho > _MIN_INVERSE_DEPTH * np.sqrt(var_rho))
+    good = m.good & (rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho))
     if aligner.scale > 1:
         good &= (np.diagonal(cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
     state = begin_tracks(

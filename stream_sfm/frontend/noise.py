@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 
 # σ₀ of eq. (15), chosen by hand: what interpolation and rectification tables leave even of a perfect match.
@@ -19,7 +20,6 @@ _FLOOR_PX = 0.03
 # for both the mean NEES of the pose, 6 expected, is 1.8 driving sideways and 12 to 15 driving forward; with these 2.3
 # and 7 to 11. Smaller ones make poses more accurate and claim too much.
 _ACROSS, _ALONG = 0.2, 0.42
-_MEMORY_FRAMES = 20.0  # over which the factor is learnt, chosen by hand: a second at 20 frames per second
 # Bounds of the factor: beyond them, from a fifth of the σ expected to five times it, something else is wrong.
 _FACTOR_RANGE = (0.05, 30.0)
 _MIN_DOF = 20  # of a frame that the factor learns from; with fewer χ²/dof scatters by a third and more
@@ -85,7 +85,7 @@ class ViewNoise:
         if dof < _MIN_DOF:
             return self
         frames = self.frames + 1
-        gain = 1 / min(frames + 1, _MEMORY_FRAMES)
+        gain = 1 / min(frames + 1, MEMORY_FRAMES)
         factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
         return replace(self, factor=factor, frames=frames)
 

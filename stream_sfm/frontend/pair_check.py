@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.point_views import PointViews
-from ..geometry.resection import Resection
+from ..geometry.resection import MIN_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from .image_checks import frozen
@@ -23,7 +23,7 @@ from .rows import Rows
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
-_ENOUGH = 12  # points that the left image confirms: of fewer, no share is asked for
+_ENOUGH = 2 * MIN_VIEWS  # points that the left image confirms: of fewer, no share is asked for
 _CONFIRMING = 8  # points from before a problem, and half of those that are left, end it
 _GOOD_FRAMES = 20  # in a row that end it otherwise, where this share of all points found agree
 _GOOD_SHARE = 0.6

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, median
+from ..geometry.medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, MEMORY_FRAMES, median
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -29,7 +29,6 @@ from ..types import RigChange
 _UNUSUAL = 36.0
 _FIRST_GUESS_RAD = 1e-4  # of the usual turn: rendered logs have 0.01 to 0.05 mrad, real ones 0.05 to 0.2
 _GUESS_FRAMES = 5  # that the guess is worth
-_MEMORY_FRAMES = 20  # over which the usual turn is averaged: a second at 20 frames per second
 _LIMIT = 27.0  # χ² beyond which a frame counts no more than this for what is usual: three σ of each
 _LASTS_FRAMES = 3  # with the same turn, and it is believed: all in one window, and few enough for depths to last
 _SAME = 0.5  # share by which they may differ from their mean
@@ -184,7 +183,7 @@ class TurnWatch:
         square = np.outer(turn.rad, turn.rad)
         if self._stands_out(turn, by_delay_rad):
             return replace(self, usual=self.usual + square, unusual=())
-        frames = min(self.frames + 1, _MEMORY_FRAMES)
+        frames = min(self.frames + 1, MEMORY_FRAMES)
         chi2 = self._chi2(turn, by_delay_rad)
         counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.resection import resect
+from ..geometry.resection import MIN_VIEWS, resect
 from ..geometry.se3 import Array
 from .alignment import Aligners, split
 from .flow import exposure_hypotheses, track, track_wide
@@ -25,7 +25,7 @@ _STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the 
 # is made, and the best of all is taken if it explains the smaller share of all tracks.
 _ENOUGH = 0.4
 _LEAST = 0.2
-_LEAST_VIEWS = 12  # twice the unknowns' worth of chance agreement
+_LEAST_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
 # third of the image is reached. OpenCV leaves out levels that are smaller than the window.
 _MORE_LEVELS = 3

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..geometry.linear import symmetric, symmetric_inverse
-from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, median
+from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.field import field_over
@@ -22,7 +22,6 @@ from ..rig_model.field import field_over
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
 _STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
-_MEMORY_FRAMES = 20.0  # over which that scatter is averaged, chosen by hand: a second at 20 frames per second
 _REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
 _GATE = 4.0  # standard deviations that a match may be off: one good match in 16 000 is lost
 # Three times the scatter of good matches; below, few matches that agree by chance set the gate.
@@ -105,7 +104,7 @@ class Rows:
             mean = np.asarray(np.linalg.solve(information, right), np.float64)
         frames = self.frames + 1
         scatter = MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
-        scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, _MEMORY_FRAMES)
+        scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
         learnt = replace(
             self, mean=mean, cov=symmetric_inverse(information), scatter_px=float(scatter_px), frames=frames
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
-from ..geometry.resection import Resection, SecondMotion, resect
+from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
@@ -36,7 +36,7 @@ _AMBIGUOUS = 0.6
 # as many rejected ones are more than a share of what is found, or as many new tracks agree on a motion that has jumped,
 # or that came while it was hidden already: what agrees then moves by itself. Twice the views that a motion needs at
 # least.
-_MANY = 12
+_MANY = 2 * MIN_VIEWS
 _MAX_REJECTED = 0.5
 _JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
 # How long a motion is searched for from the last frame that had one. Views that come back come back within a second;

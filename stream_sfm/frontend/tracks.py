@@ -10,10 +10,9 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 
 # Frames of agreement after which history counts no more, half a second of most cameras: with more, the last old tracks
-# of a turn would outvote all new ones. And what a track counts before it has agreed once: a tenth, so that a body that
+# of a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body that
 # enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
-_FULL_HISTORY = 10
-_NO_HISTORY = 1.0
+FULL_HISTORY = 10
 
 
 def takes_all(rows: NDArray[Any] | slice) -> bool:
@@ -90,7 +89,7 @@ class Tracks:
 
         The background has long been rigid with the map, what moves by itself has not.
         """
-        return _NO_HISTORY + np.minimum(self.agreed, _FULL_HISTORY)
+        return 0.1 * FULL_HISTORY + np.minimum(self.agreed, FULL_HISTORY)
 
     def judged(self, accepted: NDArray[np.bool_], ambiguous: bool) -> "Tracks":
         """After a frame whose motion `accepted` (n,) agree with; where another may be right, all keep their history.

@@ -19,7 +19,7 @@ from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection, clamp_depth
+from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection, clamp_depth
 from ...types import Observations
 from ..cross_frame.inverse_depth import (
     Q_COLUMNS,
@@ -36,7 +36,6 @@ from .joint_filter import JointFilter, Structure
 
 _MAX_ITERATIONS = 6  # measured: two to four are needed with 1 px of noise
 _CONVERGED = 1e-3  # squared length of a step in standard deviations of the motion
-_MIN_DEPTH_SIGMAS = 3.0  # an inverse depth known less well gives no Gaussian in metres
 
 
 class _Update(NamedTuple):
@@ -167,7 +166,7 @@ class IteratedEkf(JointFilter):
 
     def _finite(self) -> NDArray[np.bool_]:
         """Whether each point has a position in metres."""
-        return np.asarray(self._q[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(self._blocks()[:, 2, 2]))
+        return np.asarray(self._q[:, 2] > KNOWN_DEPTH_SIGMAS * np.sqrt(self._blocks()[:, 2, 2]))
 
     def _in_camera(self) -> tuple[Array, Array]:
         """Points (m, 3) in metres and ∂X/∂q (m, 3, 3); without meaning where they are not finite."""

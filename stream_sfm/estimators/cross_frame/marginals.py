@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
-from ...geometry.stereo import clamp_depth
+from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, clamp_depth
 from ..lifecycle import WorldPoints
 from .inverse_depth import (
     Q_COLUMNS,
@@ -24,9 +24,6 @@ from .inverse_depth import (
     q_jacobian,
 )
 from .normal_equations import System
-
-# An inverse depth that is not known to a third of itself gives no Gaussian in metres: the point is used, not reported.
-_MIN_DEPTH_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +61,7 @@ class Marginals:
         cov = system.covariances(newest)
         in_ref = in_reference(ref_from_anchor, q)
         in_cam = clamp_depth(in_ref @ cam_from_ref.T)  # points behind this camera are not shown in it
-        finite = q[:, 2] > _MIN_DEPTH_SIGMAS * np.sqrt(cov.qq[:, 2, 2])
+        finite = q[:, 2] > KNOWN_DEPTH_SIGMAS * np.sqrt(cov.qq[:, 2, 2])
 
         k = q_jacobian(in_cam)
         by_q = k @ cam_from_ref @ ref_from_anchor[:, :, Q_COLUMNS]

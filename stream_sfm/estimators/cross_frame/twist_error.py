@@ -7,11 +7,11 @@ during the run; what that does to the views, by delay and readout as they are kn
 import numpy as np
 
 from ...geometry.linear import damped_solve
+from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.se3 import Array
 from ...rig_model.velocities import TimedViews
 
 _LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
-_MEMORY_FRAMES = 20.0  # over which its changes are averaged, chosen by hand: a second at 20 frames per second
 
 
 class TwistError:
@@ -31,7 +31,7 @@ class TwistError:
         if before is not None:
             change = twists[-1 - _LATER] - before
             self._frames += 1
-            self._cov += (np.outer(change, change) - self._cov) / min(self._frames, _MEMORY_FRAMES)
+            self._cov += (np.outer(change, change) - self._cov) / min(self._frames, MEMORY_FRAMES)
 
     def cov(self, std_acceleration: Array, dt_s: float) -> Array:
         """Return the covariance (6, 6); before anything is learnt that of an acceleration of σ (6,) during `dt_s`."""

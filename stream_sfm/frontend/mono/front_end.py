@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...config import Config, RigConfig
 from ...geometry import se3
-from ...geometry.stereo import StereoProjection
+from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import LastingErrors, MapStart, Observations
 from ..alignment import TemplateAligner
@@ -28,7 +28,6 @@ from ..tracker import Followed, follow, lose
 from .map_start import MIN_TRACKS, begin_map, open_map
 from .virtual_views import DEPTH_STD_FACTOR, UNKNOWN_DEPTH_STD, with_virtual_right
 
-_KNOWN = 3.0  # inverse depth over its σ from which a depth counts as known, as in the estimator
 _MIN_IN_FRONT = 0.5  # fraction of the tracks that a motion must leave in front of the camera; it is wrong otherwise
 _LOST = "the motion was lost; a new map needs parallax"
 
@@ -83,7 +82,8 @@ class MonoFrontEnd:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
-        note = image_note(images, state.previous, n, n) or ("" if state.map.mapped else state.map.waiting)
+        note = image_note(images, state.previous, n, n, self.setup.config.robust.min_inliers)
+        note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(
             state,
             frame_index=state.frame_index + 1,
@@ -109,7 +109,7 @@ class MonoFrontEnd:
         if followed is None:
             return open_map(lose(state), _LOST), None
         tracks = state.tracks
-        front = tracks.points[:, 3] > -_KNOWN * np.sqrt(tracks.var_rho)
+        front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if front.mean() < _MIN_IN_FRONT:
             return open_map(state, _LOST), None
         return replace(state, tracks=tracks.keep(front)), followed.keep(front)
@@ -121,7 +121,7 @@ class MonoFrontEnd:
         begin, all of them with right sides."""
         p, tracks, rho_scene = self.setup.projection, state.tracks, state.map.rho_scene
         rho = tracks.points[:, 3]
-        known = rho > _KNOWN * np.sqrt(tracks.var_rho)
+        known = rho > KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if known.sum() >= MIN_TRACKS:
             rho_scene = float(np.median(rho[known]))
         var_known = DEPTH_STD_FACTOR**2 * tracks.var_rho

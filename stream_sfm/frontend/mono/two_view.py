@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from .parallax import depths_from_motion, directions
 
 _MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
@@ -24,7 +25,6 @@ _HUBER = 2.0  # standard deviations; the usual width is 1.3, but RANSAC has take
 _MIN_AGREEMENT = 0.7  # fraction of the rays that one rigid motion has to explain
 _MIN_SIGNIFICANCE = 10.0  # median of inverse depth over its σ: depths known to 10 %
 _MAX_STD_DIRECTION_RAD = 0.035  # of the motion, 2°
-_MIN_INVERSE_DEPTH = -2.0  # standard deviations: points at infinity pass
 # In the new camera, of what is at depth 1 in the first: nearer points were passed or matched wrong.
 _MIN_DEPTH = 0.05
 _ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
@@ -95,7 +95,7 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoVi
     rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
     depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
     agree = (np.abs(distances(found.x, rays_first, rays_now)) < _GATE) & (
-        rho > _MIN_INVERSE_DEPTH * np.sqrt(var_rho)
+        rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
     )
     agree &= depth_now > _MIN_DEPTH
     # R' = Exp(w) R, t' = t + a·across is Exp(−ξ) applied on the left, ξ = (w × t − a·across, −w)
