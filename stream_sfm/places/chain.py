@@ -10,8 +10,8 @@ from ..geometry.se3 import Array
 from ..types import FrameEstimate, RelativeMotions, Status
 
 _MIN_FRAMES = 2  # between keyframes
-_MOVED_DEPTHS = 0.1  # of the median depth; more means that a place is seen from one side only
-_TURNED_RAD = np.radians(8)
+# Of the median depth, and of the view. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
+_MOVED_DEPTHS, _TURNED_RAD = 0.15, np.radians(11)
 _NEW_VIEW = 0.5  # of the points: less in common with the last keyframe, and much of the view is new
 _LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
 

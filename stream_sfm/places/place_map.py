@@ -38,7 +38,9 @@ MAX_KEYFRAMES = 1000  # some 60 MB
 _CANDIDATES = 3  # one of the nearest three was right for every keyframe tried
 _APART = 3  # keyframes: nearer ones show the same
 _IN_COMMON = 0.1  # of the points: more, and the loop would count them a second time
-_MIN_PATH_DEPTHS = 0.5  # between a keyframe and an older one: before, it has not been away
+# Of the way from an older keyframe, beyond the straight line: without a detour the same points are seen a second time,
+# as twice on the log backyard, which does not return.
+_MIN_DETOUR_DEPTHS = 0.25
 _GATE = 27.86  # χ² with six degrees of freedom, 0.9999
 # Nats that a loop must tell beyond all that is known by then. Right but useless loops, of .7 nats each, took
 # lab_forward from .7 to 4.5 mm: they count the same points twice. At 3 a corridor's end is off by 1.3 mm instead of .4.
@@ -172,7 +174,7 @@ class PlaceMap:
     def corrected(self, trajectory: Trajectory) -> Trajectory:
         """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`."""
         stamps_ns = np.array([self._nodes[number].keyframe.stamp_ns for number in self._graph.numbers], np.int64)
-        if not len(stamps_ns):
+        if not self._graph.loops:
             return trajectory
         odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in self._graph.numbers])
         corrections = self._graph.poses @ se3.inverse(odom_from_cam)
@@ -215,7 +217,9 @@ class PlaceMap:
         self._words.add(number, keyframe.descriptors)
         if len(self._nodes) > self._max_keyframes:
             self._thin()
-        corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
+        corrected = np.eye(4)
+        if self._graph.loops:  # before there are any the engine's own poses are at least as good
+            corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
         with self._lock:
             self._world_from_odom = se3.orthonormalise(corrected)
             self._located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
@@ -236,7 +240,7 @@ class PlaceMap:
         """Look for older keyframes of the same place, and stop at the first that is verified."""
         graph, keyframe = self._graph, seen.keyframe
         motions, covs, known = graph.predicted(number)
-        rows = np.flatnonzero(known & self._away(number))
+        rows = np.flatnonzero(known & self._away(number, motions))
         numbers = np.array(graph.numbers)
         found = near(motions[rows], covs[rows], keyframe.depth_m, _CANDIDATES, _APART, numbers[rows])
         for row in rows[found].tolist():
@@ -247,13 +251,16 @@ class PlaceMap:
             if self._try(other, number, seen, None):
                 return
 
-    def _away(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) the camera has been away from: hardly a point is followed any more that was seen there."""
+    def _away(self, number: int, motions: Array) -> NDArray[np.bool_]:
+        """Which nodes (n,) the camera has been away from, by predicted motions (n, 4, 4) from there.
+
+        It has come by a detour, and hardly a point is followed any more that was seen there.
+        """
         new = self._nodes[number]
-        far_m = _MIN_PATH_DEPTHS * new.keyframe.depth_m
+        far_m = _MIN_DETOUR_DEPTHS * new.keyframe.depth_m + np.linalg.norm(motions[:, :3, 3], axis=1)
         away = np.zeros(len(self._graph), bool)
         for row, old in enumerate(self._nodes[other] for other in self._graph.numbers):
-            if len(new.ids) and new.path_m - old.path_m > far_m:
+            if len(new.ids) and new.path_m - old.path_m > far_m[row]:
                 away[row] = new.ids[0] > old.ids[-1] or np.isin(new.ids, old.ids).mean() < _IN_COMMON
         return away
 
