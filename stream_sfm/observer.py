@@ -72,7 +72,7 @@ class Observer:
         if isinstance(self.rig, StereoRig):
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
-            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement, row_of)
+            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement, row_of, self.rig.timing)
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start

@@ -12,6 +12,7 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from .calibration import read, toml_file
 from .calibration.document import Pair
+from .known_timing import KnownTiming
 from .models import Camera
 from .refinement import Refinement
 
@@ -26,8 +27,8 @@ _ANY_SIZE = (1000, 1000)  # of images, pixels
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    `refinement`: errors of this calibration that are known. `unscaled`: whether lengths have no unit. Raises
-    ConfigError where the pair cannot be a stereo pair.
+    `refinement`: errors of this calibration that are known; `timing`: what is known of delay and readout. `unscaled`:
+    whether lengths have no unit. Raises ConfigError where the pair cannot be a stereo pair.
     """
 
     unscaled: ClassVar[bool] = False
@@ -35,6 +36,7 @@ class StereoRig:
     right: Camera
     right_from_left: Array
     refinement: Refinement | None = None
+    timing: KnownTiming | None = None
 
     def __post_init__(self) -> None:
         for side, camera in (("left", self.left), ("right", self.right)):
@@ -94,7 +96,7 @@ class StereoRig:
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
-        return toml_file.text(self.cameras, self.right_from_left, self.refinement)
+        return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

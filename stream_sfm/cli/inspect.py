@@ -1,6 +1,6 @@
 """`stream-sfm inspect`: what a log contains, and whether it can be replayed."""
 
-from ..errors import ExitCode
+from ..errors import ExitCode, StreamSfmError
 from . import options
 
 
@@ -10,16 +10,26 @@ def inspect(
     """Show what a log contains and check whether it can be replayed.
 
     Shows the topics of a log, the stereo pair that would be used and why, frame rate, gaps and calibration, and checks
-    the calibration against the images. If a replay cannot work, the exit code is 3 and the output says what to change.
+    the calibration against the images: rows of matched corners, and what the first frames tell about lenses, focal
+    length, delay of the right camera and readout of the shutters. If a replay cannot work, the exit code is 3 and the
+    output says what to change.
 
     Args:
         log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
     """
     from .. import inspection
+    from ..recording import open_log
+    from ..run.refine import first_look
     from .inspection_tables import print_inspection
     from .printing import print_json
 
     found = inspection.inspect_log(log, *cameras.chosen)
+    found["rig_errors"] = None
+    if not found["problems"]:
+        try:
+            found["rig_errors"] = first_look(open_log(log, *cameras.chosen))
+        except StreamSfmError as error:
+            found["warnings"].append(f"the first frames cannot be estimated: {error}")
     if json:
         print_json(found)
     else:

@@ -64,6 +64,8 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
             f"{check['matches']} matched corners: vertical difference {check['vertical_px']:+.2f} ± "
             f"{check['vertical_spread_px']:.2f} px, median disparity {check['median_disparity_px']:.1f} px",
         )
+    if errors := found.get("rig_errors"):
+        yield "first frames", errors["text"]
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
     yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
 

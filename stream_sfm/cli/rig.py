@@ -1,6 +1,7 @@
 """`stream-sfm refine` and `convert-calibration`: a refined calibration from recordings, and TOML from other tools."""
 
 import re
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -67,6 +68,8 @@ def _found(refined: "RefinedRig", names: tuple[str, ...], out: str) -> dict[str,
     numbers: dict[str, Any] = {}
     if refinement is not None:
         numbers = {"error_px": refinement.error_px.tolist(), "std_px": refinement.std_px.tolist()}
+    if refined.rig.timing is not None:
+        numbers["timing"] = asdict(refined.rig.timing)
     return {"out": out, **numbers, "logs": logs}
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import Config
 from ..geometry.resection import SecondMotion
@@ -38,7 +39,7 @@ class StereoFrontEnd:
     """Follows points through rectified pairs; nothing in it changes (see `FrontEnd`).
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
-    which the observations do not have any more. `row_of`: as in `RigModel`.
+    which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`.
     """
 
     def __init__(
@@ -48,12 +49,13 @@ class StereoFrontEnd:
         valid: NDArray[np.bool_],
         refinement: Refinement | None = None,
         row_of: Callable[[Array], Array] | None = None,
+        known_timing: KnownTiming | None = None,
     ) -> None:
         self.setup = Setup(projection, config)
-        self.rig = RigModel.of(projection, config.rig, refinement, row_of)
+        self.rig = RigModel.of(projection, config.rig, refinement, row_of, known_timing)
         self.start = FrontEndState(
             aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
-            timing=Timing.unknown(projection, config.rig, row_of),
+            timing=Timing.unknown(projection, config.rig, row_of, known_timing),
             rows=Rows.unknown(projection, config),
             turn=RightTurn(projection),
             turn_watch=None if config.rig.exact else TurnWatch(projection),

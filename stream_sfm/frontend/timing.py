@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..camera.known_timing import KnownTiming
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -36,11 +37,17 @@ class Timing:
 
     @classmethod
     def unknown(
-        cls, projection: StereoProjection, config: RigConfig, row_of: Callable[[Array], Array] | None
+        cls,
+        projection: StereoProjection,
+        config: RigConfig,
+        row_of: Callable[[Array], Array] | None,
+        known: KnownTiming | None = None,
     ) -> "Timing":
         """Return the prior; nothing is unknown of an exact rig."""
         std = np.zeros(2) if config.exact else np.array([config.std_delay_s, config.std_readout_s])
-        return cls(projection, row_of, std, np.zeros(2), np.diag(std**2))
+        if known is None or config.exact:
+            return cls(projection, row_of, std, np.zeros(2), np.diag(std**2))
+        return cls(projection, row_of, std, known.mean, np.diag(known.std**2))
 
     def taken_out(self, points: Array, twist: Array) -> Array:
         """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""

@@ -57,7 +57,7 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
             "would be off by 10 % and more"
         )
     else:
-        within_px = float(np.sqrt((error_px**2 + std_px**2).mean()))  # RMS over the image
+        within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image
         text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
         if refined is not None:
             text = (

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
@@ -23,6 +25,7 @@ class RigModel:
     `root` (t, t): amplitudes of σ = 1 to units of the terms; `known` (t,): errors that are taken out of all views
     already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which row of
     the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle.
+    `known_timing`: what is known of delay and readout beforehand; the views have it, as it depends on their velocities.
     """
 
     projection: StereoProjection
@@ -30,6 +33,7 @@ class RigModel:
     known: Array
     refined: bool
     row_of: Callable[[Array], Array] | None = None
+    known_timing: KnownTiming | None = None
 
     @classmethod
     def of(
@@ -38,6 +42,7 @@ class RigModel:
         config: RigConfig,
         refinement: Refinement | None = None,
         row_of: Callable[[Array], Array] | None = None,
+        known_timing: KnownTiming | None = None,
     ) -> "RigModel":
         """Return the model of a rig with the σ of its settings, or of a refinement of its calibration."""
         std, known = prior_std(config), np.zeros(len(TERMS))
@@ -46,7 +51,7 @@ class RigModel:
             n = len(refinement.error_px)
             known[:n] = refinement.error_px
             root[:n, :n] = np.linalg.cholesky(refinement.cov_px2)
-        return cls(projection, root, known, refinement is not None, row_of)
+        return cls(projection, root, known, refinement is not None, row_of, known_timing)
 
     def __len__(self) -> int:
         return len(TERMS) + len(self._field)
@@ -73,6 +78,15 @@ class RigModel:
         at = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
         unit = self.root[at, at]
         return unit @ mean[at], unit @ (cov[at, at] + _LEAST_VARIANCE * np.eye(2)) @ unit.T
+
+    def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
+        mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
+        if self.known_timing is not None:
+            at = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
+            unit = np.diag(self.root)[at]
+            mean[at], size[at], learnt[at] = self.known_timing.mean / unit, self.known_timing.std / unit, False
+        return mean, size, learnt
 
     def root_of_turn(self, std_rad: float) -> Array:
         """Return a root (m, 3) of the covariance of amplitudes by a turn of the right camera, σ about each axis."""

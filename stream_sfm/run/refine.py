@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..blas import one_thread
 from ..camera.calibration.read import Where
+from ..camera.known_timing import KnownTiming
+from ..camera.rectification import Rectifier
 from ..camera.refinement import TERMS, Refinement, combine
 from ..camera.rig import StereoRig
 from ..config import Config
@@ -15,8 +18,10 @@ from ..errors import ConfigError, LogError
 from ..interrupts import Interruption
 from ..observer import Observer
 from ..recording import StereoLog, open_log
+from ..report.calibration_field import describe
 from ..rig_model.estimate import RigEstimate
-from ..rig_model.terms import prior_std
+from ..rig_model.terms import DELAY, READOUT, prior_std
+from ..rig_model.terms import TERMS as TERMS_OF_RIG
 from ..types import Frame, FrameEstimate, Selection
 from .calibration import CalibrationSink
 from .lane import Lane
@@ -25,6 +30,8 @@ from .loop import Enough, run
 # σ that a refinement is given when the same frames are used once more, in units of its own: they count twice then, and
 # with this their second say is a quarter of the first.
 _USED_AGAIN = 2.0
+_LOOK_FRAMES = 60  # some seconds, in which most cameras turn
+_CERTAIN = 5.0  # σ from which on a delay or a readout is written down
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -53,9 +60,9 @@ def calibrate(
     config = config or Config()
     check_calibrates(config)
     opened = [log if isinstance(log, StereoLog) else open_log(log, calibration=calibration) for log in logs]
-    rig = replace(opened[0].stereo_rig, refinement=None)
+    rig = replace(opened[0].stereo_rig, refinement=None, timing=None)
     for log in opened[1:]:
-        if replace(log.stereo_rig, refinement=None).to_toml() != rig.to_toml():
+        if replace(log.stereo_rig, refinement=None, timing=None).to_toml() != rig.to_toml():
             raise ConfigError(
                 f"{log.path} has other cameras, or another calibration, than {opened[0].path}: "
                 "logs that refine one calibration must have it in common"
@@ -67,7 +74,13 @@ def calibrate(
     n = len(TERMS)
     priors_px = np.array([e.prior_std[:n] for e in known])
     refinement = combine([e.refinement for e in known], priors_px, prior_std(config.rig)[:n])
-    return RefinedRig(replace(rig, refinement=refinement), estimates)
+    return RefinedRig(replace(rig, refinement=refinement, timing=timing_of(known, config)), estimates)
+
+
+def first_look(log: StereoLog, config: Config | None = None) -> dict[str, Any] | None:
+    """What the first frames of a log tell about the errors of its rig, as `rig` of summary.json; None: nothing."""
+    estimate = _learn(log, log.stereo_rig, config or Config(), Selection(max_frames=_LOOK_FRAMES)).latest
+    return None if estimate is None else describe(Rectifier(log.stereo_rig).projection, estimate)
 
 
 def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> StereoRig:
@@ -76,14 +89,34 @@ def refined_for_itself(log: StereoLog, config: Config, selection: Selection) -> 
     Where the right camera is turned on the way, by the frames before: the turn is found in the second run, too.
     """
     check_calibrates(config)
-    learnt = _learn(log, replace(log.stereo_rig, refinement=None), config, selection, until_a_change=True)
+    learnt = _learn(
+        log, replace(log.stereo_rig, refinement=None, timing=None), config, selection, until_a_change=True
+    )
     estimate = learnt.latest
-    if learnt.problems or estimate is None or not estimate.applied:
+    if learnt.problems or estimate is None:
         return log.stereo_rig
+    rig = replace(log.stereo_rig, timing=timing_of([estimate], config, _USED_AGAIN) or log.stereo_rig.timing)
+    if not estimate.applied:
+        return rig
     return replace(
-        log.stereo_rig,
+        rig,
         refinement=Refinement(estimate.refinement.error_px, _USED_AGAIN**2 * estimate.refinement.cov_px2),
     )
+
+
+def timing_of(estimates: Sequence[RigEstimate], config: Config, grown: float = 1.0) -> KnownTiming | None:
+    """Delay and readout by independent runs, with `grown` times their σ; None where none is certain of either."""
+    assumed, values, certain = prior_std(config.rig), [], False
+    for term in (TERMS_OF_RIG.index(DELAY), TERMS_OF_RIG.index(READOUT)):
+        mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
+        told = mean**2 > _CERTAIN**2 * var
+        if told.any():
+            var_of_all = 1 / (1 / var[told]).sum()
+            values += [float(var_of_all * (mean[told] / var[told]).sum()), float(grown * np.sqrt(var_of_all))]
+            certain = True
+        else:
+            values += [0.0, float(assumed[term])]
+    return KnownTiming(*values) if certain else None
 
 
 def check_calibrates(config: Config) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.refinement import TERMS, Refinement, combine, disparity_rms_px
 from stream_sfm.camera.rig import StereoRig
@@ -34,6 +35,21 @@ def test_a_refined_calibration_is_read_back_unchanged(tmp_path: Path) -> None:
 
 def _rows(matrix: np.ndarray) -> str:
     return f"[{','.join(f'{chr(10)}{row}' for row in matrix.tolist())}]"
+
+
+def test_what_is_known_of_the_timing_is_written_and_read(tmp_path: Path) -> None:
+    path, timing = tmp_path / "rig.toml", KnownTiming(0.0081, 2e-4, -0.019, 1e-3)
+    path.write_text(replace(rig(), timing=timing).to_toml())
+    assert StereoRig.from_calibration(path).timing == timing
+    for was, put, complaint in (
+        ("std_delay_s = 0.0002", "std_delay_s = 0", "std_delay_s"),
+        ("delay_s = 0.0081", "delay_s = 8.1", "seconds"),
+        ("readout_s = -0.019\n", "", "readout_s"),
+    ):
+        text = path.read_text().replace(f"\n{was}", f"\n{put}", 1)
+        (tmp_path / "bad.toml").write_text(text)
+        with pytest.raises(ConfigError, match=complaint):
+            StereoRig.from_calibration(tmp_path / "bad.toml")
 
 
 @pytest.mark.parametrize(

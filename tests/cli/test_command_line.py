@@ -182,7 +182,9 @@ def test_json_is_one_object_and_nothing_else(wall_log, tmp_path, cli):
     summary = cli("replay", wall_log, "--out", tmp_path / "o", "--json", *FAST).json
     assert summary["complete"] is True and summary["frames"]["estimated"] == 12
     assert summary["out"] == str(tmp_path / "o") and summary["method"] == "frame-to-frame"
-    assert cli("inspect", wall_log, "--json").json["pair"]["left"] == "/camera/left/image"
+    found = cli("inspect", wall_log, "--json").json
+    assert found["pair"]["left"] == "/camera/left/image"
+    assert "right within" in found["rig_errors"]["text"] and not found["rig_errors"]["applied"]
 
 
 def test_the_table_and_the_description_say_what_matters(wall_log, tmp_path, cli):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.inverse_depth import homogeneous_from_q
@@ -179,6 +180,21 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
         assert (np.abs(mean - (flight.delay_s, flight.readout_s)) < 4 * std).all()
         assert (std < (5e-4, 1e-3)).all()
     assert np.sum(of_pose) < chi2.ppf(1 - 5e-4, 6 * len(of_pose))
+
+
+def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
+    """Ten frames tell less of it than what is known: it stays there, in every frame, and is known no worse."""
+    flight, known = Flight(0, 0.008, 0.0, 10), KnownTiming(0.0081, 1e-4, 0.0, 1e-4)
+    estimator = make_estimator("cross-frame", flight.P, Config())
+    for o in flight.observations():
+        assert o.rig is not None
+        model = replace(o.rig.model, known_timing=known)
+        solution = estimator.step(replace(o, rig=replace(o.rig, model=model)))
+        if solution.rig is not None:
+            mean, cov = model.timing(solution.rig.mean, solution.rig.cov)
+            assert (np.abs(mean - (0.008, 0.0)) < 3e-4).all()
+            assert (np.sqrt(np.diag(cov)) < 1.1e-4).all()
+    assert solution.rig is not None
 
 
 def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_frames_show() -> None:

@@ -43,6 +43,7 @@ HANDED_ON = {
     "Mesh": "Surface.mesh",
     "StructureComparison": "of the local structure, filled during a replay",
     "Refinement": "StereoRig.refinement",
+    "KnownTiming": "StereoRig.timing",
     "RigEstimate": "FrameEstimate.rig",
     "RigChange": "FrameEstimate.rig_change",
     "RelativeMotions": "FrameEstimate.relative",

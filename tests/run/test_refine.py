@@ -9,8 +9,10 @@ from stream_sfm.camera.refinement import TERMS
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
-from stream_sfm.rig_model.terms import prior_std
-from stream_sfm.run.refine import calibrate
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.terms import DELAY, prior_std
+from stream_sfm.rig_model.terms import TERMS as TERMS_OF_RIG
+from stream_sfm.run.refine import calibrate, timing_of
 from stream_sfm.run.replay import replay
 from tests.helpers.wall_log import write_wall_log
 
@@ -33,6 +35,19 @@ def test_several_logs_tell_more_than_one(log: Path) -> None:
     assert one is not None and two is not None
     # less than one; 0.71 were the logs independent of the prior
     assert (two.std_px <= one.std_px).all() and two.std_px[0] < 0.9 * one.std_px[0]
+
+
+def test_a_delay_that_is_certain_is_written_with_what_several_runs_know_of_it() -> None:
+    """Two runs of one σ leave it at 0.71 of that; a readout that no run is certain of stays what is assumed."""
+    mean, cov = np.zeros(len(TERMS_OF_RIG)), np.diag(prior_std(RigConfig()) ** 2)
+    at = TERMS_OF_RIG.index(DELAY)
+    mean[at], cov[at, at] = 0.008, 0.0002**2
+    run = RigEstimate(mean, cov, 0.0, mean, cov, prior_std(RigConfig()))
+    timing = timing_of([run, run], Config())
+    assert timing is not None and timing.mean == pytest.approx([0.008, 0.0])
+    assert timing.std == pytest.approx([0.0002 / np.sqrt(2), RigConfig().std_readout_s])
+    mean[at] = 0.0005
+    assert timing_of([run], Config()) is None
 
 
 def test_a_configuration_that_cannot_calibrate_is_refused(log: Path) -> None:

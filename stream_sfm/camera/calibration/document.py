@@ -13,11 +13,13 @@ from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...inputs import check_text, check_values, parse_toml
+from ..known_timing import KnownTiming
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import Refinement
 
 # left, right, right_from_left (4, 4) in metres, and what is known about their errors
-Pair = tuple[Camera, Camera, Array] | tuple[Camera, Camera, Array, Refinement]
+Known = tuple[Refinement | None, KnownTiming | None]  # beside a calibration
+Pair = tuple[Camera, Camera, Array] | tuple[Camera, Camera, Array, *Known]
 Size = tuple[int, int]  # width, height in pixels
 
 MAX_BYTES = 2**20  # calibration files are kilobytes

@@ -22,11 +22,18 @@
     error_px = [0.14, …]            # thirteen errors of the calibration (`camera/refinement.py`)
     covariance_px2 = [[…], …]       # 13×13
 
+    [timing]                        # of the cameras, as far as it is known; may be left out
+    delay_s = 0.0081                # by which the right image is exposed later than the left one
+    std_delay_s = 0.0002            # its σ
+    readout_s = 0.019               # in which rolling shutters read out an image, from the top down
+    std_readout_s = 0.001
+
 Instead of [right_from_left], `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
 one camera (`Config.mono`) the first section is enough.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -34,13 +41,14 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ..known_timing import KnownTiming
 from ..models import Camera
 from ..refinement import TERMS, Refinement
 from .document import Document, Pair, Size
 
 NAME = "TOML of stream_sfm"
 FILES = 1
-_SECTIONS = {"left", "right", "right_from_left", "refinement"}
+_SECTIONS = {"left", "right", "right_from_left", "refinement", "timing"}
 _CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
 
 
@@ -53,7 +61,7 @@ def pair(documents: Sequence[Document], size: Size | None) -> Pair:
     """The pair of one file."""
     document = _checked(documents[0])
     cameras = _camera(document, "left"), _camera(document, "right"), _right_from_left(document)
-    return (*cameras, _refinement(document)) if "refinement" in document.data else cameras
+    return *cameras, _refinement(document), _timing(document)
 
 
 def left(documents: Sequence[Document], size: Size | None) -> Camera:
@@ -62,7 +70,10 @@ def left(documents: Sequence[Document], size: Size | None) -> Camera:
 
 
 def text(
-    cameras: Mapping[str, Camera], right_from_left: Array | None = None, refinement: Refinement | None = None
+    cameras: Mapping[str, Camera],
+    right_from_left: Array | None = None,
+    refinement: Refinement | None = None,
+    timing: KnownTiming | None = None,
 ) -> str:
     """Cameras by name as text that is read back unchanged; of a pair the pose of the right one, and known errors."""
     lines = ["# calibration: pixels and metres"]
@@ -76,6 +87,8 @@ def text(
     if refinement is not None:
         lines += ["", f"[refinement]  # terms: {', '.join(TERMS)}", f"error_px = {refinement.error_px.tolist()}"]
         lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
+    if timing is not None:
+        lines += ["", "[timing]", *(f"{name} = {value!r}" for name, value in asdict(timing).items())]
     return "\n".join(lines) + "\n"
 
 
@@ -133,8 +146,24 @@ def _right_from_left(document: Document) -> Array:
     return se3.from_rotation_translation(rotation, translation)
 
 
-def _refinement(document: Document) -> Refinement:
-    table = document.data["refinement"]
+def _timing(document: Document) -> KnownTiming | None:
+    table = document.data.get("timing")
+    if table is None:
+        return None
+    names = [field.name for field in fields(KnownTiming)]
+    if not isinstance(table, dict):
+        raise document.error(f"timing must be a section with {', '.join(names)}, got {table!r}")
+    _known(document, "[timing]", table, set(names))
+    try:
+        return KnownTiming(*(float(document.numbers(table.get(name), f"timing.{name}", ())) for name in names))
+    except ConfigError as problem:
+        raise document.error(f"timing: {problem}") from None
+
+
+def _refinement(document: Document) -> Refinement | None:
+    table = document.data.get("refinement")
+    if table is None:
+        return None
     if not isinstance(table, dict):
         raise document.error(f"refinement must be a section with error_px and covariance_px2, got {table!r}")
     _known(document, "[refinement]", table, {"error_px", "covariance_px2"})

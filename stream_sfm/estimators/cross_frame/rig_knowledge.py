@@ -9,6 +9,7 @@ As c stays in the joint state, its prior can be exchanged for one of another siz
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
@@ -27,9 +28,9 @@ class RigKnowledge:
     """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I).
 
     `mean` is taken out of all views. `held` (m,): where the window holds c, the mean of the mixture, and `cov_held`
-    (m, m): its covariance. `size` (m,): σ of each error before any view, which is learnt if `sizes_unknown`. `steady`:
-    the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong. `since_ns`:
-    from when on errors have grown, if they do.
+    (m, m): its covariance. `size` (m,): σ of each error before any view, which is learnt where `sizes_unknown`.
+    `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
+    `since_ns`: from when on errors have grown, if they do.
     """
 
     mean: Array
@@ -38,20 +39,24 @@ class RigKnowledge:
     size: Array
     held: Array
     cov_held: Array
-    sizes_unknown: bool = True
+    sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
     since_ns: int = 0
 
     @classmethod
-    def unknown(cls, size: Array, sizes_unknown: bool = True, since_ns: int = 0) -> "RigKnowledge":
-        """Return the prior: m errors of σ `size` (m,)."""
+    def unknown(
+        cls,
+        size: Array,
+        sizes_unknown: NDArray[np.bool_] | bool = True,
+        since_ns: int = 0,
+        mean: Array | float = 0.0,
+    ) -> "RigKnowledge":
+        """Return the prior: m errors of σ `size` (m,) about a mean."""
         m = len(size)
-        size = size.copy()
+        size, mean = size.copy(), np.zeros(m) + mean
         size[len(TERMS) :] = _LEAST_FIELD_PX
         cov = np.diag(size**2)
-        return cls(
-            np.zeros(m), np.diag(size), np.zeros(m), size, np.zeros(m), cov, sizes_unknown, since_ns=since_ns
-        )
+        return cls(mean, np.diag(size), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -72,7 +77,7 @@ class RigKnowledge:
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
         """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
-        size = likely_sizes(mean, cov, self.size) if self.sizes_unknown else self.size.copy()
+        size = np.where(self.sizes_unknown, likely_sizes(mean, cov, self.size), self.size)
         size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
         return size
 

@@ -221,9 +221,8 @@ def _unknown_rig(observations: Observations) -> RigKnowledge:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
         return RigKnowledge.unknown(np.zeros(0))
-    return RigKnowledge.unknown(
-        np.ones(len(observations.rig.model)), not observations.rig.model.refined, observations.stamp_ns
-    )
+    mean, size, learnt = observations.rig.model.before_views()
+    return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean)
 
 
 def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:
