@@ -1,4 +1,4 @@
-"""A thousand damaged logs: none hangs, swells, ends in a traceback, or costs a frame that came before the damage.
+"""Six hundred damaged logs: none hangs, swells, ends in a traceback, or costs a frame that came before the damage.
 
 `tools/fuzz.py` runs as many more as one likes, with other seeds.
 """
@@ -14,7 +14,7 @@ from tests.faults.mutations import BASES, FRAMES
 
 pytestmark = pytest.mark.slow
 
-LOGS = 1000 // len(BASES)
+LOGS = 600 // len(BASES)  # twenty of each kind of damage
 
 
 @pytest.mark.parametrize("base", BASES)
@@ -24,7 +24,7 @@ def test_damaged_logs_give_all_that_is_whole(base: str, tmp_path: Path):
     assert outcome.tried == LOGS and outcome.peak_rss_mib < MAX_RSS_MIB
     # the damage is neither so slight nor so bad that nothing is tested
     assert LOGS < outcome.frames_due < LOGS * FRAMES / 2
-    assert min(outcome.exit_codes[code] for code in (0, 3)) > LOGS / 10
+    assert min(outcome.exit_codes[code] for code in (0, 3)) > LOGS / 10  # both ends occur
 
 
 def _sabotage(log: Path, out: Path, due: list[int], checked: bool) -> tuple[int, str]:
