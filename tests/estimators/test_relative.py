@@ -8,7 +8,7 @@ from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 
 SCENE = Scene(frames=20, track_length=8, visible=60, std_px=0.2, round_off=False)
-TRIALS = 40
+TRIALS = 24
 
 
 def test_covariances_of_relative_motions_are_those_of_their_errors() -> None:

@@ -73,7 +73,8 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
         away = solution.rig.mean[LENS] - true
         of_rig.append(away @ np.linalg.solve(solution.rig.cov[LENS, LENS], away))
         of_pose.append(nees(solution, sequence))
-        blind.append(nees(run(sequence, observations, exact=True), sequence))
+        if len(blind) < 3:  # enough to show what it costs
+            blind.append(nees(run(sequence, observations, exact=True), sequence))
     assert 0.7 < np.sqrt(np.mean(of_rig) / M) < 1.4
     assert 0.7 < np.sqrt(np.mean(of_pose) / 6) < 1.4
     assert np.sqrt(np.min(blind) / 6) > 4
@@ -82,7 +83,7 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
 @pytest.mark.slow
 def test_noise_of_the_views_is_not_taken_for_an_error_of_the_rig() -> None:
     """Effects are those at fitted positions: at measured ones noise adds up, to 1.1 σ of what hardly shows here."""
-    count, away = 25, []
+    count, away = 16, []
     for sequence, observations, true in trials(replace(SCENE, track_length=8, visible=48), count, TYPICAL):
         rig = run(sequence, observations).rig
         assert rig is not None
@@ -161,17 +162,17 @@ class Flight:
 def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consistent(
     delay_ms: float, readout_ms: float
 ) -> None:
-    """Six flights of 24 frames: of twelve normalised errors of timing none is beyond 4, and the mean NEES of the last
+    """Four flights of 24 frames: of eight normalised errors of timing none is beyond 4, and the mean NEES of the last
     poses is below the percentile of χ² that chance exceeds once in 2000."""
     of_pose = []
-    for seed in range(6):
+    for seed in range(4):
         flight = Flight(seed, delay_ms / 1e3, readout_ms / 1e3, 24)
         observations = flight.observations()
         estimator = make_estimator("cross-frame", flight.P, Config())
         for o in observations:
             solution = estimator.step(o)
         assert solution.rig is not None and observations[0].rig is not None
-        mean, cov = observations[0].rig.timing(solution.rig.mean, solution.rig.cov)
+        mean, cov = observations[0].rig.model.timing(solution.rig.mean, solution.rig.cov)
         std = np.sqrt(np.diag(cov))
         error = se3.log(
             se3.inverse(solution.world_from_cam) @ flight.world_from_cam(np.array([23 * flight.PERIOD_S]))[0]
