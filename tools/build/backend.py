@@ -4,10 +4,13 @@ An editable install is a path to this folder, and the module is built in place (
 installs have it in the same way.
 """
 
+import base64
+import hashlib
 import os
 import shlex
 import sys
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,7 +54,9 @@ def build_editable(folder: str, config_settings: Settings = None, metadata: str 
     """Build the module in place, and a wheel that only points here."""
     with _explained():
         in_place.build()
-    return scikit.build_editable(folder, _pointing_here(config_settings), metadata)
+    name = scikit.build_editable(folder, _pointing_here(config_settings), metadata)
+    _only_a_path(Path(folder, name))
+    return name
 
 
 def prepare_metadata_for_build_editable(folder: str, config_settings: Settings = None) -> str:
@@ -62,6 +67,25 @@ def prepare_metadata_for_build_editable(folder: str, config_settings: Settings =
 def _pointing_here(config_settings: Settings) -> dict[str, Any]:
     only_path = {"wheel.cmake": "false", "wheel.py-api": "py3", "editable.mode": "inplace"}
     return {**(config_settings or {}), **only_path}
+
+
+def _only_a_path(wheel: Path) -> None:
+    """Leave a path to this folder in an editable wheel: an import hook would also come before PYTHONPATH."""
+    with zipfile.ZipFile(wheel) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    (path,) = (name for name in files if name.endswith(".pth"))
+    (record,) = (name for name in files if name.endswith(".dist-info/RECORD"))
+    files = {name: files[name] for name in files if name not in (path.removesuffix(".pth") + ".py", record)}
+    files[path] = f"{in_place.ROOT}\n".encode()
+    rows = [f"{name},sha256={_digest(data)},{len(data)}\n" for name, data in files.items()]
+    files[record] = "".join([*rows, f"{record},,\n"]).encode()
+    with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+
+
+def _digest(data: bytes) -> str:
+    return base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
 
 
 @contextmanager
