@@ -168,13 +168,16 @@ class RigView:
 
     `model`: the linear model of all of them. `field_std_px`: σ of those errors that no physical term follows, as the
     rows have it so far. `timing_px` (n, 4): what delay and readout, as far as they are known, do to the views, which
-    are as they were seen. `change`: the right camera has turned against the left one; the turn is taken out of the
-    views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of each error.
+    are as they were seen. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
+    and its sum weighted by that, s⁻¹. `change`: the right camera has turned against the left one; the turn is taken
+    out of the views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of
+    each error.
     """
 
     model: RigModel
     field_std_px: float = 0.0
     timing_px: Array | float = 0.0
+    delay_by_rows: tuple[float, float] = (0.0, 0.0)
     change: "RigChange | None" = None
     change_root: Array | None = None
 

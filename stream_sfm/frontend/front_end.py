@@ -165,7 +165,9 @@ class StereoFrontEnd:
             note=self._turn_note(state.turn_watch) or note or state.pair.problem,
             ambiguity=_ambiguity(None, state.pair),
             lasting=LastingErrors(np.zeros(n), persistence.inflation),
-            rig=None if self.setup.config.rig.exact else RigView(self.rig, state.rows.field_std_px, timing_px),
+            rig=None
+            if self.setup.config.rig.exact
+            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay),
         )
         return replace(state, persistence=persistence), observed
 

@@ -187,8 +187,9 @@ def _match_wide(
 
 def _on_row(state: FrontEndState, left_px: NDArray[np.intp], disparity_px: Array) -> Array:
     """Where in the right image (n, 2) pixels (n, 2) of the left one are, by the disparities (n,) seen there."""
-    v = left_px[:, 1] - state.rows.at(left_px.astype(float))
-    right_px = np.stack([left_px[:, 0] - disparity_px, v], axis=1)
+    at_px = left_px.astype(float)
+    right_px = at_px - np.stack([disparity_px, np.zeros(len(at_px))], axis=1)
+    right_px[:, 1] -= state.rows.at(at_px, _row_speed(state, np.concatenate([at_px, right_px], axis=1)))
     right_px[:, 1] = state.turn.put_in(right_px)[:, 1]
     return right_px
 
@@ -258,16 +259,23 @@ def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -
     """
     left_px, right_px = scale * m.left_px.astype(float), state.turn.taken_out(scale * m.right_px)
     z_px = np.concatenate([left_px, right_px], axis=1)
-    points, twist, rows = _points(setup.projection, z_px), state.timing.twist, state.rows
-    speed = np.zeros(len(points)) if twist is None else row_speed(setup.projection, points, twist)
+    speed, twist, rows = _row_speed(state, z_px), state.timing.twist, state.rows
     if scale == 1:
         at = m.good
-        matches = RowMatches(left_px[at], (left_px - right_px)[at, 1], points[at])
+        matches = RowMatches(left_px[at], (left_px - right_px)[at, 1], _points(setup.projection, z_px[at]))
         rows = learn_rows(rows, matches, twist)
         state = replace(state, rows_waiting=matches) if twist is None else replace(state, rows=rows)
-    right_px[:, 1] += rows.at(left_px)
+    right_px[:, 1] += rows.at(left_px, speed)
     good = m.good & rows.agrees(left_px, right_px, speed, scale)
     return state, replace(m, left_px=left_px, right_px=right_px, apart_px=scale * m.apart_px, good=good)
+
+
+def _row_speed(state: FrontEndState, z_px: Array) -> Array:
+    """How fast views (n, 4) cross the rows, px/s; 0 before there was a motion."""
+    if state.timing.twist is None:
+        return np.zeros(len(z_px))
+    projection = state.rows.projection
+    return row_speed(projection, _points(projection, z_px), state.timing.twist)
 
 
 def _begin_tracks(

@@ -147,49 +147,49 @@ class TurnWatch:
         z_px: Array,
         cov_px: Array,
         cam_from_previous: Array,
-        by_delay_rad: Array,
+        cov_expected: Array,
     ) -> tuple["TurnWatch", Turn | None]:
         """Return the watch after a frame, and the turn that the frame shows if it is unusual.
 
         Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
-        `by_delay_rad` (3,): the turn that a delay of the right camera may look like, σ.
+        `cov_expected` (3, 3): of what may look like a turn, because delay and rows are not known better.
         """
         seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
         if len(seen) < _MIN_VIEWS:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = _fitted(views, cam_from_previous, 1)
-        if self._chi2(turn, by_delay_rad) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
+        if self._chi2(turn, cov_expected) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
             turn = _fitted(views, cam_from_previous, _STEPS)
-        if not self._is_unusual(turn, by_delay_rad):
-            return self._learnt(turn, by_delay_rad), None
+        if not self._is_unusual(turn, cov_expected):
+            return self._learnt(turn, cov_expected), None
         agree = np.zeros(len(z_px), bool)
         agree[seen] = turn.agree
         turn = replace(turn, agree=agree)
         return replace(self, unusual=(*self.unusual, turn)), turn
 
-    def _is_unusual(self, turn: Turn, by_delay_rad: Array) -> bool:
+    def _is_unusual(self, turn: Turn, cov_expected: Array) -> bool:
         """Whether a turn is so by those of the frames before, and there was not one like it for a long time."""
-        return len(self.unusual) < _PATIENCE_FRAMES and self._stands_out(turn, by_delay_rad)
+        return len(self.unusual) < _PATIENCE_FRAMES and self._stands_out(turn, cov_expected)
 
-    def _stands_out(self, turn: Turn, by_delay_rad: Array) -> bool:
+    def _stands_out(self, turn: Turn, cov_expected: Array) -> bool:
         """Whether a turn is larger than usual, possible, and what most of the views show."""
         px = self.projection.f_px * float(np.linalg.norm(turn.rad))
-        return self._chi2(turn, by_delay_rad) > _UNUSUAL and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
+        return self._chi2(turn, cov_expected) > _UNUSUAL and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
 
-    def _learnt(self, turn: Turn, by_delay_rad: Array) -> "TurnWatch":
+    def _learnt(self, turn: Turn, cov_expected: Array) -> "TurnWatch":
         """Return the watch after a frame whose turn counts as usual."""
         square = np.outer(turn.rad, turn.rad)
-        if self._stands_out(turn, by_delay_rad):
+        if self._stands_out(turn, cov_expected):
             return replace(self, usual=self.usual + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)
-        chi2 = self._chi2(turn, by_delay_rad)
+        chi2 = self._chi2(turn, cov_expected)
         counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
 
-    def _chi2(self, turn: Turn, by_delay_rad: Array) -> float:
-        cov = turn.cov + self.usual + np.outer(by_delay_rad, by_delay_rad)
+    def _chi2(self, turn: Turn, cov_expected: Array) -> float:
+        cov = turn.cov + self.usual + cov_expected
         return float(turn.rad @ np.linalg.solve(cov, turn.rad))
 
 

@@ -27,6 +27,9 @@ _GATE = 4.0  # standard deviations that a match may be off: one good match in 16
 # Three times the scatter of good matches; below, few matches that agree by chance set the gate.
 _LEAST_GATE_PX = 0.3
 _POLYNOMIAL = 6  # coefficients
+# Share of itself by which a delay may be off, as all matches go by the same extrapolated velocities: 11 and 18 % on two
+# rendered logs with a camera that is 8 ms late.
+_SPEED_ERROR = 0.2
 # σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
 # probable as all others together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
@@ -37,13 +40,15 @@ _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 class Rows:
     """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
 
-    `scatter_px`: σ of new matches around it, over the last `frames`. `field_std_px`: σ of the field.
+    `std_delay_s`: σ of the delay beforehand. `scatter_px`: σ of new matches around it, over the last
+    `frames`. `field_std_px`: σ of the field.
     """
 
     projection: StereoProjection
     max_px: float
     mean: Array
     cov: Array
+    std_delay_s: float
     scatter_px: float = _STD_MATCH_PX
     frames: int = 0
     field_std_px: float = _LEAST_FIELD_PX
@@ -55,7 +60,7 @@ class Rows:
         n_field = len(field_over(projection.width, projection.height))
         std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
         max_px = config.frontend.max_vertical_disparity_px
-        return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2))
+        return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2), std_delay_s)
 
     @property
     def largest_px(self) -> float:
@@ -64,9 +69,24 @@ class Rows:
         u, v = np.meshgrid(np.linspace(0, p.width - 1, 5), np.linspace(0, p.height - 1, 5))
         return float(np.abs(self.at(np.stack([u.ravel(), v.ravel()], axis=1))).max())
 
-    def at(self, left_px: Array) -> Array:
-        """Return v_left − v_right (n,) of correct matches at left positions (n, 2) of a camera at rest, px."""
-        return self._terms(left_px, np.zeros(len(left_px))) @ self.mean
+    @property
+    def delay(self) -> tuple[float, float]:
+        """What matches alone say of the delay of the right camera: information, s⁻², and sum weighted by it, s⁻¹."""
+        mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
+        information = 1 / var - self.std_delay_s**-2
+        wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
+        return float(wrong * information), float(wrong * mean / var)
+
+    def at(self, left_px: Array, row_speed_px_s: Array | float = 0.0) -> Array:
+        """Return v_left − v_right (n,) of correct matches at left positions (n, 2), px.
+
+        `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference.
+        """
+        return self._terms(left_px, np.broadcast_to(row_speed_px_s, len(left_px))) @ self.mean
+
+    def root(self, left_px: Array, row_speed_px_s: Array) -> Array:
+        """Return a root (n, k) of the covariance of `at`, px."""
+        return np.asarray(self._terms(left_px, row_speed_px_s) @ np.linalg.cholesky(self.cov))
 
     def variance(self, left_px: Array) -> Array:
         """Return the variance (n,) of `at`, px²."""
@@ -78,14 +98,12 @@ class Rows:
     ) -> NDArray[np.bool_]:
         """Return whether left and right positions (n, 2), the right ones corrected by `at`, lie on one row.
 
-        `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference. `scale`:
-        the gate is so much wider, for matches of reduced images.
+        `row_speed_px_s` (n,): as of `at`. `scale`: the gate is so much wider, for matches of reduced images.
         """
         speed = np.broadcast_to(row_speed_px_s, (len(left_px),))
         late = np.abs(speed) * np.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL])
         gate_px = np.clip(_GATE * np.hypot(self.scatter_px, late), _LEAST_GATE_PX, self.max_px + _GATE * late)
-        off_px = right_px[:, 1] - left_px[:, 1] - speed * self.mean[_POLYNOMIAL]
-        return np.asarray(np.abs(off_px) < scale * gate_px)
+        return np.asarray(np.abs(right_px[:, 1] - left_px[:, 1]) < scale * gate_px)
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..rig_model.velocities import velocities
+from ..rig_model.turns import effects_of_turn
+from ..rig_model.velocities import principal, velocities
 from .alignment import AlignedViews, Aligners, Candidates, LeftViews, TemplateAligner, split
 from .prepared import PreparedImages
 from .right_turn import RightTurn
@@ -47,9 +48,9 @@ def align_in_both(
     for aligner, at in split(aligners, candidates.now.scale):
         some = candidates.keep(at)
         left = aligner.align_left(images, some.now.slots, some.left_warps, some.left_px)
-        right_px, error_grey = _align_right(aligner, rows, turn, images, some, left)
-        found[at], any_row_px[at] = left.found, np.concatenate([left.at_px, right_px], axis=1)
         speed = row_speed(rows.projection, some.now.points, some.twist)
+        right_px, error_grey = _align_right(aligner, rows.at(left.at_px, speed), turn, images, some, left)
+        found[at], any_row_px[at] = left.found, np.concatenate([left.at_px, right_px], axis=1)
         on_row[at] = rows.agrees(left.at_px, right_px, speed, aligner.scale)
         cov_px[at] = aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
     z_px = any_row_px.copy()
@@ -59,15 +60,17 @@ def align_in_both(
 
 def _align_right(
     aligner: TemplateAligner,
-    rows: Rows,
+    vertical_px: Array,
     turn: RightTurn,
     images: PreparedImages,
     candidates: Candidates,
     left: LeftViews,
 ) -> tuple[Array, Array]:
-    """Positions (n, 2) in the right image, rows corrected, NaN where there is no match; grey deviations (n,)."""
+    """Positions (n, 2) in the right image, NaN where there is no match; grey deviations (n,).
+
+    `vertical_px` (n,): by how much rows differ, which is taken out.
+    """
     slots = candidates.now.slots
-    vertical_px = rows.at(left.at_px)
     start_u = candidates.right_u_px + left.at_px[:, 0] - candidates.left_px[:, 0]
     start_px = np.stack([start_u, left.at_px[:, 1] - vertical_px], axis=1)
     slanted = np.asarray(candidates.now.slopes.any(axis=1))  # of the others left and right patch are the same
@@ -79,6 +82,26 @@ def _align_right(
     at_px[:, 1] += vertical_px
     found &= error_grey < aligner.config.max_photometric_error
     return np.where(found[:, None], at_px, np.nan), error_grey
+
+
+def unknown_rows(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
+    """Return what is not known of the rows of views (n, 4) of homogeneous points (n, 4) with a twist: (n, 4, j) px."""
+    unknown = np.zeros((len(z_px), 4, len(rows.mean)))
+    unknown[:, 3] = rows.root(z_px[:, :2], row_speed(rows.projection, points, twist))
+    unknown[~np.isfinite(z_px[:, 2])] = 0.0
+    return principal(unknown)
+
+
+def cov_of_rows_as_turn(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
+    """Return the covariance (3, 3) of the turn of the right camera that rows look like which are not known better.
+
+    Views and points as of `unknown_rows`.
+    """
+    seen = np.isfinite(z_px[:, 2])
+    by_turn = effects_of_turn(rows.projection, z_px[seen, 2:])[:, 1]
+    by_rows = unknown_rows(rows, z_px[seen], points[seen], twist)[:, 3]
+    turns = np.linalg.lstsq(by_turn, by_rows, rcond=None)[0]
+    return np.asarray(turns @ turns.T)
 
 
 def update_depths(p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array) -> Tracks:

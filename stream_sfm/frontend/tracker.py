@@ -14,6 +14,7 @@ from ..geometry import se3
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..rig_model.velocities import principal
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
 from .mono.parallax import align_left_only, update_by_parallax
@@ -22,7 +23,7 @@ from .prepared import PreparedImages
 from .right_turn import Turn
 from .rough_motion import RoughMotion, find_rough_motion
 from .state import FrontEndState, Setup
-from .stereo_depth import align_in_both, learn_rows, update_depths
+from .stereo_depth import align_in_both, cov_of_rows_as_turn, learn_rows, unknown_rows, update_depths
 from .tracks import Tracks
 from .warps import anchor_from_now
 
@@ -176,6 +177,9 @@ def _known(
     cov_points = before.cov_points(setup.projection, drift(state.aligners, now, motion))
     std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
     unknown_px = state.timing.unknowns(before.points, now.points, candidates.twist, std_twist)
+    if unknown_px is not None:
+        of_rows = unknown_rows(state.rows, views.z_px[views.found], now.points, candidates.twist)
+        unknown_px = principal(np.concatenate([unknown_px, of_rows], axis=2))
     return _Known(before, cov_points, float(candidates.before.weights.sum()), unknown_px)
 
 
@@ -209,10 +213,9 @@ def _judge_turn(
     if state.turn_watch is None:
         return state, None
     z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
-    by_delay_rad = np.sqrt(state.timing.cov[0, 0]) * twist[3:]
-    watch, turn = state.turn_watch.judge(
-        known.before.points, known.cov_points, z_px, cov_px, cam_from_previous, by_delay_rad
-    )
+    points, cov_expected = known.before.points, state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
+    cov_expected += cov_of_rows_as_turn(state.rows, z_px, points, twist)
+    watch, turn = state.turn_watch.judge(points, known.cov_points, z_px, cov_px, cam_from_previous, cov_expected)
     return replace(state, turn_watch=watch), turn
 
 

@@ -188,7 +188,7 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
 
     Many views may agree with both motions; they say nothing about which of the two is that of the background.
-    With errors that all views share it takes as many views more.
+    A view has three coordinates of its own: it takes so many more where it also determines errors that all share.
     """
     off = found.squared_residuals > _BEYOND * views.gate
     if not found.ok or off.sum() < _MIN_SECOND_VIEWS:
@@ -197,7 +197,8 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_SECOND_VIEWS)
     other = _least_squares(views, weights, _Motion(start, found.amplitudes), *views.linearise(start))
     only_other = off & other.accepted
-    if not other.ok or only_other.sum() < _MIN_SECOND_VIEWS + len(found.amplitudes):
+    determined = len(other.amplitudes) - float(np.trace(other.cov_amplitudes))
+    if not other.ok or only_other.sum() < _MIN_SECOND_VIEWS + determined / 3:
         return found
     only_found = found.accepted & (other.squared_residuals > _BEYOND * views.gate)
     odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)

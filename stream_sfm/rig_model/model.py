@@ -88,6 +88,11 @@ class RigModel:
             mean[at], size[at], learnt[at] = self.known_timing.mean / unit, self.known_timing.std / unit, False
         return mean, size, learnt
 
+    def amplitudes(self, term: str, information: float, weighted: float) -> Array:
+        """Return information and weighted sum (2,) about one of the terms that has a σ of its own, in units of that."""
+        at = TERMS.index(term)
+        return np.array([information * self.root[at, at] ** 2, weighted * self.root[at, at]])
+
     def root_of_turn(self, std_rad: float) -> Array:
         """Return a root (m, 3) of the covariance of amplitudes by a turn of the right camera, σ about each axis."""
         root = np.zeros((len(self), 3))

@@ -3,9 +3,10 @@
 Relative rotation, principal points, focal lengths and distortion of the two cameras err together; what they do to the
 disparity is a polynomial of the place in the image, and the difference of two radial distortions. What both lenses have
 wrong alike moves both sides of a view. Rows are not told apart: what left and right row differ by is measured directly
-(`frontend/rows.py`) and taken out of the right row, which then errs with the left one. A principal point that is off
-by δ moves all of the image, which is a rotation of the camera's axes by δ/f: no view shows that
-(`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y, is a term here.
+(`frontend/rows.py`), with what a delay of the right camera does there, and taken out of the right row, which then
+errs with the left one. A principal point that is off by δ moves all of the image, which is a rotation of the camera's
+axes by δ/f: no view shows that (`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y,
+is a term here.
 """
 
 import numpy as np
@@ -63,7 +64,7 @@ def columns(
     effects[:, 3] = effects[:, 1]
     effects[:, :, 13] = from_centre_px
     if velocity_px_s is not None and row is not None:
-        effects[:, 2:, 14] = velocity_px_s[:, 2:]
+        effects[:, 2, 14] = velocity_px_s[:, 2]
         effects[:, :, 15] = velocity_px_s * row
     age = np.broadcast_to(age_s, len(z_px))[:, None]
     if age.any():

@@ -13,22 +13,23 @@ from ..geometry.stereo import StereoProjection, clamp_depth
 # Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
 _REACH = 2
 _NODES = 4  # frames at least, as far as there are any
-_LEAST_PX2 = 1e-4  # of a component, summed over all views: a hundredth of the variance of one good view
+_LEAST_PX2 = 1e-2  # of a component, summed over all views: the variance of one good view
 
 
 def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
     """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
 
     `cams_from_ref` (n, 4, 4) at ascending stamps; from polynomials through the poses of the frames around each.
-    Zero while there are too few: a velocity that is wrong does more harm than none.
+    Zero for a single one.
     """
     n = len(stamps_ns)
-    if n < _NODES:
+    nodes = min(_NODES, n)
+    if n < 2:
         return np.zeros((n, 6))
     t = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
     at = np.arange(n)
-    first = np.minimum(np.maximum(at - _REACH, 0), n - _NODES)
-    count = np.maximum(np.minimum(at + _REACH + 1, n) - first, _NODES)
+    first = np.minimum(np.maximum(at - _REACH, 0), n - nodes)
+    count = np.maximum(np.minimum(at + _REACH + 1, n) - first, nodes)
     offset = np.arange(2 * _REACH + 1)
     used = offset < count[:, None]
     near = np.where(used, first[:, None] + offset, at[:, None])
@@ -76,7 +77,7 @@ class TimedViews:
         row_of: Callable[[Array], Array] | None,
     ) -> None:
         self.by_twist = by_twist = velocities_by_twist(projection, points_in_cam)
-        self.by_delay = by_twist * np.array([0.0, 0.0, 1.0, 1.0])[:, None]
+        self.by_delay = by_twist * np.array([0.0, 0.0, 1.0, 0.0])[:, None]
         row = np.zeros((len(points_in_cam), 4))
         if row_of is not None:
             row = np.nan_to_num(row_of(projection.project_homogeneous(clamp_depth(points_in_cam))))
@@ -88,14 +89,18 @@ def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array
     """Return what is not known of how views have changed, with delay and readout N(`mean` (2,), `cov` (2, 2)), seconds.
 
     (n, 4, j) px, each of σ = 1: a constant delay or readout shows where the velocity has changed; and what either of
-    them does shows where the velocity is not known, by `std_twist` (6,). Their principal components, as far as these
-    are more than a good view's noise hides.
+    them does shows where the velocity is not known, by `std_twist` (6,). Their `principal` components.
     """
     of_time = (now.columns - before.columns) @ np.linalg.cholesky(cov)
     size = np.sqrt(mean**2 + np.diag(cov))
     unknown = np.concatenate(
         [of_time, size[0] * std_twist * now.by_delay, size[1] * std_twist * now.by_readout], axis=2
     )
-    flat = unknown.reshape(-1, unknown.shape[2])
+    return principal(unknown)
+
+
+def principal(unknown: Array) -> Array:
+    """Return principal components (n, 4, j) of errors of views (n, 4, k) px that matter beside a good view's noise."""
+    flat = unknown.reshape(4 * len(unknown), -1) if unknown.size else np.zeros((1, unknown.shape[2]))
     variance, axes = np.linalg.eigh(flat.T @ flat)
     return np.asarray(unknown @ axes[:, variance > _LEAST_PX2])

@@ -164,7 +164,8 @@ def test_errors_of_another_size_are_more_or_less_information_about_them(prior) -
     gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / (size**-2.0 - prior.rig.size**-2.0)))
     cov, mean = before - gain @ h @ before, mean - gain @ h @ mean
 
-    after, u = prior.with_rig_size(size)
+    rig, u = prior.rig.resized(size)
+    after = prior.with_rig(rig, u)
     scale = np.sqrt(np.diag(cov))
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-9
     offset = after.rig.offset

@@ -140,7 +140,9 @@ class Flight:
         for n in range(self.frames):
             z_px = self.views(np.full((len(self.points), 4), n * self.PERIOD_S))
             for _ in range(3):  # the row of a view depends on its time; each step leaves a hundredth
-                z_px = self.views(n * self.PERIOD_S + late + self.readout_s * self.row_of(z_px))
+                seconds = n * self.PERIOD_S + self.readout_s * self.row_of(z_px)
+                z_px = self.views(seconds + late)
+            z_px[:, 3] = self.views(seconds)[:, 3]  # what a delay does to the rows is taken out with them
             ids = np.flatnonzero(((z_px > 0) & (z_px < (512, 480, 512, 480))).all(axis=1))
             z_px = z_px[ids] + STD_PX * self.rng.normal(size=(len(ids), 4))
             cov = np.broadcast_to(STD_PX**2 * np.eye(4), (len(ids), 4, 4))

@@ -53,7 +53,9 @@ def watched(
     rng, watch = np.random.default_rng(seed), TurnWatch(P)
     unusual, measured = [], []
     for rad in turns:
-        watch, turn = watch.judge(*frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), by_delay_rad)
+        watch, turn = watch.judge(
+            *frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), np.outer(by_delay_rad, by_delay_rad)
+        )
         unusual.append(turn is not None)
         if turn is not None:
             measured.append(turn.rad)

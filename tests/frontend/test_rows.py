@@ -136,8 +136,12 @@ def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> Non
     mean, std = rows.mean[at], np.sqrt(rows.cov[at, at])
     assert abs(mean - delay_s) < 3 * std and std < 1e-3
     speed = np.full(len(GRID), 100.0)  # a match that has moved as far as the delay lets it agrees
-    seen = GRID + np.stack([np.zeros(len(GRID)), delay_s * speed], axis=1)
-    assert rows.agrees(GRID, seen, speed).all()
+    difference = rows.at(GRID, speed) - (smooth(GRID) - delay_s * speed)
+    assert rows.agrees(GRID, GRID + np.stack([np.zeros(len(GRID)), difference], axis=1), speed).all()
+    information, weighted = rows.delay  # what matches alone say; a share of it may be an error of the velocities
+    prior = Config().rig.std_delay_s ** -2.0
+    assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
+    assert information == pytest.approx(1 / (1 / (std**-2 - prior) + (rows_of._SPEED_ERROR * mean) ** 2), rel=1e-6)
 
 
 def test_a_delay_that_is_not_possible_is_not_found() -> None:

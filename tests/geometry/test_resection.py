@@ -187,21 +187,21 @@ def test_history_decides_between_two_rigid_sets() -> None:
         weights = np.where(body < 0, 10.0, 0.1)
         found = resect(P, points, cov_points, z, cov, np.eye(4), weights=weights)
         assert found.accepted[body < 0].mean() > 0.95 and found.accepted[body == 0].mean() < 0.3  # as above
-        assert found.rival is None
+        assert found.ambiguous is None
 
 
-def test_two_rigid_sets_side_by_side_are_rivals() -> None:
+def test_two_rigid_sets_side_by_side_are_ambiguous() -> None:
     for seed in range(10):
         _, points, cov_points, z, cov, body = crowd(seed, 0.5, bodies=1, left=True)
         found = resect(P, points, cov_points, z, cov, np.eye(4))
-        assert found.rival is not None
+        assert found.ambiguous is not None
         apart = []
         for of in (body == 0, body < 0):
             alone = resect(P, points[of], cov_points[of], z[of], cov[of], np.eye(4)).cam_from_ref
             apart.append(
                 [
                     np.linalg.norm(se3.log(m @ se3.inverse(alone)))
-                    for m in (found.cam_from_ref, found.rival.cam_from_ref)
+                    for m in (found.cam_from_ref, found.ambiguous.cam_from_ref)
                 ]
             )
         assert min(apart[0]) < 0.02 and min(apart[1]) < 0.02  # m and rad: some σ of half of the views
@@ -232,10 +232,10 @@ def test_corners_that_crowd_in_one_place_have_one_vote() -> None:
         assert found.second.odds < 0.5
 
 
-def test_scattered_outliers_are_no_rival() -> None:
+def test_scattered_outliers_are_no_second_motion() -> None:
     for seed in range(10):
         _, points, cov_points, z, cov, _ = problem(seed, 160, outliers=0.6)
-        assert resect(P, points, cov_points, z, cov, np.eye(4)).rival is None
+        assert resect(P, points, cov_points, z, cov, np.eye(4)).ambiguous is None
 
 
 def test_a_distant_point_next_to_the_camera_plane_predicts_nothing() -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from stream_sfm.geometry.se3 import Array
+from stream_sfm.rig_model import sizes as module
 from stream_sfm.rig_model.sizes import likely_sizes, log_odds_wrong, mixture
 from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
@@ -102,11 +103,14 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 
 
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
-def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) -> None:
+def test_a_mixture_has_the_moments_of_its_two_halves(
+    std: float, errors: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
     Wrong lenses err in all terms, or, one in twenty, in one alone.
     """
+    monkeypatch.setattr(module, "_COUNTS", 1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
     found = mixture(views.mean, views.cov, SIZE)

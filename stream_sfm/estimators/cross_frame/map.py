@@ -348,7 +348,11 @@ class Map:
         if estimate is None or not rig.steady:
             return
         size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
-        self.prior, u = self.prior.with_rig_size(size)
+        self.know_rig(*rig.resized(size))
+
+    def know_rig(self, rig: RigKnowledge, u: Array) -> None:
+        """Take other knowledge about the rig, where amplitudes a of its modes are now a' with a = U a', U (m, m)."""
+        self.prior = self.prior.with_rig(rig, u)
         own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 

@@ -174,16 +174,12 @@ class Prior:
             world_modes=np.concatenate([modes, self.world_modes], axis=1),
         )
 
-    def with_rig_size(self, size: Array) -> tuple["Prior", Array]:
-        """Return the prior as if errors of the rig had been of these sizes (m,) from the start, eq. (72b).
-
-        And U (m, m): the amplitudes a of their modes are now a', with a = U a'.
-        """
-        rig, u = self.rig.resized(size)
+    def with_rig(self, rig: RigKnowledge, u: Array) -> "Prior":
+        """Return the prior with other knowledge about the rig: its amplitudes a are now a', a = U a', eq. (72b)."""
         own = self.modes.shape[2] - len(rig)
         modes = np.concatenate([self.modes[..., :own], self.modes[..., own:] @ u], axis=2)
         world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
-        return replace(self, modes=modes, world_modes=world_modes, rig=rig), u
+        return replace(self, modes=modes, world_modes=world_modes, rig=rig)
 
     def with_rig_change(self, root: Array) -> "Prior":
         """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).

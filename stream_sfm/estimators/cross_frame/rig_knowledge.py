@@ -83,11 +83,18 @@ class RigKnowledge:
 
     def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
         """Return the knowledge with a prior of other sizes, and U (m, m): amplitudes a are now a', with a = U a'."""
-        more = size**-2.0 - self.size**-2.0  # information about zero that is added to what the prior had
+        rig, u = self.informed(size**-2.0 - self.size**-2.0, np.zeros(len(self)))
+        return replace(rig, size=size), u
+
+    def informed(self, more: Array, weighted: Array) -> tuple["RigKnowledge", Array]:
+        """Return the knowledge with so much `more` information (m,), of weighted sum (m,); it may be less, too.
+
+        And U (m, m): as in `resized`.
+        """
         added = more[:, None] * self.root
         u = Cholesky(symmetric(np.eye(len(self)) + self.root.T @ added)).root
-        offset = u.T @ (self.offset - added.T @ self.mean)
-        return replace(self, root=self.root @ u, offset=offset, size=size), u
+        offset = u.T @ (self.offset + self.root.T @ weighted - added.T @ self.mean)
+        return replace(self, root=self.root @ u, offset=offset), u
 
     def changed(self, root: Array) -> tuple["RigKnowledge", Array]:
         """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).

@@ -15,6 +15,7 @@ from ...geometry import se3
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, Observations, Solution
 from ..ids import among
 from ..initial_motion import initial_motion
@@ -50,6 +51,7 @@ class CrossFrame:
         self._std_acceleration = np.repeat(
             [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2], 3
         )
+        self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right; once said, it stays
 
     def step(self, observations: Observations) -> Solution:
@@ -57,6 +59,7 @@ class CrossFrame:
         frame = WindowFrame.from_observations(observations, self.projection)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
+        self._listen_to_rows(observations)
         if self.map is None:
             return self._start(observations, frame)
         try:
@@ -104,6 +107,22 @@ class CrossFrame:
         while self.map.frames:
             absorb_oldest_frame(self.map)
         self.map.change_rig(root)
+
+    def _listen_to_rows(self, observations: Observations) -> None:
+        """Take what the rows say of the delay: they depend on neither depth nor motion, and are not used elsewhere."""
+        view = observations.rig
+        if view is None:
+            return
+        if self.map is None and self.rig is None:
+            self.rig = _unknown_rig(observations)
+        said, delay = view.model.amplitudes(DELAY, *view.delay_by_rows), TERMS.index(DELAY)
+        more, weighted = np.zeros((2, len(view.model)))
+        more[delay], weighted[delay] = said - self._said_by_rows
+        self._said_by_rows = said
+        if self.map is not None:
+            self.map.know_rig(*self.map.prior.rig.informed(more, weighted))
+        elif self.rig is not None:
+            self.rig, _ = self.rig.informed(more, weighted)
 
     def _pass_over(self, observations: Observations, reason: str) -> Solution:
         """Predict the pose of a frame without any view; the map goes on where its tracks return."""
@@ -174,7 +193,8 @@ class CrossFrame:
             rig = current.judge_rig(observations.misfit)
         before, now = current.marginals, current.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
-        self._impossible = self._impossible or impossible(rig)
+        if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
+            self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ended = before.ended(~among(before.ids, current.ids))
