@@ -98,9 +98,9 @@ def cov_of_rows_as_turn(rows: Rows, z_px: Array, points: Array, twist: Array) ->
     Views and points as of `unknown_rows`.
     """
     seen = np.isfinite(z_px[:, 2])
-    by_turn = effects_of_turn(rows.projection, z_px[seen, 2:])[:, 1]
-    by_rows = unknown_rows(rows, z_px[seen], points[seen], twist)[:, 3]
-    turns = np.linalg.lstsq(by_turn, by_rows, rcond=None)[0]
+    by_turn = effects_of_turn(rows.projection, z_px[seen, 2:]).reshape(-1, 3)
+    by_rows = unknown_rows(rows, z_px[seen], points[seen], twist)[:, 2:]
+    turns = np.linalg.lstsq(by_turn, by_rows.reshape(len(by_turn), by_rows.shape[2]), rcond=None)[0]
     return np.asarray(turns @ turns.T)
 
 

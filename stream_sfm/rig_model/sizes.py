@@ -105,7 +105,10 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
     covariance in full.
     """
     lens = np.r_[_LENS, len(TERMS) : len(mean)]
-    p_wrong = float(probability(np.array(log_odds_lenses(mean, cov, size))))
+    weights, _ = _combinations(mean, cov, size)
+    zero = _CONSIDERED.start + np.flatnonzero(_IS_ZERO[weights.argmax()])
+    log_odds = log_odds_lenses(*_without(mean, cov, zero), size)  # free rates and times would do for lenses, too
+    p_wrong = float(probability(np.array(log_odds)))
     wrong = _considering(mean, cov, size)
     if known_wrong:
         return Mixture(*wrong, 1.0)
@@ -116,8 +119,17 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
 def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
     """Return mean and covariance of errors where focal length, timing and rates are as wrong as is probable.
 
-    A mixture over each combination of terms that are 0, by the ratio of their densities there (Dickey 1971), with N(0,
-    1) for those that are not. They count in full in the covariance.
+    They count in full in the covariance.
+    """
+    weights, weighted = _combinations(mean, cov, size)
+    away = cov[:, _CONSIDERED] @ (weights @ weighted)
+    return mean - away, cov + np.outer(away, away)
+
+
+def _combinations(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
+    """Return the probability (32,) of each combination of terms that are 0, and C⁻¹ĉ (32, 7) of these terms.
+
+    By the ratio of their densities there (Dickey 1971), with N(0, 1) for those that are not 0.
     """
     own = np.where(
         _IS_ZERO[:, :, None] & _IS_ZERO[:, None], cov[_CONSIDERED, _CONSIDERED], np.eye(_IS_ZERO.shape[1])
@@ -131,8 +143,7 @@ def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
     log_odds = 0.5 * (along**2 / (1 + values) - np.log1p(values)).sum(axis=1)
     log_p = _LOG_PRIOR - log_odds
     p = np.exp(log_p - log_p.max())
-    away = cov[:, _CONSIDERED] @ (p @ weighted / p.sum())
-    return mean - away, cov + np.outer(away, away)
+    return p / p.sum(), weighted
 
 
 def _without(mean: Array, cov: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -47,21 +47,22 @@ MAY_BE_ZERO = {(FOCAL,): 0.05, (DELAY,): 0.05, (READOUT,): 0.05, TURNING: 0.005,
 def considered(views: "Views", size: Array) -> tuple[Array, Array]:
     """Errors of these sizes; each combination of the terms that may be 0 by its own likelihood. They count in full."""
     mean, cov = views.posterior(size)
-    weights, means = [], []
+    weights, sizes = combinations(views, size)
+    held = np.average([views.posterior(without)[0] for without in sizes], axis=0, weights=weights)
+    return held, cov + np.outer(mean - held, mean - held)
+
+
+def combinations(views: "Views", size: Array) -> tuple[list[float], list[Array]]:
+    """How probable each combination of terms is that may be 0, and the sizes of all errors then."""
+    weights, sizes = [], []
     for zero in product((False, True), repeat=len(MAY_BE_ZERO)):
         at = [TERMS.index(name) for names, none in zip(MAY_BE_ZERO, zero, strict=True) if none for name in names]
         without, free = size.copy(), size.copy()
         without[at], free[at] = 0.0, 1.0
         prior = np.prod([odds for odds, none in zip(MAY_BE_ZERO.values(), zero, strict=True) if not none])
         weights.append(prior * np.exp(views.log_evidence(without) - views.log_evidence(free)))
-        means.append(views.posterior(without)[0])
-    held = np.average(means, axis=0, weights=weights)
-    return held, cov + np.outer(mean - held, mean - held)
-
-
-def only(term: int) -> Array:
-    """Sizes of 1 for one error of the lenses and 0 for all others."""
-    return with_size(LENS, 0.0) + np.eye(M)[term]
+        sizes.append(without)
+    return weights, sizes
 
 
 def with_size(which: slice, size: float) -> Array:
@@ -108,15 +109,18 @@ def test_a_mixture_has_the_moments_of_its_two_halves(
 ) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
-    Wrong lenses err in all terms, or, one in twenty, in one alone.
+    Wrong lenses err in all terms, or, one in twenty, in one alone; judged with the other terms as is most probable.
     """
     monkeypatch.setattr(module, "_COUNTS", 1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
     found = mixture(views.mean, views.cov, SIZE)
-    none = views.log_evidence(with_size(LENS, 0.0))
-    together = views.log_evidence(with_size(LENS, 1.0)) - none
-    alone = [views.log_evidence(only(k)) - none for k in range(AT_FOCAL)]
+    weights, sizes = combinations(views, SIZE)
+    others = np.where(np.arange(M) < AT_FOCAL, 0.0, sizes[int(np.argmax(weights))])  # as is most probable
+    of_lens = np.eye(M)[:AT_FOCAL]
+    none = views.log_evidence(others)
+    together = views.log_evidence(others + of_lens.sum(axis=0)) - none
+    alone = [views.log_evidence(others + one) - none for one in of_lens]
     odds = np.logaddexp(np.log(0.95) + together, np.log(0.05) + np.logaddexp.reduce(alone) - np.log(AT_FOCAL))
     assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-odds)), rel=1e-5)
     halves = []
