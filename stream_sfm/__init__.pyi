@@ -32,6 +32,7 @@ from .importers.video import import_video as import_video
 from .inspection.overview import inspect_log as inspect
 from .mcap_file.recover import recover as recover
 from .motion import Motion as Motion
+from .motion import Odometry as Odometry
 from .places.place_map import PlaceMap as PlaceMap
 from .recording.stereo_log import StereoLog as StereoLog
 from .recording.stereo_log import open_log as open_log

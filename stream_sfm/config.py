@@ -18,7 +18,7 @@ from .wording import expected, first_line, invalid_setting
 _LEAST_VOXEL_M = 1e-4  # a tenth of a millimetre
 _MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
-_FRAMES = {"world_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
+_FRAMES = {"world_frame": "map", "odom_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
 
 
 def _number(description: str, least: float, most: float) -> Meta:
@@ -171,9 +171,12 @@ class RigConfig(_Section, frozen=True, kw_only=True):
 class RosConfig(_Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
 
-    world_frame: Annotated[str, Meta(description="the fixed frame, in which poses are given; odom in ROS")] = (
-        "world"
-    )
+    world_frame: Annotated[
+        str, Meta(description="the fixed frame of the best estimate, which corrections move; map in REP 105")
+    ] = "map"
+    odom_frame: Annotated[
+        str, Meta(description="the fixed frame in which the path drifts and never jumps; odom in REP 105")
+    ] = "odom"
     base_frame: Annotated[
         str,
         Meta(description="the robot's frame (base_link), whose poses are given then; empty: those of the camera"),
@@ -182,8 +185,8 @@ class RosConfig(_Section, frozen=True, kw_only=True):
     z_up: Annotated[
         bool,
         Meta(
-            description="x forward, y left, z up in world_frame (REP 103), as always with a base_frame; otherwise the "
-            "axes of the first camera"
+            description="x forward, y left, z up in the fixed frames (REP 103), as always with a base_frame; "
+            "otherwise the axes of the first camera"
         ),
     ] = False
     camera_x_m: Annotated[float, _number("the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
@@ -197,7 +200,7 @@ class RosConfig(_Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names = {name: getattr(self, name) for name in ("world_frame", "base_frame", "camera_frame")}
+        names = {name: getattr(self, name) for name in _FRAMES}
         for setting, name in names.items():
             if not _FRAME_NAME.fullmatch(name) and (name or setting != "base_frame"):
                 raise ConfigError(
@@ -205,7 +208,8 @@ class RosConfig(_Section, frozen=True, kw_only=True):
                 )
         if len(set(names.values())) < len(names):
             raise ConfigError(
-                f"the frames of ROS need different names, not {', '.join(names.values())}: change ros.base_frame"
+                f"the frames of ROS need different names, not {', '.join(filter(None, names.values()))}: change one "
+                "of them (the odom frame is one of its own, below world_frame, which ROS calls map)"
             )
 
 

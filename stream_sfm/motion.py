@@ -1,10 +1,14 @@
-"""Motions between two frames, apart in what is their own and what all motions of a run err by together, eq. (74a)."""
+"""Motions between two frames, apart in what is their own and what all motions of a run err by together, eq. (74a).
 
-from dataclasses import dataclass
+And the path that they make in a row: odometry, which is continuous, where the pose in the world may be corrected.
+"""
+
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .geometry import se3
+from .geometry.linear import symmetric
 from .geometry.se3 import Array
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
 
@@ -63,3 +67,68 @@ class Motion:
 
     def __repr__(self) -> str:
         return f"<Motion of {np.linalg.norm(self.earlier_from_newest[:3, 3]):.3g} m>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Odometry:
+    """The path as the chain of motions from each frame to the next, and the velocity (REP 105, eq. (74c)).
+
+    `odom_from_cam` (4, 4) is continuous: what later views or a corrected calibration change of earlier motions is in
+    `world_from_odom` (4, 4) alone, and `world_from_cam` is the product of both. `cov` (6, 6): of the perturbation on
+    the right of odom_from_cam, translation first. `from_previous` (4, 4): the motion since the previous frame,
+    `seconds` ago; it carries points of the newest camera into the previous one. `twist` (6,): linear and angular
+    velocity in axes of the camera, m/s and rad/s, the mean since the previous frame, with `cov_twist` (6, 6);
+    both are None where no motion was estimated: in the first frame of a map, in lost frames, and of a method
+    without covariances of motions. There odom_from_cam goes on as world_from_cam does.
+    """
+
+    odom_from_cam: Array
+    cov: Array
+    estimate: FrameEstimate
+    from_previous: Array = field(default_factory=lambda: np.eye(4))
+    seconds: float = 0.0
+    twist: Array | None = None
+    cov_twist: Array | None = None
+    by_common: Array = field(default_factory=lambda: np.zeros((6, 0)))
+
+    @classmethod
+    def after(cls, before: "Odometry | None", estimate: FrameEstimate) -> "Odometry":
+        """Return the odometry of a frame from that of the one before it, which is None for the first one."""
+        if before is None:
+            return cls(estimate.world_from_cam, estimate.cov_pose, estimate)
+        last = before.estimate
+        motion = Motion.of(estimate, estimate.frame_index - last.frame_index)
+        seconds = (estimate.stamp_ns - last.stamp_ns) / 1e9
+        if motion is None:
+            moved = se3.orthonormalise(se3.inverse(last.world_from_cam) @ estimate.world_from_cam)
+            ad = se3.adjoint(se3.inverse(moved))
+            cov = ad @ (before.cov - last.cov_pose) @ ad.T + estimate.cov_pose
+            odom_from_cam = se3.orthonormalise(before.odom_from_cam @ moved)
+            return cls(odom_from_cam, cov, estimate, moved, seconds, by_common=ad @ before.by_common)
+        moved, by_common = motion.earlier_from_newest, before.by_common
+        ad = se3.adjoint(se3.inverse(moved))
+        if by_common.shape[1] != len(motion.mean):
+            by_common = np.zeros((6, len(motion.mean)))
+        by_common = ad @ by_common
+        shared = by_common @ motion.cov_common @ motion.common_jacobian.T
+        cov = symmetric(ad @ before.cov @ ad.T + motion.cov + shared + shared.T)
+        xi = se3.log(moved)
+        root = se3.log_jacobian(xi) / seconds
+        return cls(
+            se3.orthonormalise(before.odom_from_cam @ moved),
+            cov,
+            estimate,
+            moved,
+            seconds,
+            xi / seconds,
+            symmetric(root @ motion.cov @ root.T),
+            by_common + motion.common_jacobian,
+        )
+
+    @property
+    def world_from_odom(self) -> Array:
+        """What is known better by now than when the motions were added up, (4, 4)."""
+        return se3.orthonormalise(self.estimate.world_from_cam @ se3.inverse(self.odom_from_cam))
+
+    def __repr__(self) -> str:
+        return f"<Odometry of frame {self.estimate.frame_index}>"

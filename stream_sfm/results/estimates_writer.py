@@ -2,9 +2,9 @@
 
 | topic | message | content |
 |---|---|---|
-| /stream_sfm/odometry | nav_msgs/msg/Odometry | the pose with its covariance in ROS's convention |
-| /stream_sfm/pose | geometry_msgs/msg/PoseWithCovarianceStamped | the same |
-| /tf | tf2_msgs/msg/TFMessage | the same, without the covariance |
+| /stream_sfm/odometry | nav_msgs/msg/Odometry | the path that never jumps, and the velocity, with covariances |
+| /stream_sfm/pose | geometry_msgs/msg/PoseWithCovarianceStamped | the best estimate of the pose in the world |
+| /tf | tf2_msgs/msg/TFMessage | the odom frame in the world, and the camera or robot in the odom frame |
 | /tf_static | tf2_msgs/msg/TFMessage | the camera on the robot, once, if there is a base frame |
 | /stream_sfm/path | nav_msgs/msg/Path | the positions so far, less often as it grows |
 | /stream_sfm/points | sensor_msgs/msg/PointCloud2 | CC local structure in the camera frame, one message per frame |
@@ -39,6 +39,7 @@ from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
 from ..geometry.se3 import Array
+from ..motion import Odometry
 from ..types import Frame, FrameEstimate
 from . import ros_messages
 from .bag_metadata import bag_metadata
@@ -96,7 +97,7 @@ class EstimatesWriter:
         self._writer.flush()
         self._chunk_began_ns = 0
         self._frames_in_chunk = 0
-        self._last: FrameEstimate | None = None
+        self._odometry: Odometry | None = None
         self._closed = False
 
     def _register(self) -> dict[str, int]:
@@ -117,9 +118,9 @@ class EstimatesWriter:
         stamp, frames = estimate.stamp_ns, self._frames
         if self._frames_in_chunk == 0:
             self._chunk_began_ns = stamp
-        if self._last is None and frames.base_from_cam is not None:
+        if self._odometry is None and frames.base_from_cam is not None:
             head, mounting = ros_messages.header(stamp, frames.moving), ros_messages.pose_of(frames.base_from_cam)
-            self._add(estimate, "/tf_static", ros_messages.transform(head, frames.camera, mounting))
+            self._add(estimate, "/tf_static", ros_messages.transforms((head, frames.camera, mounting)))
         self._add_pose(estimate)
         in_cam = estimate.track_ids, estimate.points_in_cam, estimate.cov_points
         head = ros_messages.header(stamp, frames.camera)
@@ -130,7 +131,6 @@ class EstimatesWriter:
         timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
         self._add(estimate, "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate)))
         self._add(estimate, "/stream_sfm/timing", ros_messages.record(head, timing))
-        self._last = estimate
         self._frames_in_chunk += 1
         if self._frames_in_chunk >= _CHUNK_FRAMES or abs(stamp - self._chunk_began_ns) >= _CHUNK_NS:
             self._writer.flush()
@@ -142,7 +142,8 @@ class EstimatesWriter:
             return
         self._closed = True
         try:
-            if (last := self._last) is not None:
+            if self._odometry is not None:
+                last = self._odometry.estimate
                 self._add_path(last)
                 if len(last.track_ids):
                     self._add_map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
@@ -164,14 +165,29 @@ class EstimatesWriter:
         fixed_from_moving = frames.pose(estimate.world_from_cam)
         pose = ros_messages.pose_of(fixed_from_moving)
         covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
-        odometry = ros_messages.odometry(head, frames.moving, pose, covariance)
-        self._add(estimate, "/stream_sfm/odometry", odometry)
         self._add(estimate, "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance))
-        self._add(estimate, "/tf", ros_messages.transform(head, frames.moving, pose))
-        scalars = self._scalars.of(estimate, fixed_from_moving, covariance)
+        self._odometry = odometry = Odometry.after(self._odometry, estimate)
+        self._add_odometry(odometry)
+        scalars = self._scalars.of(odometry, fixed_from_moving, covariance)
         self._add(estimate, "/stream_sfm/scalars", ros_messages.record(head, scalars))
         if self._path.add(ros_messages.pose_stamped(head, pose)):
             self._add_path(estimate)
+
+    def _add_odometry(self, odometry: Odometry) -> None:
+        """Add the continuous path, and the transforms by which the camera is in the world."""
+        frames, estimate = self._frames, odometry.estimate
+        world, odom = (ros_messages.header(estimate.stamp_ns, name) for name in (frames.world, frames.odom))
+        odom_from_moving = frames.pose(odometry.odom_from_cam)
+        pose = ros_messages.pose_of(odom_from_moving)
+        covariance = fixed_axis_covariance(odom_from_moving[:3, :3], frames.cov_pose(odometry.cov))
+        twist, cov_twist = odometry.twist, odometry.cov_twist
+        if twist is not None and cov_twist is not None:
+            twist, cov_twist = frames.twist(twist), frames.cov_pose(cov_twist)
+        moving = ros_messages.odometry(odom, frames.moving, pose, covariance, twist, cov_twist)
+        self._add(estimate, "/stream_sfm/odometry", moving)
+        world_from_odom = ros_messages.pose_of(frames.between(odometry.world_from_odom))
+        transforms = ros_messages.transforms((world, frames.odom, world_from_odom), (odom, frames.moving, pose))
+        self._add(estimate, "/tf", transforms)
 
     def _add_path(self, estimate: FrameEstimate) -> None:
         head = ros_messages.header(estimate.stamp_ns, self._frames.world)

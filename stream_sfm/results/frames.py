@@ -32,7 +32,7 @@ class RosFrames:
     """Transforms poses, covariances and points into the frames that the settings name."""
 
     def __init__(self, ros: RosConfig) -> None:
-        self.world, self.camera = ros.world_frame, ros.camera_frame
+        self.world, self.odom, self.camera = ros.world_frame, ros.odom_frame, ros.camera_frame
         self.moving = ros.base_frame or ros.camera_frame
         self.base_from_cam = _base_from_cam(ros) if ros.base_frame else None
         own = self.base_from_cam if ros.base_frame else _BODY_FROM_CAMERA_AXES if ros.z_up else None
@@ -40,14 +40,24 @@ class RosFrames:
         self.fixed_from_world: Array = np.eye(4) if own is None else own
 
     def pose(self, world_from_cam: Array) -> Array:
-        """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one."""
+        """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one: world or odom."""
         if not self._turns:
             return world_from_cam
         fixed_from_cam: Array = self.fixed_from_world @ world_from_cam
         return fixed_from_cam if self.base_from_cam is None else fixed_from_cam @ se3.inverse(self.base_from_cam)
 
+    def between(self, world_from_odom: Array) -> Array:
+        """Return the pose (4, 4) of the odom frame in that of the world, both with the axes of the settings."""
+        if not self._turns:
+            return world_from_odom
+        return np.asarray(self.fixed_from_world @ world_from_odom @ se3.inverse(self.fixed_from_world))
+
+    def twist(self, twist: Array) -> Array:
+        """Return the twist (6,) of the moving frame in its own axes from that of the camera in its own."""
+        return twist if self.base_from_cam is None else np.asarray(se3.adjoint(self.base_from_cam) @ twist)
+
     def cov_pose(self, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of that pose, of a perturbation on its right, translation first."""
+        """Return the covariance (6, 6) of a pose or twist, translation first, in the moving frame's own axes."""
         if self.base_from_cam is None:
             return cov_pose
         if not np.isfinite(cov_pose).all():

@@ -37,7 +37,8 @@ POINT_DTYPE = np.dtype(
 _FLOAT32, _UINT32 = 7, 6  # numbers of PointField
 _UPPER = np.triu_indices(3)
 _PARTS = "=" * 80  # between a definition and those of its parts
-_UNKNOWN_TWIST = np.array([-1.0, *35 * [0.0]])  # as ROS says that a quantity is not estimated
+# −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
+_UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]]).reshape(36)
 
 
 @cache
@@ -98,24 +99,34 @@ def pose_with_covariance(head: Any, pose: Any, covariance: Array) -> Any:
     return make(POSE, header=head, pose={"pose": pose, "covariance": covariance.reshape(36)})
 
 
-def odometry(head: Any, child_frame_id: str, pose: Any, covariance: Array) -> Any:
-    """Make an Odometry without a twist; `covariance` (6, 6) in ROS's convention."""
-    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+def odometry(
+    head: Any, child_frame_id: str, pose: Any, covariance: Array, twist: Array | None, cov_twist: Array | None
+) -> Any:
+    """Make an Odometry; `covariance` (6, 6) in ROS's convention, twist (6,) and its covariance in the child's axes."""
+    numbers = np.zeros(6) if twist is None else twist
+    linear, angular = (dict(zip("xyz", part.tolist(), strict=True)) for part in (numbers[:3], numbers[3:]))
     return make(
         ODOMETRY,
         header=head,
         child_frame_id=child_frame_id,
         pose={"pose": pose, "covariance": covariance.reshape(36)},
-        twist={"twist": {"linear": zero, "angular": zero}, "covariance": _UNKNOWN_TWIST},
+        twist={
+            "twist": {"linear": linear, "angular": angular},
+            "covariance": _UNKNOWN_TWIST if cov_twist is None else cov_twist.reshape(36),
+        },
     )
 
 
-def transform(head: Any, child_frame_id: str, pose: Any) -> Any:
-    """Make a TFMessage with one transform: the pose of the child frame in that of the header."""
+def transforms(*stamped: tuple[Any, str, Any]) -> Any:
+    """Make a TFMessage of headers, child frames and their poses in the frames of the headers."""
+    return make(TRANSFORMS, transforms=[_transform(*one) for one in stamped])
+
+
+def _transform(head: Any, child_frame_id: str, pose: Any) -> Any:
     at = pose.position
     inside = {"translation": {"x": at.x, "y": at.y, "z": at.z}, "rotation": pose.orientation}
     name = "geometry_msgs/msg/TransformStamped"
-    return make(TRANSFORMS, transforms=[make(name, header=head, child_frame_id=child_frame_id, transform=inside)])
+    return make(name, header=head, child_frame_id=child_frame_id, transform=inside)
 
 
 def path(head: Any, poses: Sequence[Any]) -> Any:

@@ -105,7 +105,7 @@ class TimingRecord(msgspec.Struct, frozen=True, kw_only=True):
 class ScalarsRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One frame of /stream_sfm/scalars: numbers to plot, one field each."""
 
-    x: Annotated[float, Meta(description="position in the fixed frame, as in /stream_sfm/odometry")]
+    x: Annotated[float, Meta(description="position in the world, as in /stream_sfm/pose")]
     y: Annotated[float, Meta(description="position")]
     z: Annotated[float, Meta(description="position")]
     sigma_x: Annotated[float, Meta(description="its standard deviation along the same axis")]
@@ -115,7 +115,7 @@ class ScalarsRecord(msgspec.Struct, frozen=True, kw_only=True):
     sigma_rotation_deg: Annotated[float, Meta(description="the same of the rotation, degrees")]
     speed: Annotated[float, Meta(description="since the previous frame, per second")]
     angular_speed_deg_s: Annotated[float, Meta(description="since the previous frame, degrees per second")]
-    path_length: Annotated[float, Meta(description="along the positions so far")]
+    path_length: Annotated[float, Meta(description="along the motions between frames so far")]
     points_tracked: Annotated[int, Meta(description="points that are followed")]
     points_new: Annotated[int, Meta(description="points seen for the first time")]
     points_used: Annotated[int, Meta(description="points whose views were accepted")]

@@ -43,6 +43,13 @@ def test_adjoint_moves_a_perturbation_to_the_other_side() -> None:
     assert np.allclose(left, pose @ se3.exp(xi), atol=1e-12)
 
 
+def test_the_jacobian_of_log_is_numerical() -> None:
+    for xi in tangents(0.3)[:20]:
+        steps = 1e-6 * np.eye(6)
+        numerical = [(se3.log(se3.exp(xi) @ se3.exp(d)) - se3.log(se3.exp(xi) @ se3.exp(-d))) / 2e-6 for d in steps]
+        assert np.allclose(se3.log_jacobian(xi), np.transpose(numerical), atol=2e-3 * max(1, np.linalg.norm(xi)))
+
+
 def test_transform_composes_and_names_cancel() -> None:
     a_from_b, b_from_c = se3.exp(tangents(0.7)[0]), se3.exp(tangents(0.7)[0])
     points_in_c = RNG.normal(size=(50, 3))

@@ -114,7 +114,7 @@ def test_the_folder_is_a_bag(steps, tmp_path: Path, base_frame: str) -> None:
         }
         durabilities = {c.topic: [q.durability.name for q in c.ext.offered_qos_profiles] for c in bag.connections}
         assert durabilities.get("/tf_static", []) == (["TRANSIENT_LOCAL"] if base_frame else [])
-        read = file_interface.read_bag_trajectory(bag, "/stream_sfm/odometry")
+        read = file_interface.read_bag_trajectory(bag, "/stream_sfm/pose")
     if not base_frame:
         assert np.allclose(read.poses_se3, [e.world_from_cam for e, _ in steps], atol=1e-12)
     assert not is_recording(folder.path)  # a batch over a folder with results does not replay them

@@ -1,5 +1,6 @@
 """Frames and axes as ROS has them: what the settings say is where the robot is."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,18 @@ from rosbags.typesys import Stores, get_typestore
 from stream_sfm.config import Config, RosConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
+from stream_sfm.motion import Odometry
 from stream_sfm.results.estimates_reader import read_clouds
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import RosFrames
 from stream_sfm.results.path import PathSoFar
+from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
 from tests.results.test_estimates import estimate, rig
 
 ROBOT = RosConfig(
-    world_frame="odom",
+    world_frame="earth",
+    odom_frame="start",
     base_frame="base_link",
     camera_frame="cam0",
     camera_x_m=0.3,
@@ -41,12 +45,20 @@ def matrix(translation, rotation) -> np.ndarray:
     )
 
 
+def moving(i: int) -> FrameEstimate:
+    """The estimates of the tests of files, with their motions; from the fourth frame on the world is corrected."""
+    now, correction = estimate(i), se3.exp([0.3, 0, 0, 0, 0, 0.2]) if i >= 3 else np.eye(4)
+    motion = se3.inverse(estimate(max(i - 1, 0)).world_from_cam) @ now.world_from_cam
+    relative = RelativeMotions(np.array([i - 1]), motion[None], now.cov_pose[None]) if i else None
+    return replace(now, world_from_cam=correction @ now.world_from_cam, relative=relative)
+
+
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("robot") / "estimates.mcap"
     writer = EstimatesWriter(path, rig(), Config(ros=ROBOT))
     for i in range(5):
-        writer.write(estimate(i))
+        writer.write(moving(i))
     writer.close()
     return path
 
@@ -64,17 +76,36 @@ def test_the_camera_stands_on_the_robot_as_the_settings_say(robot: Path) -> None
 def test_the_chain_of_transforms_is_the_motion_of_the_camera(robot: Path) -> None:
     (mounted,) = messages(robot, "/tf_static")[0].transforms
     base_from_cam = matrix(mounted.transform.translation, mounted.transform.rotation)
-    odometry = messages(robot, "/stream_sfm/odometry")
-    for i, (sent, odom) in enumerate(zip(messages(robot, "/tf"), odometry, strict=True)):
-        (moved,) = sent.transforms
-        assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_link")
-        assert (odom.header.frame_id, odom.child_frame_id) == ("odom", "base_link")
+    for i, sent in enumerate(messages(robot, "/tf")):
+        corrected, moved = sent.transforms
+        assert (corrected.header.frame_id, corrected.child_frame_id) == ("earth", "start")
+        assert (moved.header.frame_id, moved.child_frame_id) == ("start", "base_link")
         odom_from_cam = matrix(moved.transform.translation, moved.transform.rotation) @ base_from_cam
-        assert np.allclose(odom_from_cam, base_from_cam @ estimate(i).world_from_cam, atol=1e-12)
+        assert np.allclose(odom_from_cam, base_from_cam @ estimate(i).world_from_cam, atol=1e-12)  # never corrected
+        world_from_cam = matrix(corrected.transform.translation, corrected.transform.rotation) @ odom_from_cam
+        assert np.allclose(world_from_cam, base_from_cam @ moving(i).world_from_cam, atol=1e-12)
     assert {cloud.frame_id for cloud in read_clouds(robot)} == {"cam0"}
-    assert {cloud.frame_id for cloud in read_clouds(robot, "/stream_sfm/map")} == {"odom"}
+    assert {cloud.frame_id for cloud in read_clouds(robot, "/stream_sfm/map")} == {"earth"}
     own = read_trajectory(robot)  # is not touched
-    assert np.array_equal(own.world_from_cam, [estimate(i).world_from_cam for i in range(5)])
+    assert np.array_equal(own.world_from_cam, [moving(i).world_from_cam for i in range(5)])
+
+
+def test_the_velocity_is_that_by_which_the_robot_moves(robot: Path) -> None:
+    """Constant over the interval, in axes of the robot, as ROS has it, and it carries the robot to where it is next."""
+    base_from_cam, before = RosFrames(ROBOT).base_from_cam, np.eye(4)
+    for i, odom in enumerate(messages(robot, "/stream_sfm/odometry")):
+        assert (odom.header.frame_id, odom.child_frame_id) == ("start", "base_link")
+        now = matrix(odom.pose.pose.position, odom.pose.pose.orientation)
+        twist, cov = odom.twist.twist, np.reshape(odom.twist.covariance, (6, 6))
+        if i == 0:
+            assert cov[0, 0] == -1 and not np.any([twist.linear.x, twist.angular.z])  # ROS: not estimated
+        else:
+            v, w = twist.linear, twist.angular
+            assert np.allclose(before @ se3.exp(0.1 * np.array([v.x, v.y, v.z, w.x, w.y, w.z])), now, atol=1e-12)
+            turned = se3.adjoint(base_from_cam)
+            own = Odometry.after(Odometry.after(None, moving(i - 1)), moving(i)).cov_twist
+            assert own is not None and np.allclose(cov, turned @ own @ turned.T, atol=1e-15)
+        before = now
 
 
 def test_the_covariance_of_the_robot_is_that_of_its_errors() -> None:
@@ -95,7 +126,7 @@ def test_with_z_up_forward_is_x() -> None:
     forward, up = se3.exp([0, 0, 2.0, 0, 0, 0]), se3.exp([0, -3.0, 0, 0, 0, 0])
     assert np.allclose(frames.pose(forward)[:3, 3], [2, 0, 0])
     assert np.allclose(frames.pose(up)[:3, 3], [0, 0, 3])
-    assert (frames.world, frames.moving, frames.base_from_cam) == ("world", "left_camera", None)
+    assert (frames.world, frames.moving, frames.base_from_cam) == ("map", "left_camera", None)
 
 
 def test_roll_pitch_and_yaw_are_those_of_ros() -> None:
@@ -110,9 +141,10 @@ def test_roll_pitch_and_yaw_are_those_of_ros() -> None:
 @pytest.mark.parametrize(
     "settings, message",
     [
-        ({"world_frame": ""}, r"ros\.world_frame is ''; give a name .* as in odom"),
+        ({"world_frame": ""}, r"ros\.world_frame is ''; give a name .* as in map"),
+        ({"world_frame": "odom"}, r"need different names, not odom, odom, left_camera: .* which ROS calls map"),
         ({"base_frame": "my robot"}, r"ros\.base_frame is 'my robot'; .* as in base_link"),
-        ({"camera_frame": "world"}, r"need different names, not world, , world"),
+        ({"camera_frame": "map"}, r"need different names, not map, odom, map"),
         ({"camera_x_m": float("nan")}, r"camera_x_m=nan\): give a number"),
     ],
 )
