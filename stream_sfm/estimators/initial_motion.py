@@ -24,7 +24,7 @@ def initial_motion(
     weights: Array | None = None,
     shared: Array | None = None,
 ) -> Resection | None:
-    """Find cam_from_previous by robust resection of the views `rows` (n,), or None where too few of them agree.
+    """Find cam_from_previous by robust resection of the views `rows` (n,); None where too few agree or determine it.
 
     `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
     The start is the front-end's own motion, else the prediction of the motion model; where few views agree with what it
@@ -32,19 +32,22 @@ def initial_motion(
     (n, 4, j): as in `resect`.
     """
     start = observations.cam_from_previous
-    found = resect(
-        projection,
-        points_in_previous,
-        cov_points,
-        observations.z_px[rows],
-        observations.cov_px[rows],
-        cam_from_previous_predicted if start is None else start,
-        config.gate_probability,
-        weights,
-        start_is_close=start is not None,
-        find_second=start is None,
-        shared=shared,
-    )
+    try:
+        found = resect(
+            projection,
+            points_in_previous,
+            cov_points,
+            observations.z_px[rows],
+            observations.cov_px[rows],
+            cam_from_previous_predicted if start is None else start,
+            config.gate_probability,
+            weights,
+            start_is_close=start is not None,
+            find_second=start is None,
+            shared=shared,
+        )
+    except np.linalg.LinAlgError:
+        return None
     if not found.ok or found.accepted.sum() < config.min_inliers:
         return None
     return found if start is None else replace(found, second=_second_motion(found, observations))

@@ -75,7 +75,10 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
     From images that do not fit each other the model learns nothing: until that ends it says where the camera may be,
     too, and the covariances of the pose and of the points in the world cover that; relative motions are not reported.
+    Raises LinAlgError for a pose that is not finite: nothing learns from it.
     """
+    if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
+        raise np.linalg.LinAlgError("the pose is not finite")
     if not observations.misfit:
         motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution

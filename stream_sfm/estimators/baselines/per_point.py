@@ -45,10 +45,8 @@ class _PerPointWindow:
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
-        if self._map is None:
-            return self._start(observations)
         try:
-            return self._advance(self._map, observations)
+            return self._start(observations) if self._map is None else self._advance(self._map, observations)
         except np.linalg.LinAlgError:
             self._map = None
             reason = "the points that are left do not determine the motion"

@@ -94,12 +94,17 @@ class PerPointMap:
         return np.asarray((self._priors.information != 0).any(axis=(1, 2)))
 
     def solve(self) -> Adjustment:
-        """Estimate all motions and points of the window at once; views that do not fit leave, once."""
+        """Estimate all motions and points of the window at once; views that do not fit leave, once.
+
+        Raises LinAlgError where no points are left.
+        """
         result, self.covariances = self._solve()
         return result
 
     def _solve(self) -> tuple[Adjustment, Covariances]:
         for last in (False, True):
+            if not len(self.ids):
+                raise np.linalg.LinAlgError("no points are left")
             poses = np.stack([f.ref_from_cam for f in self.window])
             free = np.array([not f.held for f in self.window])
             views = _views(self.window, self.ids)

@@ -20,11 +20,13 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     """Go to the joint minimum of the window and return the number of steps.
 
     Views that contradict it have no part in the next step, of this frame or of the next one. The last factor stays in
-    the map for the covariances. Raises LinAlgError where the iteration diverges.
+    the map for the covariances. Raises LinAlgError where the iteration diverges or no points are left.
     """
     before, steps = np.inf, 0
     while steps < max_iterations and not before < _CONVERGED:
         current.drop_undetermined()
+        if not len(current.ids):
+            raise np.linalg.LinAlgError("no points are left")
         views = current.views()
         decrease = current.gauss_newton_step(views)
         if not decrease < max(before, _DIVERGED):

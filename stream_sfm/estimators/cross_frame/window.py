@@ -56,6 +56,13 @@ class CrossFrame:
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
+        try:
+            return self._take(observations)
+        except np.linalg.LinAlgError:
+            return self._lose(observations, "the views do not determine the motion")
+
+    def _take(self, observations: Observations) -> Solution:
+        """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
         frame = WindowFrame.from_observations(observations, self.projection)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
@@ -69,9 +76,7 @@ class CrossFrame:
                 return self._pass_over(observations, str(lost))
             if self.waiting:
                 return self._start_anew(self.map, observations, frame)
-            return self._lose(self.map, observations, str(lost))
-        except np.linalg.LinAlgError:
-            return self._lose(self.map, observations, "the points that are left do not determine the motion")
+            return self._lose(observations, str(lost))
 
     def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
@@ -142,11 +147,14 @@ class CrossFrame:
             ended_cov_points_in_world=ended.cov_points,
         )
 
-    def _lose(self, current: Map, observations: Observations, reason: str) -> Solution:
-        """End the map, and predict the pose."""
+    def _lose(self, observations: Observations, reason: str) -> Solution:
+        """End the map, and predict the pose; where not even a map could begin, the rig is unknown again."""
         pose, cov_pose = self.motion.predict(observations.stamp_ns)
-        marginals = current.marginals
-        self.map, self.rig = None, current.prior.rig
+        if self.map is None:
+            self.rig = None
+            return lost_solution(observations, reason, pose, cov_pose)
+        marginals, self.rig = self.map.marginals, self.map.prior.rig
+        self.map = None
         return lost_solution(observations, reason, pose, cov_pose, marginals.ended(marginals.ids >= 0))
 
     def _initial_motion(
