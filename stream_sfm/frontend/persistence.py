@@ -24,7 +24,7 @@ _DECAY = 0.92
 # Of the left side: its template is of the same camera, so that only what has changed since the first view errs. With a
 # quarter estimates from halves of the tracks agree as well as they claim, on rendered and on real logs alike.
 _LEFT_FRACTION = 0.25
-_FIRST_GUESS = 0.3  # of the ratio: rendered logs have 0.2 to 0.6, real ones 0.6 to 1.3
+_FIRST_GUESS = 0.3  # of the mean of both sides: rendered logs have 0.2 to 0.6, real ones 0.6 to 1.3
 _GUESS_PAIRS = 200.0  # pairs of views that the guess is worth: about one frame's
 _MEMORY_PAIRS = 20_000.0  # a hundred frames: the ratio is a property of cameras and scene and changes slowly
 _MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as it may be a wrong match
@@ -50,8 +50,9 @@ class Persistence:
 
     @property
     def ratio(self) -> float:
-        """Variance of the lasting part of errors over that of the white part."""
-        return max(self.product / self.pairs / _DECAY, 0.0)
+        """Variance of the lasting part of errors on the right over that of the white part."""
+        of_rows = self.product / self.pairs / _DECAY  # the mean of both sides
+        return max(2 * of_rows / (1 + _LEFT_FRACTION), 0.0)
 
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "Persistence":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""

@@ -36,7 +36,7 @@ def test_information_adds_up_to_what_a_constant_can_be_known(ratio: float) -> No
 def test_the_ratio_is_learnt_from_rows(ratio: float) -> None:
     rng = np.random.default_rng(3)
     persistence, ids = Persistence(), np.arange(150)
-    slow = lasting(rng, (FRAMES, 150), 2 * ratio * STD_PX**2)
+    slow = lasting(rng, (FRAMES, 150), (1 + _LEFT_FRACTION) * ratio * STD_PX**2)  # of left and right together
     cov = np.broadcast_to(STD_PX**2 * np.eye(4), (150, 4, 4))
     for n in range(FRAMES):
         z = rng.normal(size=(150, 4)) * STD_PX

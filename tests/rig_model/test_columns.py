@@ -148,12 +148,15 @@ def test_a_field_has_the_covariance_of_its_process() -> None:
     """exp(−d²/(2ℓ²)) with ℓ of a tenth of the width; what a grid of 1.6 ℓ cannot follow is missing."""
     at_px = np.random.default_rng(1).uniform([0, 0], [P.width, P.height], (80, 2))
     basis = RigModel.of(P, RigConfig()).effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
-    assert not basis[:, [0, 1, 3]].any()
+    disparity, u, v = basis[:, 0] - basis[:, 2], basis[:, 0], basis[:, 1]
+    assert (basis[:, 3] == v).all()
+    assert not any((a @ b.T).any() for a, b in ((disparity, u), (disparity, v), (u, v)))  # three processes
     apart = np.linalg.norm(at_px[:, None] - at_px, axis=2)
     expected = np.exp(-0.5 * (apart / (0.1 * P.width)) ** 2)
     inside = ((at_px > 40) & (at_px < np.array([P.width, P.height]) - 40)).all(axis=1)
-    off = (basis[:, 2] @ basis[:, 2].T - expected)[np.ix_(inside, inside)]
-    assert np.linalg.eigvalsh(off).max() < 1e-9 and -np.diag(off).mean() < 0.2
+    for part in (disparity, u, v):
+        off = (part @ part.T - expected)[np.ix_(inside, inside)]
+        assert np.linalg.eigvalsh(off).max() < 1e-9 and -np.diag(off).mean() < 0.2
 
 
 def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
@@ -166,8 +169,8 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     assert found.prior_std[:t] == pytest.approx(prior_std(RigConfig())) and found.refined is None
     far = Z_PX.copy()
     far[:, 2:] = far[:, :2] + [P.cx_right_px - P.cx_left_px, 0]
-    error = model.effects(far) @ mean
-    assert error[:, :2] == pytest.approx((columns(P, far, None, None) @ found.mean[:t])[:, :2])
+    error = (model.effects(far) @ mean)[:, :2] - (model.effects(far)[..., t:] @ mean[t:])[:, :2]
+    assert error == pytest.approx((columns(P, far, None, None) @ found.mean[:t])[:, :2])
     error_px, std_px = disparity_over_image(P, found, (5, 7))
     u, v = np.meshgrid(np.linspace(0, P.width - 1, 7), np.linspace(0, P.height - 1, 5))
     grid = np.stack([u.ravel(), v.ravel(), u.ravel() + 12.0, v.ravel()], axis=1)
