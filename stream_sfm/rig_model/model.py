@@ -16,8 +16,8 @@ from .field import Field, field_over
 from .terms import DELAY, READOUT, TERMS, columns, growth, prior_std, terms_of_turn
 
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
-# What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of both
-# sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
+# What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
+# both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
 _FIELD_MOVES = np.array([[0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 1]])
 
 
