@@ -35,6 +35,7 @@ from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .places.place_map import PlaceMap as PlaceMap
 from .recording.stereo_log import StereoLog as StereoLog
+from .recording.stereo_log import open_camera as open_camera
 from .recording.stereo_log import open_log as open_log
 from .recording.truth_file import GroundTruthFile as GroundTruthFile
 from .results.estimates_reader import read_clouds as read_clouds

@@ -27,6 +27,7 @@ from .config import config
 from .evaluate import evaluate
 from .import_ import import_
 from .inspect import inspect
+from .live import live
 from .recover import recover
 from .replay import replay
 from .rig import convert_calibration, refine
@@ -37,6 +38,7 @@ from .view import view
 
 COMMANDS: dict[str, App | Callable[..., int]] = {
     "replay": replay,
+    "live": live,
     "evaluate": evaluate,
     "view": view,
     "compare": compare,

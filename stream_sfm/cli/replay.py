@@ -71,7 +71,7 @@ def replay(
         cameras.calibration,
     )
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    viewers = _viewers(recording, config.mono, rrd, view)
+    shown = viewers(recording, config.mono, rrd, view)
     total = selection.count(recording.expected_frames)
     interrupted = False
     try:
@@ -87,21 +87,21 @@ def replay(
                 self_test=self_test,
                 loops=loops,
                 std_truth=truth.ground_truth_std,
-                sinks=[*viewers, progress],
+                sinks=[*shown, progress],
             )
     except run.ReplayInterrupted as stop:
         result, interrupted = stop.result, True
     finally:
         if not out and os.path.exists(folder):
             point_latest_to(folder)
-    _print(result, json, quiet, verbose)
+    print_result(result, json, quiet, verbose)
     if interrupted:
         return ExitCode.INTERRUPTED
     wanting = result.problems or not result.summary["complete"] or (strict and result.summary["warnings"])
     return ExitCode.INPUT if wanting else ExitCode.DONE
 
 
-def _viewers(log: "StereoLog", mono: bool, rrd: str | None, view: bool) -> "list[Sink]":
+def viewers(log: "StereoLog", mono: bool, rrd: str | None, view: bool) -> "list[Sink]":
     """The viewer that was asked for, if any."""
     if not rrd and not view:
         return []
@@ -110,7 +110,7 @@ def _viewers(log: "StereoLog", mono: bool, rrd: str | None, view: bool) -> "list
     return [open_viewer(log.rig, rrd, view, None if mono else log.ground_truth(), log.path.stem)]
 
 
-def _print(result: "ReplayResult", json: bool, quiet: bool, verbose: bool) -> None:
+def print_result(result: "ReplayResult", json: bool, quiet: bool, verbose: bool) -> None:
     from .printing import print_json, print_notes
     from .summaries import print_summary
 

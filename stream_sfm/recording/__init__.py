@@ -13,16 +13,17 @@ _PUBLIC = {
     "RecordedFrame": "frames",
     "StereoLog": "stereo_log",
     "StereoPair": "pair_reader",
+    "open_camera": "stereo_log",
     "open_log": "stereo_log",
 }
 
-__all__ = ["ImageMessage", "ReadStats", "RecordedFrame", "StereoLog", "StereoPair", "open_log"]
+__all__ = ["ImageMessage", "ReadStats", "RecordedFrame", "StereoLog", "StereoPair", "open_camera", "open_log"]
 
 if TYPE_CHECKING:
     from .frames import RecordedFrame
     from .messages import ImageMessage
     from .pair_reader import ReadStats, StereoPair
-    from .stereo_log import StereoLog, open_log
+    from .stereo_log import StereoLog, open_camera, open_log
 
 
 def __getattr__(name: str) -> Any:

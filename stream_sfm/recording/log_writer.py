@@ -17,17 +17,19 @@ from ..sources.source import Channel, Message
 class MessageWriter:
     """Writes messages as they are; a context manager.
 
-    The file appears under its name when it is finished; a run that fails leaves none. Raises OutputError where it
-    cannot be written.
+    The file appears under its name when it is finished; a run that fails leaves none, unless it is to `keep` what there
+    is. `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError where it cannot be
+    written.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, keep: bool = False, compressed: bool = False) -> None:
         self.path = Path(path)
         self._channels: dict[Channel, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._file = PartFile(path, keep=False)
-        # Images are compressed already; only the index of chunks is worth having.
-        self._writer = Writer(cast("IO[bytes]", self._file), compression=CompressionType.NONE)
+        self._file = PartFile(path, keep=keep)
+        # Images are compressed already, as a rule; only the index of chunks is worth having then.
+        compression = CompressionType.ZSTD if compressed else CompressionType.NONE
+        self._writer = Writer(cast("IO[bytes]", self._file), compression=compression)
         self._writer.start("", f"stream_sfm {__version__}")
 
     def write(self, message: Message) -> None:
@@ -52,8 +54,12 @@ class MessageWriter:
         if error is not None:
             self._file.discard()
         else:
-            with self._file:
-                self._writer.finish()
+            self.close()
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        with self._file:
+            self._writer.finish()
 
 
 class StereoLogWriter(MessageWriter):

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 # Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
 # recorders with several threads swap.
-_WINDOW, _WINDOW_OF_LARGE = 12, 4
+WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
 _MAX_OVERTAKEN = 8  # a frame that more later arrivals than this have overtaken has a wrong stamp
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
@@ -37,9 +37,13 @@ class Timed(Generic[T]):
 
 
 class Ordering(Generic[T]):
-    """The frames of one camera in order; `dropped` counts those that have none, `size_bytes` is of those waiting."""
+    """The frames of one camera in order; `dropped` counts those that have none, `size_bytes` is of those waiting.
 
-    def __init__(self) -> None:
+    `held`: how many frames wait to be sorted, 0 where they come in order.
+    """
+
+    def __init__(self, held: int = WINDOW) -> None:
+        self._held = held
         self.dropped = self.size_bytes = 0
         self._arrivals = self._segment = 0
         self._window: list[Timed[T]] = []
@@ -54,9 +58,8 @@ class Ordering(Generic[T]):
         self._arrivals += 1
         self._window.append(Timed(stamp_ns, self._arrivals, size_bytes, item))
         self.size_bytes += size_bytes
-        while len(self._window) > (_WINDOW if self.size_bytes <= _LARGE_BYTES else _WINDOW_OF_LARGE) or (
-            self.size_bytes > MAX_BYTES
-        ):
+        most = min(self._held, WINDOW if self.size_bytes <= _LARGE_BYTES else _WINDOW_OF_LARGE)
+        while len(self._window) > most or self.size_bytes > MAX_BYTES:
             yield from self.release()
 
     @property

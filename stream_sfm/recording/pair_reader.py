@@ -113,7 +113,7 @@ class _Reading:
         self._source, self._topics, self._calibrations = source, topics, calibrations
         self._decoder = MessageDecoder(source.path)
         self._damage = Damage()
-        self._pairer: Pairer[ImageMessage] = Pairer()
+        self._pairer: Pairer[ImageMessage] = Pairer(0) if source.in_order else Pairer()
         self._began_ns: int | None = None  # the time at which the first left image was recorded
         self.stats = ReadStats(bytes_total=source.size_bytes)
         self.problem = ""  # of the first message that could not be decoded

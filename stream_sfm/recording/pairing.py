@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from .ordering import MAX_BYTES, Ordering, Timed
+from .ordering import MAX_BYTES, WINDOW, Ordering, Timed
 
 T = TypeVar("T")
 
@@ -33,8 +33,8 @@ class PairingCounts:
 class _Side(Generic[T]):
     """The frames of one camera: those being put in order, and those in order that wait for the other camera."""
 
-    def __init__(self) -> None:
-        self.ordering: Ordering[T] = Ordering()
+    def __init__(self, held: int) -> None:
+        self.ordering: Ordering[T] = Ordering(held)
         self.queue: deque[Timed[T]] = deque()
         self._queued_bytes = 0
 
@@ -60,12 +60,12 @@ class Pairer(Generic[T]):
     """Pairs two streams of frames: `push` takes the frames of both sides as they arrive and yields certain pairs.
 
     Pairs come in ascending order of the left stamp; it is smaller than that of the pair before only where both clocks
-    were set back.
+    were set back. `held`: as in `Ordering`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, held: int = WINDOW) -> None:
         self.counts = PairingCounts()
-        self._sides: tuple[_Side[T], _Side[T]] = (_Side(), _Side())
+        self._sides: tuple[_Side[T], _Side[T]] = (_Side(held), _Side(held))
         self._unpaired_since = 0  # the last pair
         self._finished = False
 

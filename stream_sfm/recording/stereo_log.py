@@ -8,11 +8,14 @@ from ..camera.calibration.read import Where
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
 from ..mcap_file.damage import Damage
+from ..sources.camera import CameraSource
+from ..sources.devices import open_device
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from ..types import Selection, Trajectory
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
+from .log_writer import MessageWriter
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import baseline_warnings, check_rig
@@ -47,6 +50,30 @@ def open_log(
     if ground_truth is not None:
         log.use_ground_truth(ground_truth)
     return log
+
+
+def open_camera(
+    *names: str, calibration: Where | StereoRig | None = None, record: str | Path | None = None
+) -> "StereoLog":
+    """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
+
+    `names`: `realsense`, `oak` or `zed`; or for OpenCV one camera that gives both images beside or above each other, or
+    those of left and right: numbers, device files, addresses of streams. `calibration` as in `open_log`; without it
+    the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
+    or not it is estimated; it is complete when the frames end, however they do. Close the log in the end. Raises
+    LogError where the camera cannot be opened, ConfigError, OutputError.
+    """
+    if calibration is not None and not isinstance(calibration, StereoRig):
+        calibration = StereoRig.from_calibration(calibration)
+    device = open_device(names, calibration)
+    rig = calibration or device.rig
+    if rig is None:
+        device.close()
+        raise ConfigError(
+            f"camera {' '.join(names)} has no calibration of its own: give one", hint=("calibration",)
+        )
+    recorder = None if record is None else MessageWriter(record, keep=True, compressed=True)
+    return _open(CameraSource(" ".join(names), device, rig, recorder), None, None, rig, mono=False)
 
 
 def _open(
@@ -217,6 +244,10 @@ class StereoLog:
         if topic is None:
             return None
         return read_truth(self._source, topic, self._left_frame(), self.stats.warnings)
+
+    def close(self) -> None:
+        """Give a camera back, and finish what it is recorded in; of a file nothing is open."""
+        self._source.close()
 
     def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:
         """Use this ground truth from now on. Raises LogError where the file cannot be read, ConfigError."""

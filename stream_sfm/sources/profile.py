@@ -8,10 +8,12 @@ import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from ..camera.models import Camera
+from ..camera.pixels import Grey
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..geometry import se3
@@ -34,6 +36,7 @@ class ProfileEncoder:
 
     def __init__(self, rig: StereoRig | None) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", CompressedImage) for side in _SIDES)
+        self.raw_images = tuple(_channel(f"/camera/{side}/image", RawImage) for side in _SIDES)
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", CameraCalibration) for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", PoseInFrame)
         self._rig = rig
@@ -44,6 +47,14 @@ class ProfileEncoder:
         """One image of `side` (0 left, 1 right), `encoding` png, jpeg or webp."""
         message = CompressedImage(frame_id=_FRAME_IDS[side], format=encoding, data=data)
         return _encoded(self.images[side], message, stamp_ns)
+
+    def raw_image(self, side: int, stamp_ns: int, image: Grey) -> Message:
+        """One image of `side`, grey (h, w) with 8 or 16 bits, not compressed."""
+        height, width = image.shape
+        encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
+        message = RawImage(frame_id=_FRAME_IDS[side], width=width, height=height, encoding=encoding, step=step)
+        message.data = image.tobytes()
+        return _encoded(self.raw_images[side], message, stamp_ns)
 
     def due_calibration(self, side: int, stamp_ns: int) -> Iterator[Message]:
         """Yield the calibration of `side` where it is due before an image of this stamp."""

@@ -61,6 +61,7 @@ class Source(Protocol):
     format: str
     profile: str | None = None
     library: str | None = None
+    in_order: bool = False  # messages come as they were stamped: nothing is held back to be sorted
 
     @property
     def indexed(self) -> bool:
@@ -78,6 +79,10 @@ class Source(Protocol):
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""
         return iter(())
+
+    def close(self) -> None:
+        """Give back what is open: a camera, and what it is recorded in."""
+        return None
 
     def drop_unverified_index(self) -> bool:
         """Read without an index that carries no checksum from now on; False where there was none in use."""

@@ -20,6 +20,7 @@ PUBLIC = [name for name in stream_sfm.__all__ if name != "__version__"]
 # What a command does, Python can do.
 OF_COMMAND = {
     "replay": {"replay"},
+    "live": {"open_camera"},
     "batch": {"replay_batch"},
     "compare": {"compare"},
     "evaluate": {"read_results", "evaluate"},

@@ -41,6 +41,7 @@ HOMES = {
         "frontend",
         "dense",
         "recording",
+        "sources/devices.py",
         "importers",
         "inspection",
         "report",

@@ -1,0 +1,147 @@
+"""A camera as a recording that grows while it is read: messages of the log profile, as they would be recorded.
+
+So live estimates are made as those of a replay are, and what is recorded beside them is replayed to the same bytes.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ..camera.pixels import to_grey
+from ..camera.rig import StereoRig
+from ..errors import LogError, StreamSfmError
+from ..mcap_file.damage import Damage
+from .devices import Device
+from .profile import ProfileEncoder
+from .source import Channel, Contents, Message, Source
+
+_LAST_PICTURE_S = 6.0  # to wait for it at the end: the packages of makers wait five
+WAITING_PAIRS = 4  # of pictures; an older one is left out, because a late estimate is of no use live
+
+
+class Recorder(Protocol):
+    """What every picture is recorded with, also those that are left out."""
+
+    def write(self, message: Message) -> None:
+        """Append one message."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file."""
+        ...
+
+
+class CameraSource(Source):
+    """The pictures of an open device from the moment they are read; each reading goes on where the last one ended.
+
+    `recorder`, if there is one, gets every picture that the camera delivers. Pictures that come faster than they are
+    taken are left out, which the damage of a reading tells.
+    """
+
+    in_order = True  # left, then right, and stamps ascend: nothing need be held back to be sorted
+    format = "live camera"
+
+    def __init__(self, name: str, device: Device, rig: StereoRig, recorder: Recorder | None = None) -> None:
+        self.path, self.size_bytes = Path(name), 0
+        self._device, self._rig, self._recorder = device, rig, recorder
+
+    def contents(self) -> Contents | None:
+        """The topics; how many messages there will be is not known."""
+        encoder = ProfileEncoder(self._rig)
+        channels: list[tuple[Channel, int | None]] = [
+            (c, None) for c in (*encoder.raw_images, *encoder.calibrations)
+        ]
+        return Contents(channels)
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all) as the camera delivers them, until it ends."""
+        encoder = ProfileEncoder(self._rig)
+        if topics is not None and not topics >= {channel.topic for channel in encoder.raw_images}:
+            for side in (0, 1):  # the calibration is known without a picture
+                yield from (m for m in encoder.due_calibration(side, 0) if m.channel.topic in topics)
+            return
+        grabber = _Grabber(self._device, encoder, self._recorder)
+        try:
+            while (messages := grabber.next()) is not None:
+                yield from messages
+        finally:
+            grabber.stop()
+            if grabber.left_out:
+                damage.note(
+                    f"{grabber.left_out} pairs of images were left out, because the camera was faster than the "
+                    "estimates; a recording has them"
+                )
+            if grabber.error is not None:
+                damage.add(f"{self.path}: {grabber.error}")
+
+    def close(self) -> None:
+        """Give the camera back, and finish what it is recorded in."""
+        try:
+            self._device.close()
+        finally:
+            if self._recorder is not None:
+                self._recorder.close()
+
+
+class _Grabber:
+    """A thread that takes every picture as it comes, records it, and keeps the newest for whoever asks."""
+
+    def __init__(self, device: Device, encoder: ProfileEncoder, recorder: Recorder | None) -> None:
+        self._device, self._encoder, self._recorder = device, encoder, recorder
+        self._waiting: deque[list[Message]] = deque()
+        self._news, self._ended, self._stopped = threading.Condition(), False, False
+        self._last_ns: int | None = None
+        self.left_out = 0
+        self.error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    def next(self) -> list[Message] | None:
+        """Wait for the next pair; None after the last one. Raises what the recorder has raised."""
+        with self._news:
+            self._news.wait_for(lambda: self._waiting or self._ended)
+            if self._waiting:
+                return self._waiting.popleft()
+        if isinstance(self.error, StreamSfmError) and not isinstance(self.error, LogError):
+            raise self.error  # a full disk: not the camera's end
+        return None
+
+    def stop(self) -> None:
+        """End after the current picture."""
+        self._stopped = True
+        self._thread.join(_LAST_PICTURE_S)
+
+    def _run(self) -> None:
+        try:
+            while not self._stopped and (taken := self._device.grab()) is not None:
+                self._take(*taken)
+        except Exception as error:  # of the maker's package, of any kind
+            self.error = error
+        with self._news:
+            self._ended = True
+            self._news.notify()
+
+    def _take(self, stamp_ns: int, *images: np.ndarray) -> None:
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            return  # the same picture once more
+        if self._stopped:  # a camera that has not come back before the recording was finished
+            return
+        self._last_ns = stamp_ns
+        messages: list[Message] = []
+        for side, image in enumerate(images):
+            messages += self._encoder.due_calibration(side, stamp_ns)
+            messages.append(self._encoder.raw_image(side, stamp_ns, to_grey(image)))
+        if self._recorder is not None:
+            for message in messages:
+                self._recorder.write(message)
+        with self._news:
+            self._waiting.append(messages)
+            if len(self._waiting) > WAITING_PAIRS:
+                dropped = self._waiting.popleft()
+                self._waiting[0][:0] = [m for m in dropped if m.channel in self._encoder.calibrations]
+                self.left_out += 1
+            self._news.notify()

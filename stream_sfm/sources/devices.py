@@ -1,0 +1,202 @@
+"""Stereo cameras by name: OpenCV's, RealSense, OAK and ZED, each by its own package, imported when it is opened.
+
+A device is a rig and a function that waits for the next pair of images. To add one: a function, and a line in `OPEN`.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.models import Camera
+from ..camera.rig import StereoRig
+from ..errors import ConfigError, LogError
+from ..geometry import se3
+
+Image = NDArray[np.uint8]
+Grab = Callable[[], tuple[int, Image, Image] | None]
+_RATE_HZ = 30
+_OAK_SIZE = 640, 400  # half of what its sensors have, binned
+_WAIT_MS = 5000  # for a picture; a camera that gives none for so long has gone
+
+
+class Device(NamedTuple):
+    """An open camera: its factory calibration, if it has one; `grab` waits for the next pair, None at the end.
+
+    `grab` returns the stamp in nanoseconds and the images of left and right, grey or blue, green, red.
+    """
+
+    rig: StereoRig | None
+    grab: Grab
+    close: Callable[[], object]
+
+
+def open_device(names: Sequence[str], rig: StereoRig | None) -> Device:
+    """Open `realsense`, `oak`, `zed`, or one or two cameras or streams of OpenCV. Raises ConfigError, LogError.
+
+    `rig` says how large the images are where one camera gives both of them beside each other.
+    """
+    if len(names) == 1 and (known := OPEN.get(names[0].lower())) is not None:
+        return known()
+    return _opencv(names, rig)
+
+
+def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
+    """Cameras by number, or whatever else OpenCV opens: a device file, the address of a stream."""
+    import cv2
+
+    if len(names) not in (1, 2):
+        raise ConfigError(f"{len(names)} cameras were given: give one that holds both images, or left and right")
+    captures = []
+    for name in names:
+        captures.append(cv2.VideoCapture(int(name) if name.isdecimal() else name))
+        if not captures[-1].isOpened():
+            raise LogError(
+                f"camera {name} cannot be opened: give its number, such as 0, or one of {', '.join(OPEN)}"
+            )
+
+    def grab() -> tuple[int, Image, Image] | None:
+        grabbed, stamp_ns = [capture.grab() for capture in captures], time.time_ns()
+        images = [np.asarray(image, np.uint8) for good, image in (c.retrieve() for c in captures) if good]
+        if not all(grabbed) or len(images) < len(captures):
+            return None
+        left, right = images if len(images) == 2 else halves(images[0], rig, " ".join(names))
+        return stamp_ns, left, right
+
+    def close() -> None:
+        for capture in captures:
+            capture.release()
+
+    return Device(None, grab, close)
+
+
+def halves(image: Image, rig: StereoRig | None, name: str) -> tuple[Image, Image]:
+    """The images of left and right in one that holds both, beside or above each other. Raises LogError."""
+    height, width = image.shape[:2]
+    size = None if rig is None else (rig.left.width, rig.left.height)
+    for axis, half in ((1, (width // 2, height)), (0, (width, height // 2))):
+        if half == size or (size is None and axis == (0 if height > width else 1)):
+            left, right = np.split(image, 2, axis)
+            return left, right
+    raise LogError(
+        f"{name}: images are {width}×{height}, and two of the calibrated {size} would be twice as wide or as high: "
+        "give the calibration of these images, or two cameras",
+        hint=("calibration",),
+    )
+
+
+def _realsense() -> Device:
+    """The two infrared cameras of a RealSense D400, rectified by the device, with the projector off.
+
+    Its dots would move with the camera.
+    """
+    rs = _package("pyrealsense2", "realsense")
+    pipeline, config = rs.pipeline(), rs.config()
+    for number in (1, 2):
+        config.enable_stream(rs.stream.infrared, number, 640, 480, rs.format.y8, _RATE_HZ)
+    try:
+        profile = pipeline.start(config)
+    except RuntimeError as error:
+        raise LogError(f"RealSense: {error}") from None
+    sensor = profile.get_device().first_depth_sensor()
+    if sensor.supports(rs.option.emitter_enabled):
+        sensor.set_option(rs.option.emitter_enabled, 0)
+    sides = [profile.get_stream(rs.stream.infrared, n).as_video_stream_profile() for n in (1, 2)]
+    cameras = [
+        Camera(i.width, i.height, _matrix(i.fx, i.fy, i.ppx, i.ppy), tuple(i.coeffs))
+        for i in (side.get_intrinsics() for side in sides)
+    ]
+    pose = sides[0].get_extrinsics_to(sides[1])
+    rotation = np.reshape(pose.rotation, (3, 3)).T  # column by column
+    rig = StereoRig(cameras[0], cameras[1], se3.from_rotation_translation(rotation, pose.translation))
+
+    def grab() -> tuple[int, Image, Image] | None:
+        frames = pipeline.wait_for_frames(_WAIT_MS)
+        left, right = (np.array(frames.get_infrared_frame(n).get_data(), np.uint8) for n in (1, 2))
+        return round(frames.get_timestamp() * 1e6), left, right  # from milliseconds
+
+    return Device(rig, grab, pipeline.stop)
+
+
+def _oak() -> Device:
+    """The two grey cameras of an OAK-D, as they are, by version 3 of depthai."""
+    dai = _package("depthai", "oak")
+    pipeline, (width, height) = dai.Pipeline(), _OAK_SIZE
+    sockets = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
+    queues = []
+    for socket in sockets:
+        camera = pipeline.create(dai.node.Camera).build(socket)
+        output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=_RATE_HZ)
+        queues.append(output.createOutputQueue())
+    pipeline.start()
+    factory = pipeline.getDefaultDevice().readCalibration()
+    cameras = []
+    for socket in sockets:
+        k = np.array(factory.getCameraIntrinsics(socket, width, height))
+        d = np.array(factory.getDistortionCoefficients(socket))[:8]  # then thin prism and tilt, which are zero
+        cameras.append(Camera(width, height, k, tuple(d), "rational_polynomial"))
+    pose = np.array(factory.getCameraExtrinsics(*sockets), dtype=float)
+    pose[:3, 3] /= 100  # from centimetres
+    rig = StereoRig(cameras[0], cameras[1], se3.orthonormalise(pose))
+
+    def grab() -> tuple[int, Image, Image] | None:
+        pair = [queue.get() for queue in queues]
+        while (behind := pair[0].getSequenceNum() - pair[1].getSequenceNum()) != 0:
+            late = 1 if behind > 0 else 0
+            pair[late] = queues[late].get()
+        left, right = (np.array(image.getCvFrame(), np.uint8) for image in pair)
+        return round(pair[0].getTimestamp().total_seconds() * 1e9), left, right
+
+    return Device(rig, grab, pipeline.stop)
+
+
+def _zed() -> Device:
+    """Both cameras of a ZED in grey, rectified by its own software; depth is not computed."""
+    sl = _package("pyzed.sl", "zed")
+    camera, settings = sl.Camera(), sl.InitParameters()
+    settings.camera_fps, settings.depth_mode, settings.coordinate_units = (
+        _RATE_HZ,
+        sl.DEPTH_MODE.NONE,
+        sl.UNIT.METER,
+    )
+    if (status := camera.open(settings)) != sl.ERROR_CODE.SUCCESS:
+        raise LogError(f"ZED: {status}")
+    factory = camera.get_camera_information().camera_configuration.calibration_parameters
+    cameras = [
+        Camera(c.image_size.width, c.image_size.height, _matrix(c.fx, c.fy, c.cx, c.cy))
+        for c in (factory.left_cam, factory.right_cam)
+    ]
+    rig = StereoRig(cameras[0], cameras[1], se3.exp([-factory.get_camera_baseline(), 0, 0, 0, 0, 0]))
+    buffer = sl.Mat()
+
+    def grab() -> tuple[int, Image, Image] | None:
+        if (status := camera.grab()) != sl.ERROR_CODE.SUCCESS:
+            raise LogError(f"ZED: {status}")
+        images = []
+        for view in (sl.VIEW.LEFT_GRAY, sl.VIEW.RIGHT_GRAY):
+            camera.retrieve_image(buffer, view)
+            images.append(np.array(buffer.get_data(), np.uint8))
+        return camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds(), images[0], images[1]
+
+    return Device(rig, grab, camera.close)
+
+
+OPEN: dict[str, Callable[[], Device]] = {"realsense": _realsense, "oak": _oak, "zed": _zed}
+
+
+def _package(name: str, extra: str) -> Any:
+    """A package of a maker. Raises ConfigError where it is not installed."""
+    try:
+        import_module(name)
+    except ImportError:
+        how = "comes with the ZED SDK" if extra == "zed" else f"is the extra [{extra}] of this one"
+        raise ConfigError(f"{extra} needs the package {name}, which {how}") from None
+    return sys.modules[name]
+
+
+def _matrix(fx: float, fy: float, cx: float, cy: float) -> NDArray[np.float64]:
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
