@@ -125,7 +125,8 @@ class RigModel:
 
 def _of_field(moves: NDArray[np.int_], field: Array) -> Array:
     """Return what amplitudes of the parts do (n, k, 3K), by `moves` (k, 3) of each and a field (n, K)."""
-    return (moves[:, :, None] * field[:, None, None]).reshape(len(field), len(moves), -1)
+    n, parts = field.shape
+    return (moves[:, :, None] * field[:, None, None]).reshape(n, len(moves), parts * moves.shape[1])
 
 
 def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
