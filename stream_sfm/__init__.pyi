@@ -38,6 +38,7 @@ from .recording.stereo_log import StereoLog as StereoLog
 from .recording.stereo_log import open_camera as open_camera
 from .recording.stereo_log import open_log as open_log
 from .recording.truth_file import GroundTruthFile as GroundTruthFile
+from .results.estimate_messages import RosMessages as RosMessages
 from .results.estimates_reader import read_clouds as read_clouds
 from .results.estimates_reader import read_estimates as read_estimates
 from .results.folder import ResultFolder as ResultFolder

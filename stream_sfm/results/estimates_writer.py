@@ -28,41 +28,23 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 import mcap
-import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
-from ..geometry.se3 import Array
-from ..motion import Odometry
 from ..types import Frame, FrameEstimate
 from . import ros_messages
 from .bag_metadata import bag_metadata
-from .frames import RosFrames, fixed_axis_covariance
-from .path import PathSoFar
-from .scalars import Scalars
-from .schema import SCHEMA_VERSION, EstimateRecord, ScalarsRecord, TimingRecord, estimate_record
+from .estimate_messages import TOPICS, RosMessages
+from .schema import SCHEMA_VERSION
 
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest
 _CHUNK_BYTES = 4 * 2**20  # and at this size; never reached by 20 frames of 200 points
-_TOPICS = {
-    "/stream_sfm/odometry": ros_messages.ODOMETRY,
-    "/stream_sfm/pose": ros_messages.POSE,
-    "/tf": ros_messages.TRANSFORMS,
-    "/tf_static": ros_messages.TRANSFORMS,
-    "/stream_sfm/path": ros_messages.PATH,
-    "/stream_sfm/points": ros_messages.CLOUD,
-    "/stream_sfm/map": ros_messages.CLOUD,
-    "/stream_sfm/scalars": ros_messages.RECORDS[ScalarsRecord],
-    "/stream_sfm/estimate": ros_messages.RECORDS[EstimateRecord],
-    "/stream_sfm/timing": ros_messages.RECORDS[TimingRecord],
-}
 # Quality of service of /tf_static, without which subscribers do not get a message from before their time. The numbers
 # are those of ROS's enumerations: keep last, reliable, transient local, automatic. All versions of ROS 2 read them.
 _LATCHED = """\
@@ -82,8 +64,7 @@ class EstimatesWriter:
     """A sink that writes estimates. Raises OutputError where the file cannot be written."""
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
-        self._frames = RosFrames(config.ros)
-        self._path, self._scalars = PathSoFar(), Scalars()
+        self._messages = RosMessages(config.ros)
         self._file = PartFile(path)
         self._writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
@@ -97,13 +78,10 @@ class EstimatesWriter:
         self._writer.flush()
         self._chunk_began_ns = 0
         self._frames_in_chunk = 0
-        self._odometry: Odometry | None = None
         self._closed = False
 
     def _register(self) -> dict[str, int]:
-        topics = {
-            t: name for t, name in _TOPICS.items() if t != "/tf_static" or self._frames.base_from_cam is not None
-        }
+        topics = self._messages.topics
         schemas = {
             name: self._writer.register_schema(name, SchemaEncoding.ROS2, ros_messages.schema_text(name).encode())
             for name in dict.fromkeys(topics.values())
@@ -115,22 +93,11 @@ class EstimatesWriter:
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append all messages of one frame."""
-        stamp, frames = estimate.stamp_ns, self._frames
+        stamp = estimate.stamp_ns
         if self._frames_in_chunk == 0:
             self._chunk_began_ns = stamp
-        if self._odometry is None and frames.base_from_cam is not None:
-            head, mounting = ros_messages.header(stamp, frames.moving), ros_messages.pose_of(frames.base_from_cam)
-            self._add(estimate, "/tf_static", ros_messages.transforms((head, frames.camera, mounting)))
-        self._add_pose(estimate)
-        in_cam = estimate.track_ids, estimate.points_in_cam, estimate.cov_points
-        head = ros_messages.header(stamp, frames.camera)
-        self._add(estimate, "/stream_sfm/points", ros_messages.cloud(head, *in_cam))
-        if len(estimate.ended_ids):
-            ended = estimate.ended_points_in_world, estimate.ended_cov_points_in_world
-            self._add_map(estimate, estimate.ended_ids, *ended)
-        timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
-        self._add(estimate, "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate)))
-        self._add(estimate, "/stream_sfm/timing", ros_messages.record(head, timing))
+        for topic, message in self._messages.of(estimate):
+            self._add(estimate, topic, message)
         self._frames_in_chunk += 1
         if self._frames_in_chunk >= _CHUNK_FRAMES or abs(stamp - self._chunk_began_ns) >= _CHUNK_NS:
             self._writer.flush()
@@ -142,11 +109,9 @@ class EstimatesWriter:
             return
         self._closed = True
         try:
-            if self._odometry is not None:
-                last = self._odometry.estimate
-                self._add_path(last)
-                if len(last.track_ids):
-                    self._add_map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
+            if (last := self._messages.last) is not None:
+                for topic, message in self._messages.end():
+                    self._add(last, topic, message)
             self._writer.finish()
         except OutputError:
             self._file.close()  # raises the same error
@@ -155,48 +120,8 @@ class EstimatesWriter:
 
     def metadata(self) -> bytes:
         """Return the content of metadata.yaml, which makes the folder of the file a bag."""
-        topics = {topic: (_TOPICS[topic], _quality(topic), self._counts[topic]) for topic in self._channels}
+        topics = {topic: (TOPICS[topic], _quality(topic), self._counts[topic]) for topic in self._channels}
         return bag_metadata(self._file.path.name, topics, *self._times_ns)
-
-    def _add_pose(self, estimate: FrameEstimate) -> None:
-        """Add every message that states the pose of the moving frame, camera or robot."""
-        frames = self._frames
-        head = ros_messages.header(estimate.stamp_ns, frames.world)
-        fixed_from_moving = frames.pose(estimate.world_from_cam)
-        pose = ros_messages.pose_of(fixed_from_moving)
-        covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
-        self._add(estimate, "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance))
-        self._odometry = odometry = Odometry.after(self._odometry, estimate)
-        self._add_odometry(odometry)
-        scalars = self._scalars.of(odometry, fixed_from_moving, covariance)
-        self._add(estimate, "/stream_sfm/scalars", ros_messages.record(head, scalars))
-        if self._path.add(ros_messages.pose_stamped(head, pose)):
-            self._add_path(estimate)
-
-    def _add_odometry(self, odometry: Odometry) -> None:
-        """Add the continuous path, and the transforms by which the camera is in the world."""
-        frames, estimate = self._frames, odometry.estimate
-        world, odom = (ros_messages.header(estimate.stamp_ns, name) for name in (frames.world, frames.odom))
-        odom_from_moving = frames.pose(odometry.odom_from_cam)
-        pose = ros_messages.pose_of(odom_from_moving)
-        covariance = fixed_axis_covariance(odom_from_moving[:3, :3], frames.cov_pose(odometry.cov))
-        twist, cov_twist = odometry.twist, odometry.cov_twist
-        if twist is not None and cov_twist is not None:
-            twist, cov_twist = frames.twist(twist), frames.cov_pose(cov_twist)
-        moving = ros_messages.odometry(odom, frames.moving, pose, covariance, twist, cov_twist)
-        self._add(estimate, "/stream_sfm/odometry", moving)
-        world_from_odom = ros_messages.pose_of(frames.between(odometry.world_from_odom))
-        transforms = ros_messages.transforms((world, frames.odom, world_from_odom), (odom, frames.moving, pose))
-        self._add(estimate, "/tf", transforms)
-
-    def _add_path(self, estimate: FrameEstimate) -> None:
-        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
-        self._add(estimate, "/stream_sfm/path", ros_messages.path(head, self._path.poses()))
-
-    def _add_map(self, estimate: FrameEstimate, ids: NDArray[np.int64], points_in_world: Array, cov: Array) -> None:
-        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
-        in_fixed = self._frames.points(points_in_world, cov)
-        self._add(estimate, "/stream_sfm/map", ros_messages.cloud(head, ids, *in_fixed))
 
     def _add(self, estimate: FrameEstimate, topic: str, message: Any) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned

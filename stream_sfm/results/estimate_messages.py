@@ -1,0 +1,133 @@
+"""Estimates as ROS 2 messages, in the frames and axes of the settings `[ros]`: for `estimates.mcap`, and for a node."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ..config import RosConfig
+from ..geometry.se3 import Array
+from ..motion import Odometry
+from ..types import FrameEstimate, Status
+from . import ros_messages
+from .frames import RosFrames, fixed_axis_covariance
+from .path import PathSoFar
+from .scalars import Scalars
+from .schema import EstimateRecord, ScalarsRecord, TimingRecord, estimate_record
+
+TOPICS = {
+    "/stream_sfm/odometry": ros_messages.ODOMETRY,
+    "/stream_sfm/pose": ros_messages.POSE,
+    "/tf": ros_messages.TRANSFORMS,
+    "/tf_static": ros_messages.TRANSFORMS,
+    "/stream_sfm/path": ros_messages.PATH,
+    "/stream_sfm/points": ros_messages.CLOUD,
+    "/stream_sfm/map": ros_messages.CLOUD,
+    "/stream_sfm/scalars": ros_messages.RECORDS[ScalarsRecord],
+    "/stream_sfm/estimate": ros_messages.RECORDS[EstimateRecord],
+    "/stream_sfm/timing": ros_messages.RECORDS[TimingRecord],
+}
+_LEVELS = {Status.OK: 0, Status.INITIALISING: 0, Status.DEGRADED: 1, Status.LOST: 2}  # of diagnostic_msgs
+Stamped = Iterator[tuple[str, Any]]  # topic and message
+
+
+class RosMessages:
+    """Makes the messages of a run's estimates, given in order: for `estimates.mcap`, or for a node that publishes them.
+
+    `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them.
+    """
+
+    def __init__(self, ros: RosConfig) -> None:
+        self._frames = RosFrames(ros)
+        self._path, self._scalars = PathSoFar(), Scalars()
+        self._odometry: Odometry | None = None
+        self.topics = {
+            t: name for t, name in TOPICS.items() if t != "/tf_static" or self._frames.base_from_cam is not None
+        }
+
+    def of(self, estimate: FrameEstimate) -> Stamped:
+        """Yield topic and message of all that a frame tells; with the first one, where the camera is on the robot."""
+        stamp, frames = estimate.stamp_ns, self._frames
+        if self._odometry is None and frames.base_from_cam is not None:
+            head, mounting = ros_messages.header(stamp, frames.moving), ros_messages.pose_of(frames.base_from_cam)
+            yield "/tf_static", ros_messages.transforms((head, frames.camera, mounting))
+        yield from self._pose(estimate)
+        in_cam = estimate.track_ids, estimate.points_in_cam, estimate.cov_points
+        head = ros_messages.header(stamp, frames.camera)
+        yield "/stream_sfm/points", ros_messages.cloud(head, *in_cam)
+        if len(estimate.ended_ids):
+            ended = estimate.ended_points_in_world, estimate.ended_cov_points_in_world
+            yield self._map(estimate, estimate.ended_ids, *ended)
+        timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
+        yield "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate))
+        yield "/stream_sfm/timing", ros_messages.record(head, timing)
+
+    def encode(self, message: Any) -> bytes:
+        """Return the bytes of a message in CDR, as ROS 2 sends them."""
+        return ros_messages.encode(message)
+
+    @property
+    def last(self) -> FrameEstimate | None:
+        """The estimate that was given last."""
+        return None if self._odometry is None else self._odometry.estimate
+
+    def end(self) -> Stamped:
+        """Yield what the last frame leaves to be told: the whole path, and the map's points that are still in view."""
+        if (last := self.last) is not None:
+            yield self._path_now(last)
+            if len(last.track_ids):
+                yield self._map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
+
+    def diagnostics(self, estimate: FrameEstimate) -> Any:
+        """Make a DiagnosticArray of the status of a frame."""
+        values = {**estimate.counts, "frame": estimate.frame_index}
+        pairs = [ros_messages.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
+        status = ros_messages.make(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=_LEVELS[estimate.status],
+            name="stream_sfm: odometry",
+            message=f"{estimate.status}: {estimate.reason}" if estimate.reason else str(estimate.status),
+            hardware_id=self._frames.camera,
+            values=pairs,
+        )
+        head = ros_messages.header(estimate.stamp_ns, self._frames.camera)
+        return ros_messages.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
+
+    def _pose(self, estimate: FrameEstimate) -> Stamped:
+        """Every message that states the pose of the moving frame, camera or robot."""
+        frames = self._frames
+        head = ros_messages.header(estimate.stamp_ns, frames.world)
+        fixed_from_moving = frames.pose(estimate.world_from_cam)
+        pose = ros_messages.pose_of(fixed_from_moving)
+        covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
+        yield "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance)
+        self._odometry = odometry = Odometry.after(self._odometry, estimate)
+        yield from self._moving(odometry)
+        scalars = self._scalars.of(odometry, fixed_from_moving, covariance)
+        yield "/stream_sfm/scalars", ros_messages.record(head, scalars)
+        if self._path.add(ros_messages.pose_stamped(head, pose)):
+            yield self._path_now(estimate)
+
+    def _moving(self, odometry: Odometry) -> Stamped:
+        """The continuous path, and the transforms by which the camera is in the world."""
+        frames, estimate = self._frames, odometry.estimate
+        world, odom = (ros_messages.header(estimate.stamp_ns, name) for name in (frames.world, frames.odom))
+        odom_from_moving = frames.pose(odometry.odom_from_cam)
+        pose = ros_messages.pose_of(odom_from_moving)
+        covariance = fixed_axis_covariance(odom_from_moving[:3, :3], frames.cov_pose(odometry.cov))
+        twist, cov_twist = odometry.twist, odometry.cov_twist
+        if twist is not None and cov_twist is not None:
+            twist, cov_twist = frames.twist(twist), frames.cov_pose(cov_twist)
+        yield "/stream_sfm/odometry", ros_messages.odometry(odom, frames.moving, pose, covariance, twist, cov_twist)
+        world_from_odom = ros_messages.pose_of(frames.between(odometry.world_from_odom))
+        yield "/tf", ros_messages.transforms((world, frames.odom, world_from_odom), (odom, frames.moving, pose))
+
+    def _path_now(self, estimate: FrameEstimate) -> tuple[str, Any]:
+        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
+        return "/stream_sfm/path", ros_messages.path(head, self._path.poses())
+
+    def _map(
+        self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array
+    ) -> tuple[str, Any]:
+        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
+        return "/stream_sfm/map", ros_messages.cloud(head, ids, *self._frames.points(points_in_world, cov))
