@@ -32,10 +32,17 @@ if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  #
 
 from ._core import align_patches as align_patches
 from ._core import disparity_slopes as disparity_slopes
+from ._core import eliminate_points as eliminate_points
+from ._core import field_basis as field_basis
 from ._core import linearise_views as linearise_views
 from ._core import match_along_rows as match_along_rows
 from ._core import motion_step as motion_step
+from ._core import normal_blocks as normal_blocks
+from ._core import rig_columns as rig_columns
 from ._core import sample_weights as sample_weights
 from ._core import store_patches as store_patches
+from ._core import velocities_by_twist as velocities_by_twist
 from ._core import view_residuals as view_residuals
 from ._core import warp_patches as warp_patches
+from ._core import window_points as window_points
+from ._core import window_residuals as window_residuals

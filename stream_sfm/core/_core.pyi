@@ -90,3 +90,82 @@ def motion_step(jacobian: Array, residuals: Array, weights: Array, amplitudes: A
     Whitened Jacobian (n, 4, 6 + j) and residuals (n, 4), weights (n,), and amplitudes (j,), which have σ = 1. The step
     is zero in directions that the data do not determine, and NaN where the information is not finite.
     """
+
+def rig_columns(
+    pinholes: tuple[float, float, float, float, float],
+    width: float,
+    height: float,
+    z_px: Array,
+    velocity_px_s: Array | None,
+    row: Array | None,
+    age_s: Array,
+) -> Array:
+    """Return what one unit of each term of a rig's errors does to views (n, 4): (n, 4, t), eqs. (70) and (72d).
+
+    As `rig_model.terms.columns` documents it; `age_s` (n,).
+    """
+
+def field_basis(left_px: Array, u: Array, v: Array, length: float, root: Array) -> Array:
+    """Return exp(−d²/(2ℓ²)) between positions (n, 2) and a grid's nodes, times `root` (K, K): (n, K).
+
+    Columns `u` and rows `v` of the grid, K = len(u) len(v), and `length` ℓ in pixels. 0 where a position is not finite.
+    """
+
+def velocities_by_twist(pinholes: tuple[float, float, float, float, float], points_in_cam: Array) -> Array:
+    """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
+
+def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame: Pixels, point: Pixels) -> Array:
+    """Return homogeneous points (V, 4), in front of the cameras, of views of points q, eq. (24).
+
+    `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3); `frame` and `point` (V,): indices of these.
+    """
+
+def window_residuals(
+    pinholes: tuple[float, float, float, float, float],
+    cams_from_ref: Array,
+    ref_from_anchor: Array,
+    q: Array,
+    rig_error: Array,
+    frame: Pixels,
+    point: Pixels,
+    z_px: Array,
+    root: Array,
+    terms: Array,
+    field: Array,
+    moves: Array,
+) -> Array:
+    """Return the whitened residuals (V, 4) of the views of a window.
+
+    State as in `window_points`, with the rig's errors (m,); views (V, 4) with whitening roots (V, 4, 4). Errors move a
+    view by `terms` (V, 4, t) and by the parts of a field: `moves` (4, p) ⊗ `field` (V, K), m = t + p K.
+    """
+
+def normal_blocks(
+    pinholes: tuple[float, float, float, float, float],
+    cams_from_ref: Array,
+    ref_from_anchor: Array,
+    q: Array,
+    rig_error: Array,
+    frame: Pixels,
+    point: Pixels,
+    z_px: Array,
+    root: Array,
+    terms: Array,
+    field: Array,
+    moves: Array,
+) -> tuple[Array, ...]:
+    """Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71): the arrays of `NormalBlocks`.
+
+    Arguments as of `window_residuals`.
+    """
+
+def eliminate_points(
+    v: Array, w: Array, by_rig: Array, known: Pixels, cov: Array, modes: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27) and (30).
+
+    Blocks of the views `v` (P, 3, 3), `w` (P, 3, 6F) and `by_rig` (P, 3, m), with the last m modes; of the prior, over
+    points `known` (N,), D = `cov` (N, 3, 3) and F = `modes` (N, 3, k). Returns D⁻¹ (N, 3, 3), D⁻¹F (N, 3, k), lower
+    roots (P, 3, 3) of the covariances of points given the others, and rootsᵀ times what couples points to these
+    (P, 3, 6F + k). Raises LinAlgError where information is not definite.
+    """

@@ -67,6 +67,19 @@ Pinholes pinholes(const nb::tuple& numbers) {
     return {number(0), number(1), number(2), number(3), number(4)};
 }
 
+using Floats = In<double, 2>;
+using Blocks = In<double, 3>;
+using Rows = In<std::int64_t, 1>;
+
+WindowState window_state(const Blocks& cams_from_ref, const Blocks& ref_from_anchor, const Floats& q, const In<double, 1>& rig_error) {
+    return {view(cams_from_ref), view(ref_from_anchor), view(q), view(rig_error)};
+}
+
+WindowViews window_views(const Rows& frame, const Rows& point, const Floats& z, const Blocks& root, const Blocks& terms,
+                         const Floats& field, const Floats& moves) {
+    return {view(frame), view(point), view(z), view(root), view(terms), view(field), view(moves)};
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -125,5 +138,56 @@ NB_MODULE(_core, m) {
                             const In<double, 1>& amplitudes) {
         auto r = unlocked([&] { return motion_step(view(jacobian), view(residuals), view(weights), view(amplitudes)); });
         return nb::make_tuple(numpy(std::move(r.step)), numpy(std::move(r.information)));
+    });
+    m.def("rig_columns",
+          [](const nb::tuple& camera, double width, double height, const Floats& z, std::optional<Floats> velocity,
+             std::optional<Floats> row, const In<double, 1>& age) {
+              Pinholes of = pinholes(camera);
+              View<double, 2> velocities{}, rows{};
+              if (velocity) velocities = view(*velocity);
+              if (row) rows = view(*row);
+              return numpy(unlocked([&] {
+                  return rig_columns(of, {width, height}, view(z), velocity ? &velocities : nullptr, row ? &rows : nullptr,
+                                     view(age));
+              }));
+          },
+          nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg().none(), nb::arg());
+    m.def("field_basis", [](const Floats& at, const In<double, 1>& u, const In<double, 1>& v, double length, const Floats& root) {
+        return numpy(unlocked([&] { return field_basis(view(at), view(u), view(v), length, view(root)); }));
+    });
+    m.def("velocities_by_twist", [](const nb::tuple& camera, const Floats& points) {
+        Pinholes of = pinholes(camera);
+        return numpy(unlocked([&] { return velocities_by_twist(of, view(points)); }));
+    });
+    m.def("window_points", [](const Blocks& cams, const Blocks& anchors, const Floats& q, const Rows& frame, const Rows& point) {
+        return numpy(unlocked([&] { return window_points(view(cams), view(anchors), view(q), view(frame), view(point)); }));
+    });
+    m.def("window_residuals", [](const nb::tuple& camera, const Blocks& cams, const Blocks& anchors, const Floats& q,
+                                 const In<double, 1>& rig_error, const Rows& frame, const Rows& point, const Floats& z,
+                                 const Blocks& root, const Blocks& terms, const Floats& field, const Floats& moves) {
+        Pinholes of = pinholes(camera);
+        return numpy(unlocked([&] {
+            return window_residuals(of, window_state(cams, anchors, q, rig_error),
+                                    window_views(frame, point, z, root, terms, field, moves));
+        }));
+    });
+    m.def("normal_blocks", [](const nb::tuple& camera, const Blocks& cams, const Blocks& anchors, const Floats& q,
+                              const In<double, 1>& rig_error, const Rows& frame, const Rows& point, const Floats& z,
+                              const Blocks& root, const Blocks& terms, const Floats& field, const Floats& moves) {
+        Pinholes of = pinholes(camera);
+        auto r = unlocked([&] {
+            return normal_blocks(of, window_state(cams, anchors, q, rig_error),
+                                 window_views(frame, point, z, root, terms, field, moves));
+        });
+        return nb::make_tuple(numpy(std::move(r.u)), numpy(std::move(r.v)), numpy(std::move(r.w)), numpy(std::move(r.g_pose)),
+                              numpy(std::move(r.g_point)), numpy(std::move(r.rig)), numpy(std::move(r.rig_pose)),
+                              numpy(std::move(r.rig_point)), numpy(std::move(r.g_rig)));
+    });
+    m.def("eliminate_points", [](const Blocks& v, const Blocks& w, const Blocks& by_rig, const Rows& known, const Blocks& cov,
+                                 const Blocks& modes) {
+        auto r = unlocked([&] { return eliminate_points(view(v), view(w), view(by_rig), view(known), view(cov), view(modes)); });
+        require_definite(r.definite, "the information about a point is not positive definite");
+        return nb::make_tuple(numpy(std::move(r.d_inverse)), numpy(std::move(r.pull)), numpy(std::move(r.std_given)),
+                              numpy(std::move(r.reach)));
     });
 }

@@ -3,6 +3,7 @@
 
 #include "arrays.hpp"
 #include "image.hpp"
+#include "pinholes.hpp"
 
 namespace core {
 
@@ -40,9 +41,6 @@ Array<double, 2> disparity_slopes(const Image& left, const Image& right, const P
                                   int radius, double std_grey);
 
 // views.cpp
-struct Pinholes {  // a rectified pair, px and metres
-    double f, cx_left, cx_right, cy, baseline;
-};
 struct LinearisedViews {
     Array<double, 3> root;
     Array<double, 3> jacobian;
@@ -64,5 +62,41 @@ struct MotionStep {
 };
 MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& residuals, const View<double, 1>& weights,
                        const View<double, 1>& amplitudes);
+
+// rig.cpp
+Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
+                             const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
+Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
+                             const View<double, 2>& root);
+Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
+
+// window.cpp
+struct WindowState {
+    View<double, 3> cams_from_ref, ref_from_anchor;
+    View<double, 2> q;
+    View<double, 1> rig_error;
+};
+struct WindowViews {
+    Indices frame, point;
+    View<double, 2> z;
+    View<double, 3> root, terms;
+    View<double, 2> field, moves;
+};
+struct NormalBlocks {
+    Array<double, 3> u, v, w;
+    Array<double, 2> g_pose, g_point, rig;
+    Array<double, 3> rig_pose, rig_point;
+    Array<double, 1> g_rig;
+};
+Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<double, 3>& ref_from_anchor,
+                               const View<double, 2>& q, const Indices& frame, const Indices& point);
+Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+struct EliminatedPoints {
+    Array<double, 3> d_inverse, pull, std_given, reach;
+    bool definite;
+};
+EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w, const View<double, 3>& by_rig,
+                                  const Indices& known, const View<double, 3>& cov, const View<double, 3>& modes);
 
 }  // namespace core

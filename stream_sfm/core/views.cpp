@@ -14,54 +14,7 @@ namespace {
 // A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
 // times more, the noise of the view itself would be lost to rounding in their sum.
 constexpr double MAX_PREDICTED_STD_PX = 1e5;
-constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
 constexpr double DAMPING = 1e-9;    // of the scaled information: a direction that the data do not see stays where it is
-
-// A homogeneous point (4,) by a motion (4, 4).
-void move(const double* motion, const double* point, double* out) {
-    for (int i = 0; i < 4; i++) {
-        const double* row = motion + 4 * i;
-        out[i] = row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] * point[3];
-    }
-}
-
-// The point in front of the camera; whether it was there.
-bool clamp_depth(double* in_cam) {
-    if (!(in_cam[2] < MIN_DEPTH)) return true;
-    in_cam[2] = MIN_DEPTH;
-    return false;
-}
-
-// Views of homogeneous points (X, Y, Z, ρ), eq. (8).
-void project(const Pinholes& p, const double* point, double* z) {
-    double s = p.f / point[2], u = s * point[0];
-    z[0] = u + p.cx_left;
-    z[1] = z[3] = s * point[1] + p.cy;
-    z[2] = u - s * p.baseline * point[3] + p.cx_right;
-}
-
-// ∂z/∂(X, Y, Z, ρ) (4, 4), eq. (9).
-void jacobian(const Pinholes& p, const double* point, double* a) {
-    double s = p.f / point[2], sx = -s * point[0] / point[2], sy = -s * point[1] / point[2];
-    std::fill(a, a + 16, 0.0);
-    a[0] = a[5] = a[8] = a[13] = s;
-    a[2] = sx;
-    a[6] = a[14] = sy;
-    a[10] = sx + s * p.baseline * point[3] / point[2];
-    a[11] = -s * p.baseline;
-}
-
-// out (4, 4) = a b, and a bᵀ.
-void multiply(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            out[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
-}
-void multiply_transposed(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            out[4 * i + j] = a[4 * i] * b[4 * j] + a[4 * i + 1] * b[4 * j + 1] + a[4 * i + 2] * b[4 * j + 2] + a[4 * i + 3] * b[4 * j + 3];
-}
 
 // R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
 bool whitening(const double* z, const double* cov, double* root) {
@@ -117,10 +70,7 @@ LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>&
         for (int row = 0; row < 4; row++) {
             const double* b = by_cam + 4 * row;
             double* out = j + static_cast<std::size_t>(row) * columns;
-            for (int k = 0; k < 3; k++) out[k] = b[k] * p[3];
-            out[3] = b[2] * p[1] - b[1] * p[2];
-            out[4] = b[0] * p[2] - b[2] * p[0];
-            out[5] = b[1] * p[0] - b[0] * p[1];
+            by_motion(b, p, out);
             for (std::size_t k = 0; k < amplitudes; k++)
                 for (int c = 0; c < 4; c++) out[6 + k] += root[4 * row + c] * shared[i][c * amplitudes + k];
         }

@@ -3,6 +3,7 @@
 Such matrices have condition numbers of 10¹⁰, so each of them is scaled by its own diagonal before it is factored.
 """
 
+import math
 from contextlib import suppress
 
 import numpy as np
@@ -24,6 +25,12 @@ def symmetric(a: Array) -> Array:
 def symmetric_inverse(a: Array) -> Array:
     """Return the inverses of symmetric matrices (…, n, n), symmetric to the last digit."""
     return symmetric(np.asarray(np.linalg.inv(a)))
+
+
+def product(a: Array, b: Array) -> Array:
+    """Return A B of stacked matrices (…, k) with one matrix (k, n), by one product in place of many small ones."""
+    *stack, k = a.shape
+    return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
 
 
 def matvec(a: Array, x: Array) -> Array:

@@ -70,7 +70,7 @@ class PointViews:
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
         return core.linearise_views(
-            self._pinholes(),
+            self.projection.pinholes,
             self.points,
             self.cov_points,
             self.z_px,
@@ -87,7 +87,7 @@ class PointViews:
         if amplitudes is None:
             amplitudes = np.zeros(self.shared.shape[2])
         r, squares = core.view_residuals(
-            self._pinholes(), self.points, self.z, root, self.shared, amplitudes, cam_from_ref[None]
+            self.projection.pinholes, self.points, self.z, root, self.shared, amplitudes, cam_from_ref[None]
         )
         return r[0], squares[0]
 
@@ -95,9 +95,5 @@ class PointViews:
         """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf as in `residuals`."""
         amplitudes = np.zeros(self.shared.shape[2])
         return core.view_residuals(
-            self._pinholes(), self.points, self.z, root, self.shared, amplitudes, cams_from_ref
+            self.projection.pinholes, self.points, self.z, root, self.shared, amplitudes, cams_from_ref
         )[1]
-
-    def _pinholes(self) -> tuple[float, float, float, float, float]:
-        p = self.projection
-        return p.f_px, p.cx_left_px, p.cx_right_px, p.cy_px, p.baseline_m

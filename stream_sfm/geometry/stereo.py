@@ -36,6 +36,11 @@ class StereoProjection:
     height: int
     virtual_right: bool = False
 
+    @property
+    def pinholes(self) -> tuple[float, float, float, float, float]:
+        """The pair as the compiled core takes it."""
+        return self.f_px, self.cx_left_px, self.cx_right_px, self.cy_px, self.baseline_m
+
     def project(self, points_in_cam: Array) -> Array:
         """Return z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""
         x, y, depth = points_in_cam[..., 0], points_in_cam[..., 1], points_in_cam[..., 2]

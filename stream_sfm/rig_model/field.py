@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from .. import core
 from ..geometry.se3 import Array
 
 _LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from .07 to .13
@@ -26,22 +27,18 @@ class Field:
         self._length_px = _LENGTH * width
         across = max(2, round(1 / (_LENGTH * _SPACING)))
         down = max(_LEAST_ROWS, round(across * height / width))
-        u, v = np.meshgrid((np.arange(across) + 0.5) / across * width, (np.arange(down) + 0.5) / down * height)
-        self._nodes = np.stack([u.ravel(), v.ravel()], axis=1)
-        own = self._kernel(self._nodes) + _JITTER * np.eye(len(self._nodes))
+        self._u, self._v = (np.arange(across) + 0.5) / across * width, (np.arange(down) + 0.5) / down * height
+        nodes = np.stack(np.meshgrid(self._u, self._v), axis=2).reshape(-1, 2)
+        self._root = np.eye(len(nodes))
+        own = self.at(nodes) + _JITTER * np.eye(len(nodes))
         self._root = np.linalg.inv(np.linalg.cholesky(own)).T
 
     def __len__(self) -> int:
-        return len(self._nodes)
+        return len(self._root)
 
     def at(self, left_px: Array) -> Array:
-        """Return the basis (n, K) at positions (n, 2) of the left image."""
-        return np.asarray(self._kernel(left_px) @ self._root)
-
-    def _kernel(self, left_px: Array) -> Array:
-        """Return k between positions (n, 2) and the inducing points."""
-        apart = (left_px[:, None] - self._nodes) / self._length_px
-        return np.asarray(np.exp(-0.5 * (apart * apart).sum(axis=2)))
+        """Return the basis (n, K) at positions (n, 2) of the left image; 0 where one is not finite."""
+        return core.field_basis(left_px, self._u, self._v, self._length_px, self._root)
 
 
 @lru_cache(maxsize=8)

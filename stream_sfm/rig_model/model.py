@@ -1,6 +1,6 @@
 """The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
+from ..geometry.linear import product
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .estimate import RigEstimate
@@ -18,7 +19,47 @@ from .terms import DELAY, READOUT, TERMS, columns, growth, prior_std, terms_of_t
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
-_FIELD_MOVES = np.array([[0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 1]])
+_FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigEffects:
+    """What amplitudes (m,) of 1 do to n views, px: `terms` (n, 4, t), and of the field its basis (n, K) alone.
+
+    All parts of the field share it: m = t + 3 K. What the field does to a missing side has no meaning.
+    """
+
+    terms: Array
+    field: Array
+    moves = _FIELD_MOVES
+
+    @classmethod
+    def none(cls, views: int) -> "RigEffects":
+        """Return those of an exact rig."""
+        return cls(np.zeros((views, 4, 0)), np.zeros((views, 0)))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["RigEffects"]) -> "RigEffects":
+        """Return the effects on several views after each other."""
+        return cls(np.concatenate([p.terms for p in parts]), np.concatenate([p.field for p in parts]))
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "RigEffects":
+        return RigEffects(self.terms[rows], self.field[rows])
+
+    def take(self, rows: NDArray[np.intp], others: "RigEffects") -> "RigEffects":
+        """Return the same with others in some rows (k,)."""
+        terms, field = self.terms.copy(), self.field.copy()
+        terms[rows], field[rows] = others.terms, others.field
+        return RigEffects(terms, field)
+
+    def at(self, amplitudes: Array) -> Array:
+        """Return what amplitudes (m,) do (n, 4)."""
+        own = self.terms.shape[2]
+        parts = amplitudes[own:].reshape(self.moves.shape[1], -1)
+        return np.asarray(self.terms @ amplitudes[:own] + self.field @ parts.T @ self.moves.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,13 +109,18 @@ class RigModel:
 
         `age_s`, or one (n,) each: for how long errors have grown.
         """
-        t = len(TERMS)
-        row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
-        effects = np.zeros((len(z_px), 4, len(self)))
-        effects[..., :t] = columns(self.projection, z_px, velocity_px_s, row, age_s) @ self.root
-        effects[..., t:] = _of_field(_FIELD_MOVES, self._field.at(z_px[:, :2]))
+        found = self.effects_by_parts(z_px, velocity_px_s, age_s)
+        effects = np.concatenate([found.terms, _of_field(_FIELD_MOVES, found.field)], axis=2)
         effects[~np.isfinite(z_px)] = 0.0
         return effects
+
+    def effects_by_parts(
+        self, z_px: Array, velocity_px_s: Array | None = None, age_s: Array | float = 0.0
+    ) -> RigEffects:
+        """Return the `effects` without writing the field out for each of its parts."""
+        row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
+        terms = product(columns(self.projection, z_px, velocity_px_s, row, age_s), self.root)
+        return RigEffects(terms, self._field.at(z_px[:, :2]))
 
     def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
@@ -123,7 +169,7 @@ class RigModel:
         )
 
 
-def _of_field(moves: NDArray[np.int_], field: Array) -> Array:
+def _of_field(moves: Array, field: Array) -> Array:
     """Return what amplitudes of the parts do (n, k, 3K), by `moves` (k, 3) of each and a field (n, K)."""
     n, parts = field.shape
     return (moves[:, :, None] * field[:, None, None]).reshape(n, len(moves), parts * moves.shape[1])

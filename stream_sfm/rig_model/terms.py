@@ -11,6 +11,7 @@ is a term here.
 
 import numpy as np
 
+from .. import core
 from ..camera.refinement import TERMS as LENS_TERMS
 from ..config import RigConfig
 from ..geometry.se3 import Array
@@ -47,30 +48,11 @@ def columns(
 
     `velocity_px_s` (n, 4): how the views move, and `row` (n, 4): in which row of the camera's own image each side was
     exposed, as a share of the height from the middle; None where neither is known, and then delay and readout do
-    nothing. `age_s`, or one (n,) each: for how long errors have grown, if they do.
+    nothing. `age_s`, or one (n,) each: for how long errors have grown, if they do. A missing side has no columns. Those
+    of a lens are px per pixel of each error, at the ray to the corner that is farthest from the lens's middle.
     """
-    p = projection
-    centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
-    x, y = ((z_px[:, :2] - centre) / centre).T
-    effects = np.zeros((len(z_px), 4, len(TERMS)))
-    effects[:, 2, DISPARITY] = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    from_centre_px = z_px - (p.cx_left_px, p.cy_px, p.cx_right_px, p.cy_px)
-    rays, corner = from_centre_px / p.f_px, _corner(p)
-    for side in (0, 2):
-        ray = rays[:, side : side + 2]
-        effects[:, side : side + 2, 6:12] = _of_lens(ray / corner)
-        effects[:, side : side + 2, 8:10] = -ray[:, :, None] * rays[:, None, :2]
-    effects[:, 2, 12] = effects[:, 2, 6]
-    effects[:, 3] = effects[:, 1]
-    effects[:, :, 13] = from_centre_px
-    if velocity_px_s is not None and row is not None:
-        effects[:, 2, 14] = velocity_px_s[:, 2]
-        effects[:, :, 15] = velocity_px_s * row
-    age = np.broadcast_to(age_s, len(z_px))[:, None]
-    if age.any():
-        effects[:, 2, _AT_TURNING] = age * effects_of_turn(p, z_px[:, 2:])[:, 0]
-        effects[:, :, TERMS.index(FOCUSING)] = age * from_centre_px
-    return effects
+    age = np.broadcast_to(np.asarray(age_s, np.float64), len(z_px))
+    return core.rig_columns(projection.pinholes, projection.width, projection.height, z_px, velocity_px_s, row, age)
 
 
 def terms_of_turn(projection: StereoProjection) -> Array:
@@ -90,24 +72,3 @@ def growth(projection: StereoProjection, age_s: float) -> Array:
     grown[:, _AT_TURNING] += age_s * terms_of_turn(projection)
     grown[TERMS.index(FOCAL), TERMS.index(FOCUSING)] = age_s
     return grown
-
-
-def _corner(p: StereoProjection) -> float:
-    """Return the slope of the ray to the corner that is farthest from the lens's middle."""
-    across = max(p.cx_left_px, p.width - p.cx_left_px), max(p.cy_px, p.height - p.cy_px)
-    return float(np.hypot(*across) / p.f_px)
-
-
-def _of_lens(rays: Array) -> Array:
-    """Return (n, 2, 6) px per pixel of each error of a lens, for rays (n, 2) in units of the corner's slope.
-
-    Those of the principal point are left 0: they depend on the other side, too.
-    """
-    x, y = rays.T
-    squared = x * x + y * y
-    effects = np.zeros((len(rays), 2, 6))
-    effects[..., 0] = rays * squared[:, None]
-    effects[..., 1] = effects[..., 0] * squared[:, None]
-    effects[:, 0, 4], effects[:, 1, 4] = (squared + 2 * x * x) / 3, 2 * x * y / 3  # 1 px in the corner's direction
-    effects[:, 0, 5], effects[:, 1, 5] = 2 * x * y / 3, (squared + 2 * y * y) / 3
-    return effects

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry import se3
 from ..geometry.linear import matvec
 from ..geometry.se3 import Array
@@ -51,9 +52,7 @@ def _slopes(t: Array, used: NDArray[np.bool_]) -> Array:
 
 def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> Array:
     """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
-    points = clamp_depth(points_in_cam)
-    a = projection.jacobian_homogeneous(points)[..., :3]
-    return np.concatenate([a * points[:, None, 3:], -a @ se3.skew(points[:, :3])], axis=2)
+    return core.velocities_by_twist(projection.pinholes, points_in_cam)
 
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:

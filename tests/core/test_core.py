@@ -19,6 +19,10 @@ POINTS = np.concatenate([RNG.normal(size=(N, 3)), np.ones((N, 1))], axis=1)
 VIEWS, COV = RNG.uniform(0, 60, (N, 4)), np.broadcast_to(np.eye(4), (N, 4, 4))
 PINHOLES = (60.0, 40.0, 40.0, 30.0, 0.1)
 SHARED = RNG.normal(size=(N, 4, 2))
+MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
+FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
+STATE = (MOTIONS[:2], MOTIONS, POINTS[:, :3], np.zeros(8))
+SEEN = (SLOTS % 2, SLOTS, VIEWS, COV, SHARED, FIELD, MOVES)
 
 # Each function with arguments that it takes
 CALLS = {
@@ -29,6 +33,20 @@ CALLS = {
     "disparity_slopes": (IMAGE, IMAGE, PIXELS, STARTS, 10, 4.0),
     "linearise_views": (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.eye(4)),
     "view_residuals": (PINHOLES, POINTS, VIEWS, COV, SHARED, np.ones(2), np.eye(4)[None]),
+    "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
+    "field_basis": (STARTS, np.arange(3.0), np.arange(2.0), 8.0, np.eye(6)),
+    "velocities_by_twist": (PINHOLES, POINTS),
+    "window_points": (*STATE[:3], *SEEN[:2]),
+    "window_residuals": (PINHOLES, *STATE, *SEEN),
+    "normal_blocks": (PINHOLES, *STATE, *SEEN),
+    "eliminate_points": (
+        COV[:, :3, :3],
+        np.zeros((N, 3, 12)),
+        SHARED[:, :3],
+        SLOTS,
+        COV[:, :3, :3],
+        np.zeros((N, 3, 4)),
+    ),
     "motion_step": (RNG.normal(size=(N, 4, 8)), VIEWS, np.ones(N), np.zeros(2)),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
@@ -38,7 +56,7 @@ def call(name: str, arguments: list) -> object:
     """The answer, or None where the arguments were refused."""
     try:
         return getattr(core, name)(*arguments)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, np.linalg.LinAlgError):
         return None
 
 

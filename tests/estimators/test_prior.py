@@ -20,6 +20,7 @@ from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.rig_model.model import RigEffects
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 N, K, M = 9, 10, 2  # points, modes, of which those of the rig
@@ -81,7 +82,7 @@ def blocks_of(rng) -> NormalBlocks:
         g_pose=none,
         g_point=np.einsum("nij,ni->nj", by_point, r),
         rig=np.einsum("nij,nik->jk", by_rig, by_rig),
-        rig_pose=np.zeros((6, M)),
+        rig_pose=np.zeros((1, 6, M)),
         rig_point=np.swapaxes(by_point, 1, 2) @ by_rig,
         g_rig=np.einsum("nij,ni->j", by_rig, r),
     )
@@ -221,7 +222,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         z + rng.normal(size=z.shape),
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
         np.ones(z.shape),
-        rng.normal(size=(len(z), 4, M)),
+        RigEffects(rng.normal(size=(len(z), 4, M)), np.zeros((len(z), 0))),
     )
     lin = linearise(P, cams, anchors, q, np.zeros(M), views)
     known = np.arange(N)
@@ -236,7 +237,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     h[:a, a : a + b] = h[a : a + b, :a].T
     blocks = h[a : a + b, a : a + b].reshape(total, 3, total, 3)
     blocks[np.arange(total), :, np.arange(total), :] += lin.v
-    h[-M:, -M:], h[:a, -M:], h[-M:, :a] = lin.rig, lin.rig_pose, lin.rig_pose.T
+    h[-M:, -M:], h[:a, -M:], h[-M:, :a] = lin.rig, lin.rig_pose.reshape(a, M), lin.rig_pose.reshape(a, M).T
     h[a : a + b, -M:] = lin.rig_point.reshape(b, M)
     h[-M:, a : a + b] = h[a : a + b, -M:].T
     with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])

@@ -10,15 +10,17 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import se3
 from ...geometry.linear import matvec
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection, clamp_depth
+from ...geometry.stereo import StereoProjection
+from ...rig_model.model import RigEffects
 
 Q_COLUMNS = np.array([0, 1, 3])  # of a homogeneous point: what q moves
 
@@ -75,10 +77,10 @@ def metric_jacobian(points: Array) -> Array:
 class WhitenedViews:
     """The views of a window as flat rows.
 
-    `frame` (V,), ascending, and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root`
+    `frame` (V,) and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root`
     (V, 4, 4) whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing;
-    `weight` (V, 4): the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects`
-    (V, 4, m): px per unit of the rig's errors, which are part of what a view shows.
+    `weight` (V, 4): the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects`:
+    of the rig's errors, which are part of what a view shows.
     """
 
     frame: NDArray[np.intp]
@@ -86,19 +88,28 @@ class WhitenedViews:
     z_px: Array
     root: Array
     weight: Array
-    rig_effects: Array
+    rig_effects: RigEffects
 
     @classmethod
     def none(cls, rig_errors: int = 0) -> "WhitenedViews":
         """Return no views."""
         none = np.empty(0, np.intp)
         empty = np.empty((0, 4))
-        return cls(none, none, empty, np.empty((0, 4, 4)), empty, np.empty((0, 4, rig_errors)))
+        effects = RigEffects(np.empty((0, 4, rig_errors)), np.empty((0, 0)))
+        return cls(none, none, empty, np.empty((0, 4, 4)), empty, effects)
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
-        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+        *names, effects = (f.name for f in fields(cls))
+        joined: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+        joined[effects] = RigEffects.concatenate([p.rig_effects for p in parts])
+        return cls(**joined)
+
+    def of_core(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, Array, Array]:
+        """Return the arrays that the compiled core takes."""
+        effects = self.rig_effects
+        return self.frame, self.point, self.z_px, self.root, effects.terms, effects.field, effects.moves
 
     def of_points(self, points: NDArray[np.intp]) -> "WhitenedViews":
         """Return the views of the points with these indices (n,), ascending, which are counted anew from 0."""
@@ -113,7 +124,7 @@ class NormalBlocks:
     """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
 
     `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3). Of the rig's
-    errors `rig` (m, m), with the poses `rig_pose` (6F, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
+    errors `rig` (m, m), with the poses `rig_pose` (F, 6, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
     """
 
     u: Array
@@ -134,15 +145,14 @@ def whitened_residuals(
     q: Array,
     rig_error: Array,
     views: WhitenedViews,
-) -> tuple[Array, Array]:
-    """Return homogeneous points in their cameras and whitened residuals, both (V, 4).
+) -> Array:
+    """Return the whitened residuals (V, 4) of views.
 
     `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3), `rig_error` (m,).
     """
-    in_ref = in_reference(ref_from_anchor, q)[views.point]
-    in_cam = clamp_depth(matvec(cams_from_ref[views.frame], in_ref))
-    expected = projection.project_homogeneous(in_cam) + views.rig_effects @ rig_error
-    return in_cam, matvec(views.root, views.z_px - expected)
+    return core.window_residuals(
+        projection.pinholes, cams_from_ref, ref_from_anchor, q, rig_error, *views.of_core()
+    )
 
 
 def linearise(
@@ -154,34 +164,6 @@ def linearise(
     views: WhitenedViews,
 ) -> NormalBlocks:
     """Return the Gauss-Newton normal equations of all views, eqs. (25), (26) and (71)."""
-    frames, points, m = len(cams_from_ref), len(q), len(rig_error)
-    in_cam, r = whitened_residuals(projection, cams_from_ref, ref_from_anchor, q, rig_error, views)
-    by_cam = views.root @ projection.jacobian_homogeneous(in_cam)
-    j = np.empty((len(r), 4, 10 + m))  # whitened: by the pose (6), by the point (3), residual, by the rig
-    j[..., :6] = by_cam @ pose_jacobian(in_cam)
-    j[..., 6:9] = (by_cam @ cams_from_ref[views.frame]) @ ref_from_anchor[:, :, Q_COLUMNS].take(views.point, axis=0)
-    j[..., 9] = r
-    j[..., 10:] = views.root @ views.rig_effects
-    by_pose = np.empty((frames, 6, 10 + m))
-    for s, (first, last) in enumerate(pairwise(np.searchsorted(views.frame, np.arange(frames + 1)).tolist())):
-        of_frame = j[first:last].reshape(-1, 10 + m)
-        by_pose[s] = of_frame[:, :6].T @ of_frame
-    products = np.swapaxes(j[..., 6:9], 1, 2) @ j
-    by_point = np.zeros((frames, points, 3, 4 + m))
-    by_point[views.frame, views.point] = products[..., 6:]
-    by_point = by_point.sum(0)
-    w = np.zeros((points, 3, frames, 6))
-    w[views.point, :, views.frame] = products[..., :6]
-    by_rig = j.reshape(-1, 10 + m)[:, 9:]
-    by_rig = by_rig.T @ by_rig
     return NormalBlocks(
-        u=by_pose[..., :6],
-        v=by_point[..., :3],
-        w=w.reshape(points, 3, 6 * frames),
-        g_pose=by_pose[..., 9],
-        g_point=by_point[..., 3],
-        rig=by_rig[1:, 1:],
-        rig_pose=by_pose[..., 10:].reshape(6 * frames, m),
-        rig_point=by_point[..., 4:],
-        g_rig=by_rig[1:, 0],
+        *core.normal_blocks(projection.pinholes, cams_from_ref, ref_from_anchor, q, rig_error, *views.of_core())
     )

@@ -9,13 +9,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import se3
 from ...geometry.linear import matvec, scaled_cholesky, symmetric_inverse
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...rig_model.estimate import RigEstimate
-from ...rig_model.model import RigModel
+from ...rig_model.model import RigEffects, RigModel
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, union
@@ -236,7 +237,8 @@ class Map:
         )
         moved = clamp_depth(points @ cam_from_previous.T)
         speed = velocities(self.projection, moved, now)
-        frame.take_effects(rows, frame.rig.effects(frame.seen_px(rows), speed, self._age_s(frame.stamp_ns)))
+        effects = frame.rig.effects_by_parts(frame.seen_px(rows), speed, self._age_s(frame.stamp_ns))
+        frame.rig_effects = frame.rig_effects.take(rows, effects)
         then = TimedViews(self.projection, points, before, frame.rig.row_of)
         views = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
@@ -257,14 +259,14 @@ class Map:
         if self._first is not None:
             self._renew_first(self._first, rig, self._twists[0])
         views = self.views()
-        in_cam = clamp_depth(matvec(cams[views.frame], in_reference(self.ref_from_anchor, self.q)[views.point]))
+        in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
         stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
         age = np.array([self._age_s(f.stamp_ns) for f in self.frames])
         effects = self._effects(
             rig, in_cam, self._twists[1:][views.frame], age[views.frame], stereo, views.rig_effects
         )
         for row, frame in enumerate(self.frames):
-            frame.take_effects(np.flatnonzero(frame.used), effects[views.frame == row])
+            frame.rig_effects = frame.rig_effects.take(np.flatnonzero(frame.used), effects[views.frame == row])
 
     def _age_s(self, stamp_ns: int) -> float:
         """Return for how long errors of the rig may have grown."""
@@ -277,15 +279,15 @@ class Map:
         twist: Array,
         age_s: Array | float,
         stereo: NDArray[np.bool_],
-        effects: Array,
-    ) -> Array:
-        """Return what errors of the rig do (n, 4, m) to views of homogeneous points (n, 4) with twists (6,) or (n, 6).
+        effects: RigEffects,
+    ) -> RigEffects:
+        """Return what errors of the rig do to views of homogeneous points (n, 4) with twists (6,) or (n, 6).
 
-        `age_s`, or one (n,) each; `stereo` (n,): both sides were seen; `effects` (n, 4, m): so far.
+        `age_s`, or one (n,) each; `stereo` (n,): both sides were seen; `effects`: so far.
         """
-        z_px = self.projection.project_homogeneous(in_cam) + effects @ self.rig_error
+        z_px = self.projection.project_homogeneous(in_cam) + effects.at(self.rig_error)
         z_px[~stereo, 2:] = np.nan
-        return rig.effects(z_px, velocities(self.projection, in_cam, twist), age_s)
+        return rig.effects_by_parts(z_px, velocities(self.projection, in_cam, twist), age_s)
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -317,7 +319,7 @@ class Map:
         rows = np.flatnonzero(frame.used)
         age = self._age_s(frame.stamp_ns)
         effects = self._effects(rig, homogeneous_from_q(q), twist, age, frame.stereo[rows], frame.rig_effects[rows])
-        frame.take_effects(rows, effects)
+        frame.rig_effects = frame.rig_effects.take(rows, effects)
         views = frame.views(self.prior.ids, 0)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
         cov = symmetric_inverse(blocks.v)

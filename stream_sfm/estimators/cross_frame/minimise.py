@@ -38,7 +38,7 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
 
 def _gate(current: Map, views: WhitenedViews, gate_probability: float) -> None:
     """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
-    _, r = whitened_residuals(
+    r = whitened_residuals(
         current.projection, current.cams_from_ref(), current.ref_from_anchor, current.q, current.rig_error, views
     )
     measured = np.count_nonzero(np.diagonal(views.root, axis1=1, axis2=2), axis=1)  # one side, or both

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.linear import Cholesky, matvec, symmetric, symmetric_inverse
+from ... import core
+from ...geometry.linear import Cholesky, matvec, product, symmetric
 from ...geometry.se3 import Array
 from .inverse_depth import NormalBlocks
 from .prior import Prior
@@ -36,29 +37,24 @@ class System:
     """The factored normal equations of `prior` over the points `known` (N,) of the map's P, and of linearised views."""
 
     def __init__(self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks) -> None:
-        frames, points = len(blocks.u), len(blocks.v)
+        frames = len(blocks.u)
         self.prior, self.known = prior, known
         self.poses = 6 * frames
         k = prior.modes.shape[2]
         size = self.poses + k
         self.rig = slice(size - len(prior.rig), None)  # its amplitudes come last
-        self.d_inv = symmetric_inverse(prior.cov)
-        v = blocks.v.copy()
-        v[known] += self.d_inv
-        self.pull = self.d_inv @ prior.modes  # D⁻¹F
-        self.cross = np.zeros((points, 3, size))
-        self.cross[:, :, : self.poses] = blocks.w
-        self.cross[known, :, self.poses :] = -self.pull
-        self.cross[:, :, self.rig] += blocks.rig_point @ prior.rig.root
-        self.cov_given = symmetric_inverse(v)  # of a point once poses and modes are given
-        self.std_given = np.asarray(np.linalg.cholesky(self.cov_given), np.float64)
-        self.reach = np.swapaxes(self.std_given, 1, 2) @ self.cross  # of the others, in units of it
+        rig_point = product(blocks.rig_point, prior.rig.root)
+        # `pull` (N, 3, k): D⁻¹F; `std_given` (P, 3, 3): of a point once poses and modes are given; `reach` (P, 3, n):
+        # of the others, in units of it
+        self.d_inv, self.pull, self.std_given, self.reach = core.eliminate_points(
+            blocks.v, blocks.w, rig_point, known, prior.cov, prior.modes
+        )
         h = np.zeros((size, size))
         for s in range(frames):
             h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
         h[self.poses :, self.poses :] = np.eye(k) + _flat(prior.modes).T @ _flat(self.pull)
         h[self.rig, self.rig] += prior.rig.root.T @ blocks.rig @ prior.rig.root
-        rig_pose = blocks.rig_pose @ prior.rig.root
+        rig_pose = blocks.rig_pose.reshape(self.poses, len(prior.rig)) @ prior.rig.root
         h[: self.poses, self.rig] += rig_pose
         h[self.rig, : self.poses] += rig_pose.T
         h -= _flat(self.reach).T @ _flat(self.reach)

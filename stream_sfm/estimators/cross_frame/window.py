@@ -257,4 +257,4 @@ def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array)
     """Return the observations without errors (m,) of the rig."""
     if not rig_error.any():
         return observations
-    return replace(observations, z_px=observations.z_px - frame.rig_effects @ rig_error)
+    return replace(observations, z_px=observations.z_px - frame.rig_effects.at(rig_error))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, whitening_of_views
-from ...rig_model.model import RigModel
+from ...rig_model.model import RigEffects, RigModel
 from ...types import Observations
 from .inverse_depth import WhitenedViews
 
@@ -18,7 +18,7 @@ class WindowFrame:
 
     The root is that of a view as one of its track: errors that last are counted once. `weight` (n, 4): the square root
     of what that leaves of the view's own information, coordinate by coordinate; 1 where errors are independent.
-    `rig_effects` (n, 4, m): px per unit of the rig's errors. `ambiguity` (6, k): by what else the motion from the frame
+    `rig_effects`: of the rig's errors. `ambiguity` (6, k): by what else the motion from the frame
     before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
     alone.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
@@ -29,7 +29,7 @@ class WindowFrame:
     z_px: Array
     root: Array
     weight: Array
-    rig_effects: Array
+    rig_effects: RigEffects
     rig: RigModel | None
     stamp_ns: int
     stereo: NDArray[np.bool_]
@@ -60,18 +60,13 @@ class WindowFrame:
 
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (n, 4) without errors (m,) of the rig."""
-        return np.asarray(self.z_px - self.rig_effects @ rig_error)
+        return self.z_px - self.rig_effects.at(rig_error)
 
     def seen_px(self, rows: NDArray[np.intp]) -> Array:
         """Return the views (k, 4) of `rows` (k,), NaN for a side that was not seen."""
         z_px = self.z_px[rows].copy()
         z_px[~self.stereo[rows], 2:] = np.nan
         return z_px
-
-    def take_effects(self, rows: NDArray[np.intp], effects: Array) -> None:
-        """Let errors of the rig do (k, 4, m) to the views `rows` (k,)."""
-        self.rig_effects = self.rig_effects.copy()
-        self.rig_effects[rows] = effects
 
     def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
         """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
@@ -83,11 +78,11 @@ class WindowFrame:
         )
 
 
-def effects_of(observations: Observations) -> Array:
-    """Return what errors of the rig do to the views (n, 4, m), px, at rest; m is 0 where none are possible."""
+def effects_of(observations: Observations) -> RigEffects:
+    """Return what errors of the rig do to the views, at rest; none where none are possible."""
     if observations.rig is None:
-        return np.zeros((len(observations.track_ids), 4, 0))
-    return observations.rig.model.effects(observations.z_px)
+        return RigEffects.none(len(observations.track_ids))
+    return observations.rig.model.effects_by_parts(observations.z_px)
 
 
 def _weights(observations: Observations) -> Array:

@@ -1,0 +1,68 @@
+// A rectified pair, and homogeneous points (X, Y, Z, ρ) before it.
+#pragma once
+
+#include <algorithm>
+
+namespace core {
+
+constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
+
+struct Pinholes {  // px and metres
+    double f, cx_left, cx_right, cy, baseline;
+};
+
+// A homogeneous point (4,) by a motion (4, 4).
+inline void move(const double* motion, const double* point, double* out) {
+    for (int i = 0; i < 4; i++) {
+        const double* row = motion + 4 * i;
+        out[i] = row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] * point[3];
+    }
+}
+
+// The point in front of the camera; whether it was there.
+inline bool clamp_depth(double* in_cam) {
+    if (!(in_cam[2] < MIN_DEPTH)) return true;
+    in_cam[2] = MIN_DEPTH;
+    return false;
+}
+
+// Views of homogeneous points, eq. (8).
+inline void project(const Pinholes& p, const double* point, double* z) {
+    double s = p.f / point[2], u = s * point[0];
+    z[0] = u + p.cx_left;
+    z[1] = z[3] = s * point[1] + p.cy;
+    z[2] = u - s * p.baseline * point[3] + p.cx_right;
+}
+
+// ∂z/∂(X, Y, Z, ρ) (4, 4), eq. (9).
+inline void jacobian(const Pinholes& p, const double* point, double* a) {
+    double s = p.f / point[2], sx = -s * point[0] / point[2], sy = -s * point[1] / point[2];
+    std::fill(a, a + 16, 0.0);
+    a[0] = a[5] = a[8] = a[13] = s;
+    a[2] = sx;
+    a[6] = a[14] = sy;
+    a[10] = sx + s * p.baseline * point[3] / point[2];
+    a[11] = -s * p.baseline;
+}
+
+// The rows b (4) of a product with ∂P/∂ξ of Exp(ξ)·P at homogeneous points P, eq. (21): by the motion (6,).
+inline void by_motion(const double* b, const double* point, double* out) {
+    for (int k = 0; k < 3; k++) out[k] = b[k] * point[3];
+    out[3] = b[2] * point[1] - b[1] * point[2];
+    out[4] = b[0] * point[2] - b[2] * point[0];
+    out[5] = b[1] * point[0] - b[0] * point[1];
+}
+
+// out (4, 4) = a b, and a bᵀ.
+inline void multiply(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            out[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
+}
+inline void multiply_transposed(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            out[4 * i + j] = a[4 * i] * b[4 * j] + a[4 * i + 1] * b[4 * j + 1] + a[4 * i + 2] * b[4 * j + 2] + a[4 * i + 3] * b[4 * j + 3];
+}
+
+}  // namespace core

@@ -1,0 +1,108 @@
+// What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
+
+#include <cmath>
+#include <vector>
+
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr std::size_t TERMS = 20;  // the order of rig_model/terms.py
+enum Term { DISPARITY = 0, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12, FOCAL, DELAY, READOUT, TURNING, FOCUSING = 19 };
+
+// Both coordinates (2, TERMS) of a ray (2,), px per pixel of each error of a lens; `corner` is the slope of that ray.
+void lens_columns(const double* ray, const double* left_ray, double corner, double* out) {
+    double x = ray[0] / corner, y = ray[1] / corner, squared = x * x + y * y;
+    for (int i = 0; i < 2; i++) {
+        double* of = out + i * TERMS;
+        of[LENS] = (i ? y : x) * squared;
+        of[LENS + 1] = of[LENS] * squared;
+        for (int k = 0; k < 2; k++) of[POINT + k] = -ray[i] * left_ray[k];
+        of[TANGENTIAL + i] = (squared + 2 * (i ? y * y : x * x)) / 3;  // 1 px in the corner's direction
+        of[TANGENTIAL + 1 - i] = 2 * x * y / 3;
+    }
+}
+
+}  // namespace
+
+Array<double, 3> rig_columns(const Pinholes& p, const std::array<double, 2>& size, const View<double, 2>& z,
+                             const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age) {
+    std::size_t n = z.shape[0];
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(age, {n}, "age_s");
+    if (velocity) require_shape(*velocity, {n, 4}, "velocity_px_s");
+    if (row) require_shape(*row, {n, 4}, "row");
+    Array<double, 3> result({n, 4, TERMS});
+    double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
+    double corner = std::hypot(std::max(p.cx_left, size[0] - p.cx_left), std::max(p.cy, size[1] - p.cy)) / p.f;
+    double middle[4] = {p.cx_left, p.cy, p.cx_right, p.cy};
+    for (std::size_t i = 0; i < n; i++) {
+        double *out = result[i], *right = out + 2 * TERMS, from_centre[4], rays[4];
+        double x = (z[i][0] - centre[0]) / centre[0], y = (z[i][1] - centre[1]) / centre[1];
+        double polynomial[6] = {1, x, y, x * x, x * y, y * y};
+        std::copy(polynomial, polynomial + 6, right + DISPARITY);
+        for (int c = 0; c < 4; c++) {
+            from_centre[c] = z[i][c] - middle[c];
+            rays[c] = from_centre[c] / p.f;
+        }
+        for (int side = 0; side < 4; side += 2) lens_columns(rays + side, rays, corner, out + side * TERMS);
+        right[DIFFERENCE] = right[LENS];
+        std::copy(out + TERMS, out + 2 * TERMS, right + TERMS);
+        if (velocity && row) right[DELAY] = (*velocity)[i][2];
+        for (int c = 0; c < 4; c++) {
+            out[c * TERMS + FOCAL] = from_centre[c];
+            if (velocity && row) out[c * TERMS + READOUT] = (*velocity)[i][c] * (*row)[i][c];
+            out[c * TERMS + FOCUSING] = age.data[i] == 0 ? 0.0 : age.data[i] * from_centre[c];
+        }
+        if (age.data[i] != 0) {
+            double turn[3] = {rays[2] * rays[3], -1 - rays[2] * rays[2], rays[3]};
+            for (int k = 0; k < 3; k++) right[TURNING + k] = age.data[i] * p.f * turn[k];
+        }
+        for (int c = 0; c < 4; c++)
+            if (!std::isfinite(z[i][c])) std::fill(out + c * TERMS, out + (c + 1) * TERMS, 0.0);
+    }
+    return result;
+}
+
+Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
+                             const View<double, 2>& root) {
+    std::size_t n = at.shape[0], across = u.shape[0], down = v.shape[0], k = across * down;
+    require_shape(at, {n, 2}, "left_px");
+    require_shape(root, {k, k}, "root");
+    Array<double, 2> result({n, k});
+    std::vector<double> of_u(across), of_v(down);
+    auto kernel = [length](double from, const View<double, 1>& nodes, std::vector<double>& out) {
+        for (std::size_t i = 0; i < nodes.shape[0]; i++) {
+            double apart = (from - nodes.data[i]) / length;
+            out[i] = std::exp(-0.5 * apart * apart);
+        }
+    };
+    for (std::size_t i = 0; i < n; i++) {
+        if (!(std::isfinite(at[i][0]) && std::isfinite(at[i][1]))) continue;
+        kernel(at[i][0], u, of_u);
+        kernel(at[i][1], v, of_v);
+        double* out = result[i];
+        for (std::size_t node = 0; node < k; node++) {
+            double value = of_v[node / across] * of_u[node % across];
+            for (std::size_t c = 0; c < k; c++) out[c] += value * root[node][c];
+        }
+    }
+    return result;
+}
+
+Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    Array<double, 3> result({n, 4, 6});
+    for (std::size_t i = 0; i < n; i++) {
+        double point[4], a[16];
+        std::copy(points[i], points[i] + 4, point);
+        clamp_depth(point);
+        jacobian(pinholes, point, a);
+        for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, result[i] + 6 * row);
+    }
+    return result;
+}
+
+}  // namespace core
