@@ -136,7 +136,7 @@ def test_a_comparison_says_it_once_in_its_report_and_in_the_summary_of_each_meth
             for side, image in enumerate(frame.images):
                 writer.image(side, frame.stamp_ns, cv2.imencode(".png", image)[1].tobytes(), "png")
     methods = ("cross-frame", "frame-to-frame")
-    compare(tmp_path / "knocked.mcap", tmp_path / "out", methods=methods, there_and_back=False)
+    compare(tmp_path / "knocked.mcap", tmp_path / "out", methods=methods)
     files = [tmp_path / "out" / "report.json", *(tmp_path / "out").rglob("summary.json")]
     assert len(files) == 1 + len(methods)
     for file in files:

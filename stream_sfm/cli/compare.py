@@ -1,9 +1,7 @@
 """`stream-sfm compare`: every method on the same observations, and the drift report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from ..errors import ExitCode
 from ..wording import printable
@@ -27,7 +25,6 @@ def compare(
     cameras: options.Cameras = options.Cameras(),
     two_pass: options.CameraFlag = False,
     frames: options.Frames = options.Frames(),
-    there_and_back: Annotated[Literal["auto", "yes", "no"], Parameter(group=options.FRAMES)] = "auto",
     truth: options.Truth = options.Truth(),
     settings: options.Settings = options.Settings(),
     json: options.Json = False,
@@ -46,7 +43,6 @@ def compare(
         methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
-        there_and_back: read the frames forwards, then backwards; auto: where the log has no ground truth
     """
     from ..inspection import inspect_log
     from ..recording import open_log
@@ -70,7 +66,6 @@ def compare(
             config,
             selection,
             methods=names,
-            there_and_back={"auto": None, "yes": True, "no": False}[there_and_back],
             ignore_ground_truth=truth.ignore_ground_truth,
             inspection=inspection,
             calibrate=two_pass,

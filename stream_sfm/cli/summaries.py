@@ -104,9 +104,7 @@ def _interval(figure: dict[str, Any]) -> str:
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:
     frames, timing = summary["frames"], summary["timing_ms"]
     incomplete = "" if summary["complete"] else ", incomplete"
-    there = frames["estimated"] - frames["backwards"]
-    once_more = f", then {frames['backwards']} backwards" if frames["backwards"] else ""
-    yield "frames", f"{there} estimated of {frames['paired']} paired{once_more}{incomplete}"
+    yield "frames", f"{frames['estimated']} estimated of {frames['paired']} paired{incomplete}"
     yield "", f"{frames['degraded']} degraded, {frames['lost']} lost, {frames['dropped']} dropped"
     unit = "units" if summary["unscaled"] else "m"
     if summary["unscaled"]:
@@ -134,12 +132,6 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
                 "",
                 f"ATE {number(truth['ate_rmse_m'], '.3g')} m, aligned {number(truth['ate_rmse_aligned_m'], '.3g')} m",
             )
-    if back := summary.get("there_and_back"):
-        yield (
-            "there and back",
-            f"ends {back['end_position_m']:.4g} {unit} from its start, {back['end_drift_percent']:.3g} % of "
-            f"{back['path_length_m']:.4g} {unit}",
-        )
 
 
 def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:

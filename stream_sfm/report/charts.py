@@ -12,7 +12,7 @@ from .lengths import LengthUnit
 from .methods import Look, of_method, short, style
 from .records import RunRecord
 from .svg import SMOOTHED, Chart, Row, Series, draw, intervals, smoothed
-from .traces import Trace, broken, closure
+from .traces import Trace, broken
 from .verdict import NEES_INTERVAL, REFERENCE
 
 Traces = dict[str, Trace]
@@ -82,13 +82,6 @@ def rotation_errors(traces: Traces, looks: Looks = of_method) -> Markup:
     """Rotation errors over the distance travelled."""
     series = [_along(looks(name), t, t.rotation_deg) for name, t in traces.items()]
     return _over_distance("Rotation error", "degrees", series, "first poses aligned")
-
-
-def closures(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
-    """How far each frame of the way back is from its place on the way there; no data without a way back."""
-    found = [(run.name, closure(run)) for run in runs]
-    series = [_line(of_method(name), back.apart_m, back.position_m) for name, back in found if back is not None]
-    return _over_distance("There and back", unit.name, unit.of(series), "between two visits of a frame")
 
 
 def _over_distance(title: str, y_label: str, series: Sequence[Series], note: str) -> Markup:

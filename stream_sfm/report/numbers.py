@@ -23,7 +23,6 @@ from ..evaluation.summary import FIGURES, evaluate_run
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .records import Comparison, RunRecord, quantiles
-from .traces import return_error
 from .verdict import verdict
 
 SCHEMA_VERSION = 1
@@ -64,7 +63,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "methods": {run.key: method_numbers(run, c) for run in c.runs},
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
-        "there_and_back": c.return_note,
+        "there_and_back": None,  # not done any more; kept for programs that read it
         "self_test": c.self_test,
         "rig": None if c.calibration is None else c.calibration.numbers,
         "divergence_from_cross_frame_m": _divergence(c),
@@ -95,12 +94,12 @@ def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
         "nis_over_dof": float(run.column("nis").sum() / dof) if dof else None,
         "reprojection_rms_px": _median(run.column("reprojection_px")),
         "local_sigma_median_m": _median(run.column("sigma_local_m")),
-        "there_and_back": return_error(run),
+        "there_and_back": None,
     }
 
 
 def _complete(run: RunRecord, c: Comparison) -> bool:
-    """Whether the method processed all frames of the forward pass; it may have failed on the reversed one."""
+    """Whether the method processed all frames of the log."""
     return 0 < len(run) == len(c.front)
 
 

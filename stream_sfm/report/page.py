@@ -15,7 +15,7 @@ from .lengths import LengthUnit, unit_for
 from .methods import label, style
 from .records import Comparison
 from .template import render
-from .traces import closure, trace
+from .traces import trace
 from .verdict import verdict
 
 REPORT = ("report.json", "report.html")  # the files of a report
@@ -45,7 +45,6 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         verdict=verdict(content),
         notes=_notes(c, content),
         path_m=_path_length_m(traces, methods),
-        returned=any(m["there_and_back"] for m in methods),
         main=table(ACCURACY if traces else (), methods, units),
         further=table(OF_COMPARISON, methods, units).turned([label(r.name) for r in c.runs]),
         charts=_charts(c, content, traces, errors),
@@ -69,8 +68,7 @@ def _traces(c: Comparison) -> Traces:
 
 def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
     """The units of errors of position, and of errors of the local structure."""
-    closures = [found.position_m for run in c.runs if (found := closure(run)) is not None]
-    errors = unit_for(*([t.position_m for t in traces.values()] or closures))
+    errors = unit_for(*(t.position_m for t in traces.values()))
     sigmas = [run.column("sigma_local_m") for run in c.runs]
     return errors, unit_for(*([np.median(x[np.isfinite(x)])] for x in sigmas if np.isfinite(x).any()))
 
@@ -79,8 +77,12 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
     """The four that are always shown."""
     gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, unit)
     if not traces:
-        closed = charts.closures(c.runs, unit) if any(r.back for r in c.runs) else charts.structure(c.runs, unit)
-        return [path, closed, charts.apart(c.runs, gaps, unit), charts.innovations(c.runs, gaps)]
+        return [
+            path,
+            charts.structure(c.runs, unit),
+            charts.apart(c.runs, gaps, unit),
+            charts.innovations(c.runs, gaps),
+        ]
     told = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
     return [charts.errors(traces, unit), told, charts.nees(traces, gaps), path]
 

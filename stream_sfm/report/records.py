@@ -36,7 +36,7 @@ _MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the rec
 class RunRecord:
     """What is kept of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
 
-    `reasons`: of the statuses; `back`: poses of the way back, from the last but one frame to the first; `depth_rows`:
+    `reasons`: of the statuses; `depth_rows`:
     (frame, RMS depth error, RMS estimated σ) of the frames with a depth image, and `structure` their sum, None where a
     depth image could not be read; `failure`: why the method stopped early; `rig`: the latest estimate of the errors of
     the calibration, in pixels.
@@ -49,7 +49,6 @@ class RunRecord:
         self.refused = 0
         self.first_refusal: FrameError | None = None
         self.reasons: list[str] = []
-        self.back: list[Array] = []
         self.depth_rows: list[tuple[int, float, float]] = []
         self.structure: StructureComparison | None = None
         self.relative = RelativeRecord()
@@ -205,9 +204,8 @@ class Truth(NamedTuple):
 class Comparison:
     """Everything that the report of a comparison is made from.
 
-    `inspection` as `inspect_log` returns it, or empty; `return_note`: whether the frames were also processed in reverse
-    order, or why not; `self_test`: the result of that, if it was done; `calibration`: what the images have told about
-    it; `view`: a picture.
+    `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
+    `calibration`: what the images have told about it; `view`: a picture.
     """
 
     log: str
@@ -220,7 +218,6 @@ class Comparison:
     warnings: list[str] = field(default_factory=list)
     complete: bool = True
     interrupted: bool = False
-    return_note: str = ""
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: CalibrationError | None = None
     view: "View | None" = None

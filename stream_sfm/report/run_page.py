@@ -61,7 +61,7 @@ def conclusion_of_run(summary: dict[str, Any]) -> str:
     frames, truth = summary["frames"], summary.get("ground_truth")
     said = [f"{problem}." for problem in summary["problems"]]
     bad = [f"{frames[name]} {name}" for name in ("degraded", "lost", "dropped") if frames[name]]
-    state = f"{frames['estimated'] - frames['backwards']} frames were estimated"
+    state = f"{frames['estimated']} frames were estimated"
     said.append(f"{state}, {', '.join(bad)}." if bad else f"{state}, none of them degraded or lost.")
     if truth and truth.get("ate_rmse_aligned_m") is not None:
         unit = unit_for([truth["ate_rmse_aligned_m"]])

@@ -61,54 +61,6 @@ def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
     return Trace(rows, distances_m(t), e, t, se3.log(se3.inverse(e) @ t), sigma, nees)
 
 
-@dataclass(frozen=True, slots=True)
-class Closure:
-    """How far the pose of each frame on the second, reversed pass is from its pose on the first.
-
-    Rows from the turning point to the start: `frames`; `apart_m`, the distance travelled in between; the differences
-    `position_m` and `rotation_deg`.
-    """
-
-    frames: NDArray[np.int64]
-    apart_m: Array
-    position_m: Array
-    rotation_deg: Array
-
-
-def closure(run: RunRecord) -> Closure | None:
-    """The closure of a method; None where it did not process all frames in reverse order."""
-    n, there = len(run), run.poses
-    if n < 2 or len(run.back) != n - 1:
-        return None
-    along = distances_m(there)
-    frames = np.arange(n - 2, -1, -1)
-    error = se3.inverse(there[frames]) @ np.array(run.back)
-    return Closure(
-        frames,
-        2 * (along[-1] - along[frames]),
-        np.linalg.norm(error[:, :3, 3], axis=1),
-        np.degrees(np.linalg.norm(se3.log_so3(error[:, :3, :3]), axis=1)),
-    )
-
-
-def return_error(run: RunRecord) -> dict[str, float] | None:
-    """How far a run there and back ends from its start; None if it did not come back, or does not move.
-
-    `end_position_m` and `end_rotation_deg`; `path_length_m` of the path there and back; `end_drift_percent`, the
-    position relative to that path; `all_frames_drift_percent`, √(Σ closure² / Σ distance²) of all frames.
-    """
-    back = closure(run)
-    if back is None or back.apart_m[-1] < 1e-3:
-        return None
-    return {
-        "end_position_m": float(back.position_m[-1]),
-        "end_rotation_deg": float(back.rotation_deg[-1]),
-        "path_length_m": float(back.apart_m[-1]),
-        "end_drift_percent": 100 * float(back.position_m[-1] / back.apart_m[-1]),
-        "all_frames_drift_percent": 100 * float(np.sqrt((back.position_m**2).sum() / (back.apart_m**2).sum())),
-    }
-
-
 def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:
     """Frames and columns (k,) as floats, with a NaN row wherever frames are missing in between."""
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1

@@ -35,7 +35,7 @@ def verdict(content: dict[str, Any]) -> Verdict:
     """What the log shows; `content` is that of report.json."""
     covariances = _covariances(content["methods"])
     if not content["frames_with_ground_truth"]:
-        return Verdict(_returned(content["methods"]), covariances)
+        return Verdict("This log cannot tell which method drifts least: it has no ground truth.", covariances)
     ratios: dict[str, Ratios] = content["error_over_cross_frame"]
     if not ratios:
         return Verdict(f"This log cannot tell which method drifts least: {_obstacle(content)}.", covariances)
@@ -135,18 +135,6 @@ def _obstacle(content: dict[str, Any]) -> str:
     if known < MIN_FRAMES_RATIO:
         return f"it takes {MIN_FRAMES_RATIO} frames in a row with ground truth, and this log has {known}"
     return "too many frames have no ground truth, or a method has no error at all"
-
-
-def _returned(methods: dict[str, Any]) -> str:
-    """Without ground truth: how far the methods end from their start, there and back."""
-    ends = {key: m["there_and_back"]["end_drift_percent"] for key, m in methods.items() if m["there_and_back"]}
-    if not ends:
-        return "This log cannot tell which method drifts least: it has no ground truth."
-    best = min(ends, key=lambda key: ends[key])
-    said = f"{label(best)} ends closest to its start, {ends[best]:.2g} % of the way there and back"
-    if best != "cross_frame" and "cross_frame" in ends:
-        said += f" ({REFERENCE}: {ends['cross_frame']:.2g} %)"
-    return f"The log has no ground truth. {_upper(said)}; a single end says little about drift."
 
 
 def _covariances(methods: dict[str, Any]) -> str:

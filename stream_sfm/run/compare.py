@@ -66,7 +66,6 @@ def compare(
     left: str | None = None,
     right: str | None = None,
     calibration: str | Path | StereoRig | None = None,
-    there_and_back: bool | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
     calibrate: bool = False,
@@ -77,7 +76,6 @@ def compare(
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
-    `there_and_back`: feed the frames backwards after the last one; None: only where the log has no ground truth.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
     `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`: as in `replay`. The
     errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
@@ -104,7 +102,6 @@ def compare(
     observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
     view = View(rig.left)
-    back = poses is None if there_and_back is None else there_and_back
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -113,7 +110,6 @@ def compare(
             [front, *tests],
             selection=selection,
             interruption=interruption,
-            there_and_back=back,
         )
     if course.error is not None and not course.frames:
         raise course.error
@@ -131,7 +127,6 @@ def compare(
         warnings=_warnings(log, lanes, course, depth),
         complete=log.stats.complete and course.complete,
         interrupted=course.interrupted,
-        return_note=course.back,
         self_test=next((test.result() for test in tests), None),
         calibration=calibration_error(observer.projection, _told(lanes)),
         view=view,

@@ -54,18 +54,12 @@ class Lane:
         self._compare_depth(estimate)
         return estimate
 
-    def take_backwards(self, observed: Observed) -> None:
-        """Estimate a frame of the way back; only its pose is kept."""
-        solved = self._solve(observed, " (on the way back)")
-        if solved is not None:
-            self.record.back.append(solved[1].world_from_cam)
-
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write summary.json, if results are written and there are any. Raises OutputError."""
         if self.folder is not None:
             self.folder.write_summary(summary)
 
-    def _solve(self, observed: Observed, where: str = "") -> tuple[Solution, FrameEstimate] | None:
+    def _solve(self, observed: Observed) -> tuple[Solution, FrameEstimate] | None:
         if self.error is not None:
             return None
         began_s = time.perf_counter()
@@ -73,7 +67,7 @@ class Lane:
             solution = self._estimator.step(observed.observations)
         except np.linalg.LinAlgError as error:
             self.error = error
-            self.record.failure = f"stopped at frame {observed.observations.frame_index}{where}: {error}"
+            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
             return None
         return solution, self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began_s))
 

@@ -21,7 +21,6 @@ from ..recording import RecordedFrame, StereoLog
 from ..results.folder import close_all
 from ..types import Frame, FrameEstimate, Selection, Sink
 from .lane import Lane, without_rig_errors
-from .there_and_back import TOO_MANY, KeptFrames
 
 Frames = Generator[RecordedFrame, None, None]
 PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
@@ -41,17 +40,13 @@ class Enough(Exception):
 
 @dataclass(slots=True)
 class Course:
-    """How a run went: how many frames were used, what is to be told, and the error to raise when all is written.
-
-    `back`: what became of the way back.
-    """
+    """How a run went: how many frames were used, what is to be told, and the error to raise when all is written."""
 
     frames: int = 0
     complete: bool = True
     interrupted: bool = False
     warnings: list[str] = field(default_factory=list)
     error: BaseException | None = None
-    back: str = "not done: the log has ground truth"
 
     def end(self, error: BaseException) -> None:
         """The run ends early; a log that breaks off is no error if some of it was read."""
@@ -77,13 +72,12 @@ def run(
     *,
     selection: Selection,
     interruption: Interruption,
-    there_and_back: bool = False,
 ) -> Course:
     """Feed the selected frames to all lanes, which share one observer, and say how it went; errors are in the result.
 
     `sinks` are given one estimate per frame, of the first lane that has not failed, and are closed at the end.
     """
-    course, kept = Course(), KeptFrames() if there_and_back else None
+    course = Course()
     observer = lanes[0].observer
     try:
         with closing(prepared_ahead(observer, log.frames(selection))) as frames:
@@ -94,8 +88,6 @@ def run(
                 course.frames += 1
                 for sink in sinks if estimates else ():
                     sink.write(next(iter(estimates.values())), frame)
-                if kept is not None:
-                    kept.keep(frame)
                 if all(lane.error is not None for lane in lanes):
                     break
     except Enough:
@@ -111,8 +103,6 @@ def run(
         close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
     except Exception as error:
         course.error = course.error or error
-    if kept is not None:
-        _feed_backwards(kept, lanes, course, interruption)
     return course
 
 
@@ -140,29 +130,6 @@ def _step(
         for check in checks:
             check.add(observed, frame, estimates)
         return estimates
-
-
-def _feed_backwards(kept: KeptFrames, lanes: Sequence[Lane], course: Course, interruption: Interruption) -> None:
-    """Feed the frames backwards: a run should end at its start, which shows drift without ground truth."""
-    if not course.complete or course.error is not None:
-        course.back = f"not done: {course.warnings[-1] if course.warnings else course.error}"
-        return
-    if kept.too_many:
-        course.back = f"not done: {TOO_MANY}"
-        course.warnings.append(f"the frames were not fed backwards: {TOO_MANY}; select fewer frames")
-        return
-    course.back = f"{course.frames} frames there, {course.frames - 1} back"
-    for frame in kept.backwards():
-        with one_thread:
-            observed = lanes[0].observer.observe(frame)
-            for lane in lanes:
-                lane.take_backwards(without_rig_errors(lane, lanes, observed))
-        if interruption.requested:
-            course.interrupt("interrupted on the way back")
-            course.back = "not done: interrupted on the way back"
-            for lane in lanes:
-                lane.record.back.clear()
-            return
 
 
 def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:

@@ -117,7 +117,7 @@ def run_start(job: Start, config: Config, selection: Selection, options: dict[st
     """Compare on one log from one start; a failure is a result, not an exception. `options`: of `compare`."""
     try:
         selected = replace(selection, start_s=job.start_s)
-        result = compare(job.log, None, config, selected, there_and_back=False, **options)
+        result = compare(job.log, None, config, selected, **options)
     except (StreamSfmError, ValueError) as error:
         return _failed(job, str(error))
     report = result.report

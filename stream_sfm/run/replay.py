@@ -20,7 +20,6 @@ from ..report.calibration_field import calibration_error
 from ..report.pictures import View
 from ..report.records import Truth
 from ..report.run_page import render_run
-from ..report.traces import return_error
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
 from .depth import TrueDepth
@@ -69,7 +68,6 @@ def replay(
     left: str | None = None,
     right: str | None = None,
     calibration: str | Path | StereoRig | MonoRig | None = None,
-    there_and_back: bool = False,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     calibrate: bool = False,
     self_test: bool = False,
@@ -79,16 +77,14 @@ def replay(
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
 
-    `left`, `right`, `calibration`: as in `open_log`. `there_and_back`: then the same frames backwards; how far the
-    run ends from its start is in the summary. `ignore_ground_truth`: ranges [first, end) of frames of this run whose
-    ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how the calibration
-    errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from disjoint halves of the
-    tracks, too, and tell in the summary how large their difference is in σ. `loops`: find places again beside the
-    engine, and write the poses that follow, trajectory_map.tum. `std_truth`: σ of the ground truth itself, in metres
-    and radians. `sinks` are given each estimate and its frame after the files have been written, and are
-    closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the log; with `there_and_back`
-    they are kept as recorded, up to a bound. Raises ConfigError, LogError where not one frame could be estimated,
-    OutputError, ReplayInterrupted.
+    `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
+    run whose ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how
+    the calibration errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from
+    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `loops`: find
+    places again beside the engine, and write the poses that follow, trajectory_map.tum. `std_truth`: σ of the
+    ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
+    been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the
+    log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
     if self_test:
@@ -109,9 +105,8 @@ def replay(
             replayed.checks,
             selection=selection,
             interruption=interruption,
-            there_and_back=there_and_back,
         )
-        result = replayed.result(course, Truth(None, ignored, std_truth), there_and_back)
+        result = replayed.result(course, Truth(None, ignored, std_truth))
     if interruption.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
@@ -144,7 +139,7 @@ class _Replay:
         self._places = _places(rig, config) if loops else None
         self.sinks: list[Sink] = [s for s in (self._calibration, self._view, self._places) if s is not None]
 
-    def result(self, course: Course, truth: Truth, there_and_back: bool) -> ReplayResult:
+    def result(self, course: Course, truth: Truth) -> ReplayResult:
         """Write summary and page; a failure of these is the error of the course unless there is one already."""
         record = self.lane.record
         if self.lane.error is not None:
@@ -162,8 +157,6 @@ class _Replay:
             further["rig"] = calibration.numbers
         for test in self.checks:
             further["self_test"] = test.result()
-        if there_and_back:
-            further["there_and_back"] = return_error(record)
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)

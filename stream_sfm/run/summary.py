@@ -55,17 +55,17 @@ def _frame_counts(log: StereoLog, selection: Selection, record: RunRecord) -> di
     """`frames` of the summary.
 
     `read`: left images read; `paired`: stereo frames among them, or of the selection if it is a part of the log;
-    `estimated`: frames with an estimate of any status, `degraded`, `lost` and `backwards` among them; `dropped`:
+    `estimated`: frames with an estimate of any status, `degraded`, `lost` among them; `dropped`:
     images that were out of order, undecodable or refused.
     """
     stats = log.stats
     return {
         "read": stats.left_read,
         "paired": stats.paired if selection.is_everything else len(record) + record.refused,
-        "estimated": len(record) + len(record.back),
+        "estimated": len(record),
         "degraded": record.count(Status.DEGRADED),
         "lost": record.count(Status.LOST),
-        "backwards": len(record.back),
+        "backwards": 0,  # kept for programs that read it
         "dropped": stats.dropped_backwards + stats.undecodable + record.refused,
     }
 

@@ -61,7 +61,7 @@ def log(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def replayed(log: Path) -> Path:
     folder = log.parent / "run"
-    replay(log, folder, selection=Selection(max_frames=8), there_and_back=True, self_test=True)
+    replay(log, folder, selection=Selection(max_frames=8), self_test=True)
     return folder
 
 
@@ -94,18 +94,15 @@ def test_trajectories(replayed: Path) -> None:
 
 
 def test_report(log: Path, tmp_path: Path) -> None:
-    """There and back, so that this is in it too."""
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
     methods = ("cross-frame", "frame-to-frame")
-    compare(log, tmp_path, methods=methods, there_and_back=True, self_test=True)
+    compare(log, tmp_path, methods=methods, self_test=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])
     for figures in content["methods"].values():
         assert set(figures) == of_method | accuracy - {"frames_in_doubt", "frames_ignored"}  # once per report
-        inner = re.search(r"\| `there_and_back` \| {(.*)}", PAGE)
-        assert inner and set(figures["there_and_back"]) == set(inner[1].split(", "))
 
 
 def test_batch(log: Path, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import re
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
 from stream_sfm.recording import open_log
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
-from stream_sfm.run.there_and_back import KeptFrames
 from stream_sfm.types import Trajectory
 from tests.helpers.sinks import Calling
 from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
@@ -84,13 +82,11 @@ def test_numbers_and_files_are_those_of_replay(exact: Any, tmp_path: Path, metho
     assert (out / key / "estimates.mcap").exists()
 
 
-def test_without_ground_truth_it_goes_there_and_back(tmp_path: Path) -> None:
+def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> None:
     numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
-    assert "no ground truth" in html and "12 frames there, 11 back" in html
+    assert "it has no ground truth" in html
     for figures in numbers["methods"].values():
         assert figures["ate_rmse_aligned_m"] is None
-        assert figures["there_and_back"]["end_position_m"] < 0.05  # of 2 × 0.55 m
-    # the way back must not leak into the results
     assert len((tmp_path / "out" / "ekf" / "trajectory.tum").read_text().splitlines()) == 12
 
 
@@ -144,13 +140,6 @@ def test_one_method_that_fails_does_not_cost_the_others(
     assert "stopped at frame 2" in (tmp_path / "out/report.html").read_text()
 
 
-def test_memory_for_the_way_back_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.run.there_and_back.KEPT_LIMIT_BYTES", 10_000)
-    log = open_log(write_log(tmp_path / "log.mcap", spec(range(4))))
-    found = compare(log, methods=("frame-to-frame",)).comparison
-    assert "not done" in found.return_note and not found.runs[0].back
-
-
 def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
     def stop(estimate: Any) -> None:
         if estimate.frame_index == 4:
@@ -161,26 +150,6 @@ def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
     assert result.comparison.interrupted and not result.report["complete"] and result.report["frames"] == 5
     assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
-
-
-def test_an_interruption_on_the_way_back_costs_the_way_back_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    backwards = KeptFrames.backwards
-
-    def interrupted(self: KeptFrames) -> Iterator[Any]:
-        for number, frame in enumerate(backwards(self)):
-            if number == 2:
-                os.kill(os.getpid(), signal.SIGINT)
-            yield frame
-
-    monkeypatch.setattr(KeptFrames, "backwards", interrupted)
-    log = write_log(tmp_path / "log.mcap", spec(range(8)))
-    result = compare(log, tmp_path / "out", methods=("frame-to-frame",))
-    assert result.comparison.interrupted and result.report["frames"] == 8
-    assert result.report["there_and_back"] == "not done: interrupted on the way back"
-    assert result.report["methods"]["frame_to_frame"]["there_and_back"] is None
-    assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 8
 
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
@@ -206,7 +175,7 @@ def test_frames_whose_truth_is_wrong_can_be_left_out(tmp_path: Path) -> None:
     poses = truth.world_from_cam.copy()
     poses[14, 2, 3] += 0.5
     opened = open_log(log, ground_truth=Trajectory(truth.stamps_ns, poses))
-    options = {"config": read_config(None, [FEW]), "methods": ("ekf",), "there_and_back": False}
+    options = {"config": read_config(None, [FEW]), "methods": ("ekf",)}
     found, left_out = (compare(opened, ignore_ground_truth=r, **options).report for r in ((), [(14, 15)]))
     assert found["methods"]["ekf"]["ate_rmse_m"] > 0.05 > left_out["methods"]["ekf"]["ate_rmse_m"]  # .5/√30 = .09
     assert left_out["frames_ignored"] == [[14, 15]] and left_out["frames_with_ground_truth"] == 29

@@ -190,18 +190,3 @@ def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkey
     assert summary["ground_truth"]["local_structure_rms_m"] is None
     assert summary["frames"]["estimated"] == 12 and summary["complete"]
     assert summary["ground_truth"]["ate_rmse_m"] > 0
-
-
-def test_there_and_back_returns_to_the_beginning(tmp_path: Path) -> None:
-    """It is in the summary; files and figures are those of the way there, although the log knows the later moments."""
-    chosen = sfm.Selection(max_frames=12)
-    there = replay(ROOM, None, selection=chosen)
-    result = replay(ROOM, tmp_path / "out", selection=chosen, there_and_back=True)
-    assert np.array_equal(result.trajectory.world_from_cam, there.trajectory.world_from_cam)
-    assert len((tmp_path / "out/trajectory.tum").read_text().splitlines()) == 12
-    found, frames = result.summary["there_and_back"], there.summary["frames"]
-    assert result.summary["ground_truth"] == there.summary["ground_truth"]
-    assert result.summary["frames"] == frames | {"estimated": 23, "backwards": 11}
-    assert found["path_length_m"] == pytest.approx(2 * there.summary["path_length_m"])
-    std_end_m = np.sqrt(2 * np.trace(there.trajectory.cov_pose[-1][:3, :3]))  # there, and as much again back
-    assert 0 < found["end_position_m"] < 4 * std_end_m
