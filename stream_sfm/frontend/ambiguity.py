@@ -2,7 +2,8 @@
 
 Two sets of tracks move differently, and nothing tells which of them stands still. When one of them leaves the view,
 that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
-tracks that have begun meanwhile have a full history at least.
+tracks that have begun meanwhile have a full history at least. Where the scene repeats itself (`repetition.py`) it lasts
+until something is in view that does not.
 """
 
 from dataclasses import dataclass, replace
@@ -18,24 +19,33 @@ class AmbiguityMemory:
     """The last other motion, and by what it differed from the one that was followed, `other_from_first` (4, 4).
 
     `frames_seen`: frames with another motion since the last one without ambiguity; `frames_left`: how long it lasts.
+    `repeats`: because the scene looks the same for both.
     """
 
     last: SecondMotion | None = None
     other_from_first: Array | None = None
     frames_seen: int = 0
     frames_left: int = 0
+    repeats: bool = False
 
-    def after(self, motion: Resection) -> tuple["AmbiguityMemory", SecondMotion | None]:
+    def after(self, motion: Resection, rival: SecondMotion | None) -> tuple["AmbiguityMemory", SecondMotion | None]:
         """Return the memory after a frame's motion, and the other one that may be right as well.
 
-        That is the frame's own, or one that differs from the frame's motion as the last one did.
+        That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
+        last one did.
         """
-        other = motion.ambiguous
+        other = motion.ambiguous or rival
         if other is not None:
             seen = self.frames_seen + 1
             apart = other.cam_from_ref @ se3.inverse(motion.cam_from_ref)
-            return AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen)), other
-        if self.last is None or self.other_from_first is None or self.frames_left == 0:
-            return replace(self, frames_seen=0), None
-        remembered = replace(self.last, cam_from_ref=self.other_from_first @ motion.cam_from_ref)
+            return AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen), rival is not None), other
+        remembered = self.other_than(motion.cam_from_ref)
+        if remembered is None or self.repeats:  # what is in view does not repeat itself any more
+            return AmbiguityMemory(), None
         return replace(self, frames_left=self.frames_left - 1), remembered
+
+    def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
+        """Return the motion that differs from the one given (4, 4) as the last other one did."""
+        if self.last is None or self.other_from_first is None or self.frames_left == 0:
+            return None
+        return replace(self.last, cam_from_ref=self.other_from_first @ cam_from_ref)

@@ -20,6 +20,7 @@ from .ambiguity import AmbiguityMemory
 from .mono.parallax import align_left_only, update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
+from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
 from .rough_motion import RoughMotion, find_rough_motion
 from .state import FrontEndState, Setup
@@ -93,6 +94,7 @@ def follow(
     rough = find_rough_motion(setup, state.aligners, state.previous, images, state.tracks, predicted, known_motion)
     if rough is None:
         return state, None
+    rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
     candidates = _predict(setup.projection, state, rough, twist)
     if state.rows_waiting is not None:
@@ -111,8 +113,29 @@ def follow(
     seen = views.found
     aligners = learn_noise(state.aligners, motion, candidates.now.scale[seen], views.z_px[seen])
     state = replace(state, aligners=aligners, timing=state.timing.moved(twist))
-    state, followed = _advance(setup, state, candidates, views, taken_px, motion, dt_s)
+    state, followed = _advance(setup, state, candidates, views, taken_px, motion, rival, dt_s)
     return state, followed if turn is None else followed.with_right_turned_back(views, turn)
+
+
+def _likelier_of_alike(
+    setup: Setup, state: FrontEndState, previous: PreparedImages, images: PreparedImages, rough: RoughMotion
+) -> tuple[RoughMotion, SecondMotion | None]:
+    """The motion and another one that looks the same, if there is one: while no track has any history, and for as long
+    as the scene repeats itself then. Of the two the smaller one comes first."""
+    seen, found = (previous, images, state.tracks, rough), rough.cam_from_previous
+    if state.ambiguity.repeats:
+        return rough, state.ambiguity.other_than(found) if still_repeats(*seen) else None
+    rival = None if (state.tracks.agreed > 1).any() else rival_motion(setup, *seen)
+    if rival is None:
+        return rough, None
+    std = np.repeat(setup.std_acceleration, 3)
+    size = [np.linalg.norm(se3.log(m) / std) for m in (found, rival.cam_from_ref)]
+    if size[0] > size[1]:
+        near = rival.cam_from_ref
+        smaller = find_rough_motion(setup, state.aligners, previous, images, state.tracks, near, motion_known=True)
+        if smaller is not None:
+            return smaller, replace(rival, cam_from_ref=found)
+    return rough, rival
 
 
 def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array, cov: Array) -> FrontEndState:
@@ -243,11 +266,13 @@ def _advance(
     views: AlignedViews,
     taken_px: Array,
     motion: Resection,
+    rival: SecondMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Followed]:
     """Move on to this frame, each track put where it was seen: with the accepted ones, and with some rejected ones.
 
-    `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen.
+    `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen. `rival`: a motion that
+    looks the same.
     Where many disagree with the motion, they may be right another time, and in any case no new tracks are wanted
     beside them: they live on, rejected.
     """
@@ -267,7 +292,7 @@ def _advance(
     else:
         now = update_depths(projection, now, z_px, cov_px)
     now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
-    ambiguity, other = state.ambiguity.after(motion)
+    ambiguity, other = state.ambiguity.after(motion, rival)
     found = _found(setup, candidates.before.keep(views.found), views, motion)
     state = replace(
         state,

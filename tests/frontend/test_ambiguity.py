@@ -23,7 +23,7 @@ def others(motions: list[Resection]) -> list[np.ndarray | None]:
     """The other motion of each frame, where there is one."""
     memory, found = AmbiguityMemory(), []
     for frame in motions:
-        memory, other = memory.after(frame)
+        memory, other = memory.after(frame, None)
         found.append(None if other is None else other.cam_from_ref)
     return found
 

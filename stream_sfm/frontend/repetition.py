@@ -1,0 +1,110 @@
+"""Whether the scene repeats itself, so that another motion than the one that flow has found shows the same images.
+
+In front of a grid or a wall of tiles each patch looks like others nearby. While the velocity is not known, flow may
+have followed each of them to a neighbour of where it is now, all by the same step: a motion off by a tile per frame,
+in perfect agreement with all that is seen.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.resection import MIN_VIEWS, SecondMotion, resect
+from ..geometry.se3 import Array
+from .prepared import Image, PreparedImages
+from .rough_motion import RoughMotion
+from .state import Setup
+from .tracks import Tracks
+
+_SAMPLES = 24  # tracks that are looked at
+_UNIQUE = 8  # of them without a rival: the motion that they agree with is the only one
+_HALF = 6  # half width of the correlation window, px of the half-size image
+_NEIGHBOURS_PX = 3  # of that image: closer places are no rivals
+_REACH = 3  # rivals are sought within this fraction of the image's width, as far as flow reaches
+_LEAD = 0.06  # of the correlation, as along the row (core/rows.cpp): what comes closer is a rival
+_STD_PX = 2.0  # of the position of a rival, a whole pixel of the half-size image
+_SHARE = 0.5  # of the rivals, by weight: so many move as one
+
+
+def rival_motion(
+    setup: Setup, previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion
+) -> SecondMotion | None:
+    """The smallest other motion that patches which look alike have in common, if hardly any track is without one."""
+    rows, rivals_px = _rivals(previous, images, tracks, rough)
+    if not _repeats(rivals_px):
+        return None
+    seen = np.isfinite(rivals_px[:, 0])
+    alike = tracks.keep(rows[seen])
+    motion = resect(
+        setup.projection,
+        alike.points,
+        alike.cov_points(setup.projection),
+        rivals_px[seen],
+        np.broadcast_to(_STD_PX**2 * np.eye(4), (len(alike), 4, 4)),
+        np.eye(4),
+        setup.config.robust.gate_probability,
+        find_second=False,
+    )
+    if not motion.ok or motion.share < _SHARE:
+        return None
+    return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
+
+
+def still_repeats(previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion) -> bool:
+    """Whether what is in view does not tell yet which of two motions is the right one."""
+    return _repeats(_rivals(previous, images, tracks, rough)[1])
+
+
+def _repeats(rivals_px: Array) -> bool:
+    """Whether hardly any of the tracks is without a rival (n, 4)."""
+    unique = np.isnan(rivals_px[:, 0])
+    return bool(unique.sum() < _UNIQUE and (~unique).sum() >= MIN_VIEWS)
+
+
+def _rivals(
+    previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion
+) -> tuple[NDArray[np.intp], Array]:
+    """Some tracks (k,) that agree, and their rivals as views (k, 4), each the nearest to where the track was; NaN where
+    it has none."""
+    rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
+    rows = rows[:: max(1, len(rows) // _SAMPLES)]
+    rivals_px = np.full((len(rows), 4), np.nan)
+    for k, row in enumerate(rows):
+        rivals_px[k, :2] = _rival(previous.left_half, images.left_half, tracks.left_px[row], rough.left_px[row])
+    return rows, rivals_px
+
+
+def _rival(before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
+    """Where (2,) else in the new image the patch may be, the place nearest to where it was; NaN where nowhere.
+
+    Images at half the size; positions in pixels of the whole ones, before and now.
+    """
+    none = np.full(2, np.nan)
+    from_px, to_px = np.rint(before_px / 2).astype(int), np.rint(at_px / 2).astype(int)
+    patch = _cut(before, from_px, _HALF)
+    reach = now.shape[1] // _REACH + _HALF
+    first = np.maximum(to_px - reach, 0)
+    window = now[first[1] : to_px[1] + reach, first[0] : to_px[0] + reach]
+    if patch is None or min(window.shape) < 2 * _HALF + 3:
+        return none
+    alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
+    u, v = to_px - first - _HALF  # where flow has found it
+    near = tuple(slice(max(k - _NEIGHBOURS_PX, 0), k + _NEIGHBOURS_PX + 1) for k in (v, u))
+    if not alike[near].size:
+        return none
+    found = alike[near].max()
+    peaks = (alike > found - _LEAD) & (alike == cv2.dilate(alike, np.ones((3, 3), np.uint8)))
+    peaks[near] = False
+    at = np.argwhere(peaks)[:, ::-1]
+    if not len(at):
+        return none
+    places_px = 2.0 * (at + first + _HALF)
+    return np.asarray(places_px[np.argmin(np.linalg.norm(places_px - before_px, axis=1))])
+
+
+def _cut(image: Image, at_px: NDArray[np.intp], half: int) -> Image | None:
+    """The patch (2 half + 1)² around a pixel; None where it is not inside."""
+    u, v = at_px
+    if u < half or v < half or u + half >= image.shape[1] or v + half >= image.shape[0]:
+        return None
+    return image[v - half : v + half + 1, u - half : u + half + 1]

@@ -1,0 +1,58 @@
+"""A turn in front of a wall of equal tiles, by more than half of one per frame: nothing seen says by how many tiles."""
+
+import numpy as np
+import pytest
+
+from stream_sfm import Engine, FrameEstimate
+from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.geometry import se3
+from stream_sfm.types import Status
+from tests.frontend.test_ambiguity import FIRST, motion
+from tests.helpers.wall import Wall, rig
+
+STEREO = rig()
+TILE_M = 0.25  # 22 px
+POSES = [se3.exp([0, 0, 0, 0, 0.05 * k, 0]) for k in range(5)]  # 13 px per frame
+SEEN = slice(1, None)
+
+
+def tiled_wall(same: float) -> Wall:
+    """A wall of tiles; the share `same` of the contrast is a print that all bear, the rest is different everywhere."""
+    wall = Wall(4)
+    n = round(TILE_M / wall.TEXEL_M)
+    count = wall.SIZE // n + 1
+    prints = np.tile(wall.texture[:n, :n], (count, count))[: wall.SIZE, : wall.SIZE]
+    wall.texture = np.rint(same * prints + (1 - same) * wall.texture).astype(np.uint8)
+    return wall
+
+
+def estimates(wall: Wall) -> list[FrameEstimate]:
+    engine = Engine(STEREO)
+    return [engine.step(wall.frame(STEREO, pose, k)) for k, pose in enumerate(POSES)][SEEN]
+
+
+def errors(found: list[FrameEstimate]) -> np.ndarray:
+    """Of the poses (n, 6)."""
+    return np.array([se3.log(se3.inverse(e.world_from_cam) @ p) for e, p in zip(found, POSES[SEEN], strict=True)])
+
+
+def test_a_motion_that_may_be_off_by_a_tile_is_the_small_one_and_degraded() -> None:
+    found = estimates(tiled_wall(same=1.0))
+    assert all(e.status is Status.DEGRADED and "two rigid motions" in e.reason for e in found)
+    assert np.linalg.norm(errors(found)[:, :3], axis=1).max() < 0.1 * TILE_M
+    assert all(np.sqrt(np.trace(e.cov_pose[:3, :3])) > TILE_M for e in found)  # the other one is covered
+
+
+@pytest.mark.parametrize("same", [0.0, 0.6])
+def test_a_wall_with_enough_of_its_own_is_no_ambiguity(same: float) -> None:
+    found = estimates(tiled_wall(same))
+    assert all(e.status is Status.OK for e in found)
+    assert np.linalg.norm(errors(found)[:, :3], axis=1).max() < 0.01
+
+
+def test_a_repetition_is_over_with_the_first_frame_that_shows_something_else() -> None:
+    rival = motion(FIRST, 1.0).second
+    memory, other = AmbiguityMemory().after(motion(FIRST, None), rival)
+    assert other is rival and memory.repeats
+    memory, other = memory.after(motion(FIRST, None), None)
+    assert other is None and not memory.repeats
