@@ -189,7 +189,7 @@ def _on_row(state: FrontEndState, left_px: NDArray[np.intp], disparity_px: Array
     """Where in the right image (n, 2) pixels (n, 2) of the left one are, by the disparities (n,) seen there."""
     at_px = left_px.astype(float)
     right_px = at_px - np.stack([disparity_px, np.zeros(len(at_px))], axis=1)
-    right_px[:, 1] -= state.rows.at(at_px, _row_speed(state, np.concatenate([at_px, right_px], axis=1)))
+    right_px[:, 1] -= state.rows_told.at(at_px, _row_speed(state, np.concatenate([at_px, right_px], axis=1)))
     right_px[:, 1] = state.turn.put_in(right_px)[:, 1]
     return right_px
 
@@ -259,12 +259,14 @@ def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -
     """
     left_px, right_px = scale * m.left_px.astype(float), state.turn.taken_out(scale * m.right_px)
     z_px = np.concatenate([left_px, right_px], axis=1)
-    speed, twist, rows = _row_speed(state, z_px), state.timing.twist, state.rows
+    speed, twist = _row_speed(state, z_px), state.timing.twist
     if scale == 1:
         at = m.good
         matches = RowMatches(left_px[at], (left_px - right_px)[at, 1], _points(setup.projection, z_px[at]))
-        rows = learn_rows(rows, matches, twist)
-        state = replace(state, rows_waiting=matches) if twist is None else replace(state, rows=rows)
+        learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
+        state, rows = (replace(state, rows_waiting=matches) if twist is None else learnt), learnt.rows_told
+    else:
+        rows = state.rows_told
     right_px[:, 1] += rows.at(left_px, speed)
     good = m.good & rows.agrees(left_px, right_px, speed, scale)
     return state, replace(m, left_px=left_px, right_px=right_px, apart_px=scale * m.apart_px, good=good)

@@ -88,10 +88,17 @@ class Rows:
         """Return a root (n, k) of the covariance of `at`, px."""
         return np.asarray(self._terms(left_px, row_speed_px_s) @ np.linalg.cholesky(self.cov))
 
-    def variance(self, left_px: Array) -> Array:
-        """Return the variance (n,) of `at`, px²."""
-        terms = self._terms(left_px, np.zeros(len(left_px)))
-        return np.asarray(((terms @ self.cov) * terms).sum(axis=1))
+    def told(self, delay_s: float, variance_s2: float) -> "Rows":
+        """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
+
+        What is learnt goes on without it, as an estimator is told of the delay by `delay` and must not be told twice.
+        """
+        own = self.cov[_POLYNOMIAL]
+        if variance_s2 * (self.delay[0] + self.std_delay_s**-2) >= 1:
+            return self
+        gain = own / own[_POLYNOMIAL]
+        mean = self.mean + gain * (delay_s - self.mean[_POLYNOMIAL])
+        return replace(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
 
     def agrees(
         self, left_px: Array, right_px: Array, row_speed_px_s: Array | float = 0.0, scale: int = 1

@@ -74,3 +74,8 @@ class FrontEndState:
     pair: PairCheck = field(default_factory=PairCheck)
     bias: DisparityBias = field(default_factory=DisparityBias)
     map: MapState = field(default_factory=MapState)
+
+    @property
+    def rows_told(self) -> Rows:
+        """What is known of the rows with the delay that an estimator has found."""
+        return self.rows.told(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))

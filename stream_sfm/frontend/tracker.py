@@ -189,7 +189,7 @@ def _align(setup: Setup, state: FrontEndState, images: PreparedImages, candidate
     """Find the candidates (n) in the new images."""
     if setup.projection.virtual_right:
         return align_left_only(state.aligners[1], images, candidates)
-    return align_in_both(state.aligners, state.rows, state.turn, images, candidates)
+    return align_in_both(state.aligners, state.rows_told, state.turn, images, candidates)
 
 
 def _known(
@@ -201,7 +201,7 @@ def _known(
     std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
     unknown_px = state.timing.unknowns(before.points, now.points, candidates.twist, std_twist)
     if unknown_px is not None:
-        of_rows = unknown_rows(state.rows, views.z_px[views.found], now.points, candidates.twist)
+        of_rows = unknown_rows(state.rows_told, views.z_px[views.found], now.points, candidates.twist)
         unknown_px = principal(np.concatenate([unknown_px, of_rows], axis=2))
     return _Known(before, cov_points, float(candidates.before.weights.sum()), unknown_px)
 
@@ -237,7 +237,7 @@ def _judge_turn(
         return state, None
     z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
     points, cov_expected = known.before.points, state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
-    cov_expected += cov_of_rows_as_turn(state.rows, z_px, points, twist)
+    cov_expected += cov_of_rows_as_turn(state.rows_told, z_px, points, twist)
     watch, turn = state.turn_watch.judge(points, known.cov_points, z_px, cov_px, cam_from_previous, cov_expected)
     return replace(state, turn_watch=watch), turn
 

@@ -29,6 +29,11 @@ def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return field_over(P.width, P.height).at(left_px) @ amplitudes
 
 
+def variance(rows: Rows) -> np.ndarray:
+    """Of what is known at rest, over the grid."""
+    return (rows.root(GRID, np.zeros(len(GRID))) ** 2).sum(axis=1)
+
+
 def learnt(
     rng: np.random.Generator, frames: int, amplitudes: np.ndarray, wrong: float = 0.0, delay_s: float = 0.0
 ) -> Rows:
@@ -64,7 +69,7 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     cov = prior.cov - gain @ design @ prior.cov
     there = np.concatenate([polynomial(GRID), np.zeros((len(GRID), 1)), field_over(640, 480).at(GRID)], axis=1)
     assert rows.at(GRID) == pytest.approx(there @ gain @ seen, abs=1e-9)
-    assert rows.variance(GRID) == pytest.approx(np.einsum("ni,ij,nj->n", there, cov, there), rel=1e-6)
+    assert variance(rows) == pytest.approx(np.einsum("ni,ij,nj->n", there, cov, there), rel=1e-6)
 
 
 def polynomial(left_px: np.ndarray) -> np.ndarray:
@@ -108,7 +113,7 @@ def test_the_size_of_a_field_is_learnt(std_px: float) -> None:
         rows = learnt(rng, 60, amplitudes)
         ratios.append(rows.field_std_px / std_px)
         off2.append(((rows.at(GRID) - smooth(GRID) - field(GRID, amplitudes)) ** 2).mean())
-        said2.append(rows.variance(GRID).mean())
+        said2.append(variance(rows).mean())
     scatter = 1 / np.sqrt(2 * len(NO_FIELD))
     assert np.mean(ratios) == pytest.approx(1, abs=3 * scatter)
     assert np.sqrt(np.mean(off2)) < 0.6 * std_px  # most of it is known
@@ -142,6 +147,23 @@ def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> Non
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
     assert information == pytest.approx(1 / (1 / (std**-2 - prior) + (rows_of._SPEED_ERROR * mean) ** 2), rel=1e-6)
+
+
+def test_a_delay_that_is_told_counts_as_known() -> None:
+    """One frame of a nodding camera hardly tells a delay from rows that are off; told, it is the dense Gaussian."""
+    rng = np.random.default_rng(6)
+    at, speed = places(rng), 60 + rng.normal(size=N)
+    rows = Rows.unknown(P, Config()).learnt(at, smooth(at) + 8e-3 * speed + STD_PX * rng.normal(size=N), speed)
+    assert np.abs(rows.at(GRID) - smooth(GRID)).max() > 0.2
+    std = 1e-4
+    told, d = rows.told(-8e-3, std**2), rows_of._POLYNOMIAL
+    information = np.linalg.inv(rows.cov)
+    information[d, d] += std**-2 - 1 / rows.cov[d, d]
+    assert told.cov == pytest.approx(np.linalg.inv(information), abs=1e-12, rel=1e-6)
+    assert told.mean[d] == pytest.approx(-8e-3)
+    off = np.abs(told.at(GRID) - smooth(GRID))
+    assert (off < 4 * np.sqrt(variance(told)) + 0.02).all()
+    assert rows.told(0.0, 1.0) is rows  # of what is known worse nothing is taken
 
 
 def test_a_delay_that_is_not_possible_is_not_found() -> None:
