@@ -4,7 +4,7 @@
     viewer    logs/room.mcap in the Rerun viewer, without a window
     drift     the page of `stream-sfm compare logs/room.mcap`
     transitory  its figure of the tracks against the frames, as in the paper's Figure 1
-    surface   `stream-sfm surface logs/room.mcap --all --preview`
+    surface   the mesh of `stream-sfm surface logs/room.mcap --all`, from above
     figure6   `stream-sfm simulate figure6`, 100 trials: five to ten minutes
 
 `viewer` needs a Vulkan driver (Debian: mesa-vulkan-drivers draws without a graphics card), `drift` and `transitory`
@@ -119,8 +119,12 @@ def photograph(html: str, folder: Path, name: str, size: tuple[int, int]) -> Non
 
 def surface(folder: Path) -> None:
     """The fused surface, from above."""
-    out = ("--out", folder / "room.ply", "--preview", PICTURES / "surface.png")
-    stream_sfm("surface", LOG, "--all", *out, "--viewpoint", 20, 35)
+    from surface_picture import preview  # beside this script
+
+    import stream_sfm as sfm
+
+    picture = preview(sfm.surface(LOG, None).mesh, azimuth_deg=20, elevation_deg=35)
+    cv2.imwrite(str(PICTURES / "surface.png"), picture[:, :, ::-1])
 
 
 def figure6(folder: Path) -> None:

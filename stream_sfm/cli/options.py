@@ -77,11 +77,6 @@ def seconds(text: str) -> float:
     return finite(text, "a number of seconds (0 or more)", 0)
 
 
-def degrees(text: str) -> float:
-    """An angle of at most a full turn."""
-    return finite(text, "an angle in degrees (-360 to 360)", -360, 360)
-
-
 def place(text: str) -> str:
     """A path to write to; an empty one, as an unset variable of a script leaves it, is refused."""
     if not text.strip():

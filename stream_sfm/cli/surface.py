@@ -2,7 +2,6 @@
 
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,20 +14,12 @@ from . import options
 if TYPE_CHECKING:
     from ..dense.surface import Surface
 
-Viewpoint = Annotated[
-    tuple[float, float],
-    Parameter(group=options.RESULTS, converter=options.each(options.degrees), metavar="RIGHT UP"),
-]
-
 
 def surface(
     log: options.Log,
     /,
     *,
     out: options.OutFile,
-    preview: options.MaybeOutFile = None,
-    viewpoint: Viewpoint = (20.0, 20.0),
-    rrd: options.MaybeOutFile = None,
     cameras: options.Cameras = options.Cameras(),
     frame: options.MaybeIndex = None,
     all: Annotated[bool, Parameter(group=options.FRAMES)] = False,
@@ -46,13 +37,11 @@ def surface(
     Args:
         log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
         out: the mesh to write, a .ply
-        preview: also render a picture of the mesh, a .png; of one frame, as far as σ lets shapes be seen
-        viewpoint: where the picture is taken from, in degrees to the right of the first camera and above it (20 20)
-        rrd: also write a recording for the Rerun viewer, a .rrd
         frame: use frame N, from 0 (0)
         all: fuse all frames
     """
     from ..dense import surface as dense
+    from ..dense.ply import write_ply
     from ..recording import open_log
     from .printing import print_json, print_notes
     from .progress import frame_progress
@@ -62,14 +51,13 @@ def surface(
         raise ConfigError("--frame and --all exclude each other: leave one out")
     number = None if all else frame or 0
     config, selection = settings.read(), frames.selection()
-    written = {"--out": (out, ".ply"), "--preview": (preview, ".png"), "--rrd": (rrd, ".rrd")}
-    _check_files(written)
-    options.protect([out, preview, rrd], log, settings.config, cameras.calibration)
+    _check_file(out)
+    options.protect([out], log, settings.config, cameras.calibration)
     recording = open_log(log, *cameras.chosen)
     with frame_progress("surface", selection.count(recording.expected_frames), quiet or not all) as progress:
         found = dense.surface(recording, number, config, selection, sinks=[progress] if all else [])
     axes = "all frames, world: the first left camera" if all else f"frame {number}, axes of its left camera"
-    _write(found, log, axes, out, preview, viewpoint, rrd)
+    write_ply(out, found.mesh, f"{Path(log).name}: {axes}; x right, y down, z forward")
     if not quiet:
         print_notes("warning", found.warnings)
     figures = {"log": log, "out": out, "frame": number, **_figures(found)}
@@ -83,47 +71,17 @@ def surface(
     return ExitCode.DONE if found.complete else ExitCode.INPUT
 
 
-def _check_files(written: Mapping[str, tuple[str | None, str]]) -> None:
+def _check_file(name: str) -> None:
     """Before the work is done, rather than after. Raises ConfigError, OutputError."""
-    from ..viewer import require_rerun
-
-    if written["--rrd"][0] is not None:
-        require_rerun()
-    for option, (name, ending) in written.items():
-        if name is None:
-            continue
-        path = Path(name)
-        if path.suffix.lower() != ending:
-            raise ConfigError(f"{option} {name}: the name must end in {ending}")
-        if os.path.isdir(path):
-            raise OutputError(f"cannot write {name}: it is a folder")
-        if not os.path.isdir(path.parent):
-            raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
-        if not os.access(path.parent, os.W_OK):
-            raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
-
-
-def _write(
-    found: "Surface",
-    log: str,
-    axes: str,
-    out: str,
-    preview: str | None,
-    viewpoint: tuple[float, float],
-    rrd: str | None,
-) -> None:
-    from ..dense.ply import write_ply
-
-    write_ply(out, found.mesh, f"{Path(log).name}: {axes}; x right, y down, z forward")
-    if preview:
-        from ..dense import preview as picture
-
-        shown = found.mesh if found.voxel_m else picture.near_part(found.mesh)
-        picture.write_png(preview, picture.preview(shown, *viewpoint))
-    if rrd:
-        from ..viewer.surface import write_surface_recording
-
-        write_surface_recording(rrd, found.mesh, found.path, f"{Path(log).stem}: {axes}")
+    path = Path(name)
+    if path.suffix.lower() != ".ply":
+        raise ConfigError(f"--out {name}: the name must end in .ply")
+    if os.path.isdir(path):
+        raise OutputError(f"cannot write {name}: it is a folder")
+    if not os.path.isdir(path.parent):
+        raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
 
 
 def _figures(found: "Surface") -> dict[str, Any]:

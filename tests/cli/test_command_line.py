@@ -90,7 +90,6 @@ def test_wrong_use_is_2_with_a_message(words, says, cli):
         ("replay", "stream-sfm: LOG is missing"),
         ("surface x.mcap", "stream-sfm: --out is missing"),
         ("simulate rates --seed x", "stream-sfm: --seed: 'x' is not a whole number"),
-        ("surface x --out y --viewpoint 1 999", "'999' is not an angle in degrees"),
         ("compare x --ignore-ground-truth 5:3", "'5:3' is not a range of frames: give it as 0:15"),
         ("compare x --ground-truth-std 1", "'1' is not a σ in metres and one in radians"),
     ],

@@ -15,9 +15,8 @@ from stream_sfm.dense import voxels
 from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays
 from stream_sfm.dense.fusion import Fusion
 from stream_sfm.dense.isosurface import isosurface
-from stream_sfm.dense.mesh import Mesh, mesh_of_frame, normals_of
+from stream_sfm.dense.mesh import Mesh, mesh_of_frame
 from stream_sfm.dense.ply import write_ply
-from stream_sfm.dense.preview import near_part, preview
 from stream_sfm.dense.refine import refine
 from stream_sfm.dense.surface import surface_of_frame
 from stream_sfm.evaluation.structure import structure_errors
@@ -203,22 +202,6 @@ def test_a_name_cannot_add_lines_to_the_header(tmp_path: Path):
     assert b"\ncomment log\\nelement vertex 99\\r\\n: axes\n" in (tmp_path / "a.ply").read_bytes()
 
 
-def test_a_preview_shows_the_nearer_surface_and_the_background():
-    wall = small_mesh()
-    red = np.broadcast_to(np.array([255, 0, 0], np.uint8), wall.colours.shape)
-    blue = np.broadcast_to(np.array([0, 0, 255], np.uint8), wall.colours.shape)
-    two = Mesh(
-        np.concatenate([wall.vertices, wall.vertices + np.array([0, 0, 1], np.float32)]),
-        np.concatenate([wall.faces, wall.faces + len(wall.vertices)]).astype(np.int32),
-        np.concatenate([wall.normals, wall.normals]),
-        np.concatenate([red, blue]),
-        np.concatenate([wall.std_m, wall.std_m]),
-    )
-    front, behind = (preview(two, azimuth, 0, 160, 120) for azimuth in (0, 180))
-    assert front[60, 80].tolist() == [255, 0, 0] and behind[60, 80].tolist() == [0, 0, 255]
-    assert (front[0] == 255).all() and (front[-1] == 255).all()
-
-
 def test_room_against_its_depth():
     log = open_log(ROOM)
     mesh = surface_of_frame(log, 0).mesh
@@ -257,46 +240,14 @@ def test_colours_are_those_of_the_camera(tmp_path: Path):
     assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)  # whole levels
 
 
-def floor(relative_std_at_10_m: float, far_m: float = 100.0) -> Mesh:
-    """A floor in front of the camera, whose σ grows with the square of the distance as that of stereo does."""
-    z, x = np.meshgrid(np.geomspace(1, far_m, 150), np.linspace(-0.5, 0.5, 30), indexing="ij")
-    vertices = np.stack([x.ravel(), np.ones(z.size), z.ravel()], axis=1).astype(np.float32)
-    number = np.arange(z.size, dtype=np.int32).reshape(z.shape)
-    corners = (number[:-1, :-1], number[1:, :-1], number[:-1, 1:])
-    faces = np.stack([c.ravel() for c in corners], axis=1)
-    distance = np.linalg.norm(vertices, axis=1)
-    std_m = (relative_std_at_10_m * distance**2 / 10).astype(np.float32)
-    return Mesh(vertices, faces, normals_of(vertices, faces), np.zeros((z.size, 3), np.uint8), std_m)
-
-
-def test_the_preview_of_one_frame_ends_where_the_relative_sigma_is_reached() -> None:
-    mesh = floor(0.005)  # 1.5 % at 30 m
-    near = near_part(mesh)
-    distance = np.linalg.norm(near.vertices, axis=1)
-    assert 25 < distance.max() < 35  # one of fifty groups on either side
-    whole = np.linalg.norm(mesh.vertices, axis=1)
-    assert len(near.vertices) == (whole <= distance.max()).sum()  # nothing nearer is lost
-    corners = {tuple(corner) for corner in mesh.vertices[mesh.faces].reshape(-1, 9).tolist()}
-    assert len(near.faces) and corners.issuperset(map(tuple, near.vertices[near.faces].reshape(-1, 9).tolist()))
-
-
-def test_what_is_certain_or_uncertain_throughout_stays_whole() -> None:
-    for mesh in (floor(0.0005), floor(0.2), floor(0.005, far_m=5)):
-        assert near_part(mesh) is mesh
-
-
-def test_surface_writes_mesh_picture_and_recording(wall_log: Path, tmp_path: Path, cli):
-    files = {name: tmp_path / f"a.{name}" for name in ("ply", "png", "rrd")}
-    arguments = ["--preview", str(files["png"]), "--rrd", str(files["rrd"]), "--viewpoint", "-20", "10", "--json"]
-    said = cli("surface", wall_log, "--out", files["ply"], "--all", "--max-frames=5", *arguments).json
+def test_surface_writes_a_mesh(wall_log: Path, tmp_path: Path, cli):
+    said = cli("surface", wall_log, "--out", tmp_path / "a.ply", "--all", "--max-frames=5", "--json").json
     assert said["complete"] and said["frames"] == {"read": 5, "used": 5} and said["voxel_m"] > 0
-    mesh = trimesh.load(files["ply"], process=False)
+    mesh = trimesh.load(tmp_path / "a.ply", process=False)
     assert len(mesh.vertices) == said["vertices"] > 1000  # of 76 800 pixels
     plane = Wall(5).world_from_wall
     apart = (mesh.vertices - plane[:3, 3]) @ plane[:3, 2]
     assert np.median(np.abs(apart)) < 0.01  # a tenth of a pixel is 17 mm in one frame
-    assert cv2.imread(str(files["png"])).std() > 10  # grey levels: there is a picture
-    assert b"surface" in files["rrd"].read_bytes()
 
 
 def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, cli):
@@ -317,8 +268,6 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
         (["--frame", "1", "--all"], 2, "exclude each other"),
         (["--out", "surface.obj"], 2, "must end in .ply"),
         (["--out", "nowhere/surface.ply"], 3, "the folder nowhere does not exist"),
-        (["--preview", "nowhere/surface.png"], 3, "the folder nowhere does not exist"),
-        (["--viewpoint", "left", "0"], 2, "degrees"),
     ],
 )
 def test_wrong_use_is_told_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, cli):

@@ -34,7 +34,6 @@ ATTACKS = {
     "batch, its page": ("report.html", "batch {log} --out {d}"),
     "recover, its log": ("x.mcap", "recover {log} {log} --force"),
     "surface, its mesh": ("x.ply", "surface {log} --out {log}"),
-    "surface, its picture": ("x.png", "surface {log} --out {d}/y.ply --preview {log}"),
 }  # fmt: skip
 
 
@@ -56,8 +55,6 @@ def test_an_output_that_is_an_input_is_refused(attack: str, through: str, tmp_pa
         words[-1] = str(there)
     if "batch" in words and "estimates/" in name:
         words[1] = str(there)  # its name makes the folder
-    if "--preview" in words:
-        words[-1] = str(there)
     assert "it is an input of this run" in cli(*words, "-q", code=3).err
     assert everything(tmp_path) == before
 

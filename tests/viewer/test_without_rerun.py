@@ -42,7 +42,6 @@ def test_a_replay_needs_no_viewer(tmp_path: Path) -> None:
     [
         ("replay", ROOM, "--out", "{d}/out", "--rrd", "{d}/a.rrd"),
         ("replay", ROOM, "--out", "{d}/out", "--view"),
-        ("surface", ROOM, "--out", "{d}/a.ply", "--rrd", "{d}/a.rrd"),
     ],
 )
 def test_what_needs_it_says_how_to_get_it_and_does_nothing(arguments: tuple[object, ...], tmp_path: Path) -> None:

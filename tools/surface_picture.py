@@ -1,20 +1,15 @@
-"""Pictures of a mesh, rendered without display or GPU: perspective, far triangles first, light from the viewer."""
-
-from pathlib import Path
+"""A picture of a mesh, rendered without display or GPU: perspective, far triangles first, light from the viewer."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import write_whole
-from ..geometry import se3
-from ..geometry.se3 import Array
-from .mesh import Mesh
+from stream_sfm.dense.mesh import Mesh
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.se3 import Array
 
 _FIELD_OF_VIEW_RAD = np.deg2rad(45)
 _SHOWN_PERCENT = 99.8  # of the vertices lie in the picture: a few outliers must not make the rest small
-_MAX_RELATIVE_STD = 0.015  # chosen by eye: where σ is a larger part of the distance, shapes are lost
-_GROUPS = 50  # of vertices of about one distance
 _MARGIN = 1.05  # of the distance at which the surface just fills the picture
 _OVERSAMPLING = 2  # per axis, against jagged edges
 _BACKGROUND = 255  # grey level: white
@@ -47,31 +42,6 @@ def preview(
     for corner, shade in zip(np.rint(corners * 2**_SUBPIXEL_BITS).astype(np.int32), shades, strict=True):
         cv2.fillConvexPoly(picture, corner, shade.tolist(), shift=_SUBPIXEL_BITS)
     return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def near_part(mesh: Mesh) -> Mesh:
-    """Return the near part of the mesh of one frame, in axes of its camera: the part whose shape can be recognised.
-
-    σ grows with the square of the distance: far surfaces are drawn out into shards, and in a picture of all of them
-    the near ones would be tiny. The cut is at the distance where half of the vertices around it have a σ above
-    `_MAX_RELATIVE_STD` of the distance; if all are less certain than that, there is none.
-    """
-    distance = np.linalg.norm(mesh.vertices, axis=1)
-    order = np.argsort(distance)
-    groups = [group for group in np.array_split(order, _GROUPS) if len(group)]
-    certain = [np.median(mesh.std_m[group] / distance[group]) <= _MAX_RELATIVE_STD for group in groups]
-    if all(certain) or not any(certain):
-        return mesh
-    last = groups[max(number for number, good in enumerate(certain) if good)]
-    kept = distance <= distance[last[-1]]
-    faces = mesh.faces[kept[mesh.faces].all(axis=1)]
-    number = np.cumsum(kept, dtype=np.int32) - 1
-    return Mesh(mesh.vertices[kept], number[faces], mesh.normals[kept], mesh.colours[kept], mesh.std_m[kept])
-
-
-def write_png(path: str | Path, picture: NDArray[np.uint8]) -> None:
-    """Write a picture (h, w, 3), red green blue. Raises OutputError."""
-    write_whole(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
 
 
 def _seen_from(mesh: Mesh, azimuth_rad: float, elevation_rad: float, half_view: Array) -> tuple[Array, Array]:
