@@ -34,9 +34,11 @@ from ._core import align_patches as align_patches
 from ._core import disparity_slopes as disparity_slopes
 from ._core import eliminate_points as eliminate_points
 from ._core import field_basis as field_basis
+from ._core import invert_triangle as invert_triangle
 from ._core import linearise_views as linearise_views
 from ._core import match_along_rows as match_along_rows
 from ._core import motion_step as motion_step
+from ._core import multiply_blocks as multiply_blocks
 from ._core import normal_blocks as normal_blocks
 from ._core import rig_columns as rig_columns
 from ._core import sample_weights as sample_weights

@@ -159,6 +159,12 @@ def normal_blocks(
     Arguments as of `window_residuals`.
     """
 
+def multiply_blocks(a: Array, b: Array) -> Array:
+    """Return the products (n, 3, k) of matrices (n, 3, 3) and (n, 3, k)."""
+
+def invert_triangle(lower: Array) -> Array:
+    """Return the inverse (n, n) of a lower triangle."""
+
 def eliminate_points(
     v: Array, w: Array, by_rig: Array, known: Pixels, cov: Array, modes: Array
 ) -> tuple[Array, Array, Array, Array]:

@@ -109,6 +109,48 @@ inline bool solve_positive(double* a, double* b, std::size_t n) {
     return true;
 }
 
+// Rows of a matrix, so many numbers apart.
+struct Rows {
+    const double* data;
+    std::size_t stride;
+    Rows from(std::size_t column) const { return {data + column, stride}; }
+};
+
+// C (P, Q) += Aᵀ B of n rows of each. Sums stay in registers: one array per column of B, or compilers spill them.
+template <int P, int Q>
+void add_product_tile(Rows a, Rows b, std::size_t n, double* c, std::size_t stride) {
+    static_assert(Q == 1 || Q == 4);
+    double s0[P] = {}, s1[P] = {}, s2[P] = {}, s3[P] = {};
+    for (std::size_t k = 0; k < n; k++, a.data += a.stride, b.data += b.stride)
+        for (int i = 0; i < P; i++) {
+            s0[i] += a.data[i] * b.data[0];
+            if constexpr (Q == 4) {
+                s1[i] += a.data[i] * b.data[1];
+                s2[i] += a.data[i] * b.data[2];
+                s3[i] += a.data[i] * b.data[3];
+            }
+        }
+    for (int i = 0; i < P; i++, c += stride) {
+        c[0] += s0[i];
+        if constexpr (Q == 4) c[1] += s1[i], c[2] += s2[i], c[3] += s3[i];
+    }
+}
+
+// C (p, q) += Aᵀ B of n rows of each, of q columns. Rows of C belong to symmetric blocks (period, q): of these the lower
+// triangles may be left out. `period` 0: to none.
+inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_t n, std::size_t period, double* c) {
+    for (std::size_t i = 0, rows = 0; i < p; i += rows) {
+        rows = i + 4 <= p ? 4 : 1;
+        std::size_t in_block = period ? i % period : 0, first = in_block + rows > period ? 0 : in_block / 4 * 4, j = first;
+        for (; j + 4 <= q; j += 4)
+            if (rows == 4) add_product_tile<4, 4>(a.from(i), b.from(j), n, c + i * q + j, q);
+            else add_product_tile<1, 4>(a.from(i), b.from(j), n, c + i * q + j, q);
+        for (; j < q; j++)
+            if (rows == 4) add_product_tile<4, 1>(a.from(i), b.from(j), n, c + i * q + j, q);
+            else add_product_tile<1, 1>(a.from(i), b.from(j), n, c + i * q + j, q);
+    }
+}
+
 // The median of values, of which there is one at least; NaN where one is.
 inline double median(std::vector<double> values) {
     for (double value : values)

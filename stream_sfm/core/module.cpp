@@ -159,6 +159,10 @@ NB_MODULE(_core, m) {
         Pinholes of = pinholes(camera);
         return numpy(unlocked([&] { return velocities_by_twist(of, view(points)); }));
     });
+    m.def("multiply_blocks", [](const Blocks& a, const Blocks& b) {
+        return numpy(unlocked([&] { return multiply_blocks(view(a), view(b)); }));
+    });
+    m.def("invert_triangle", [](const Floats& lower) { return numpy(unlocked([&] { return invert_triangle(view(lower)); })); });
     m.def("window_points", [](const Blocks& cams, const Blocks& anchors, const Floats& q, const Rows& frame, const Rows& point) {
         return numpy(unlocked([&] { return window_points(view(cams), view(anchors), view(q), view(frame), view(point)); }));
     });

@@ -70,6 +70,10 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
                              const View<double, 2>& root);
 Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
 
+// dense.cpp
+Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);
+Array<double, 2> invert_triangle(const View<double, 2>& lower);
+
 // window.cpp
 struct WindowState {
     View<double, 3> cams_from_ref, ref_from_anchor;

@@ -13,6 +13,8 @@
 namespace core {
 namespace {
 
+constexpr std::size_t CHUNK = 16;     // views whose products are summed at once
+constexpr std::size_t MAX_PARTS = 4;  // of the field: a view has no more coordinates
 constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
 
 // out += a x, n numbers.
@@ -40,6 +42,7 @@ void check(const WindowState& state, const WindowViews& views) {
     require_shape(views.terms, {n, 4, terms}, "terms");
     require_shape(views.field, {n, views.field.shape[1]}, "field");
     require_shape(views.moves, {4, parts}, "moves");
+    require(parts <= MAX_PARTS, "the field has too many parts");
     require_shape(state.rig_error, {terms + parts * views.field.shape[1]}, "rig_error");
 }
 
@@ -101,66 +104,91 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     NormalBlocks blocks{Array<double, 3>({frames, 6, 6}), Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, 6 * frames}),
                         Array<double, 2>({frames, 6}),    Array<double, 2>({points, 3}),    Array<double, 2>({m, m}),
                         Array<double, 3>({frames, 6, m}), Array<double, 3>({points, 3, m}), Array<double, 1>({m})};
-    // By pose (6), point (3), residual (1), terms, parts of the field: a view's four whitened rows.
-    std::size_t own = 10 + terms, columns = own + parts;
-    std::vector<double> rows(4 * columns), product(columns * columns);
-    double* rig = blocks.rig.data.get();
-    for (std::size_t i = 0; i < views.frame.shape[0]; i++) {
-        auto f = static_cast<std::size_t>(views.frame.data[i]), at = static_cast<std::size_t>(views.point.data[i]);
-        const double *cam = state.cams_from_ref[f], *anchor = state.ref_from_anchor[at], *root = views.root[i], *phi = views.field[i];
-        double p[4], r[4], a[16], by_cam[16], by_ref[16], by_anchor[16];
-        residual(pinholes, state, views, i, p, r);
-        jacobian(pinholes, p, a);
-        multiply(root, a, by_cam);
-        multiply(by_cam, cam, by_ref);
-        multiply(by_ref, anchor, by_anchor);
-        std::fill(rows.begin(), rows.end(), 0.0);
-        for (std::size_t row = 0; row < 4; row++) {
-            double* j = rows.data() + row * columns;
-            by_motion(by_cam + 4 * row, p, j);
-            for (int k = 0; k < 3; k++) j[6 + k] = by_anchor[4 * row + Q_COLUMNS[k]];
-            j[9] = r[row];
-            for (std::size_t c = 0; c < 4; c++) {
-                double weight = root[4 * row + c];
-                if (weight == 0) continue;
-                add(weight, views.terms[i] + c * terms, terms, j + 10);
-                add(weight, views.moves[c], parts, j + own);
+    // A view's four whitened rows: by pose (6), residual (1), by terms, by parts of the field, by point (3).
+    const std::size_t own = 7 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
+    std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);
+    std::vector<double> of_frame(own * own), of_field(own * parts * basis), of_squares(pairs * basis * basis);
+    double *rig = blocks.rig.data.get(), *g_rig = blocks.g_rig.data.get();
+    std::size_t n = views.frame.shape[0], next = 0;
+    for (std::size_t first = 0; first < n; first = next) {
+        auto f = static_cast<std::size_t>(views.frame.data[first]);
+        while (next < n && next < first + CHUNK && views.frame.data[next] == views.frame.data[first]) next++;
+        for (std::size_t i = first; i < next; i++) {
+            auto at = static_cast<std::size_t>(views.point.data[i]);
+            const double *cam = state.cams_from_ref[f], *anchor = state.ref_from_anchor[at], *root = views.root[i];
+            const double* phi = views.field[i];
+            double *j = rows.data() + (i - first) * 4 * columns, *parted = with_parts.data() + (i - first) * own * parts;
+            double *square = squares.data() + (i - first) * pairs * basis, *w = blocks.w[at] + 6 * f, *by_rig = blocks.rig_point[at];
+            double p[4], r[4], a[16], by_cam[16], by_ref[16], by_anchor[16], q_by_parts[3 * MAX_PARTS] = {};
+            residual(pinholes, state, views, i, p, r);
+            jacobian(pinholes, p, a);
+            multiply(root, a, by_cam);
+            multiply(by_cam, cam, by_ref);
+            multiply(by_ref, anchor, by_anchor);
+            for (std::size_t row = 0; row < 4; row++) {
+                double* out = j + row * columns;
+                by_motion(by_cam + 4 * row, p, out);
+                out[6] = r[row];
+                std::fill(out + 7, out + by_point, 0.0);
+                for (std::size_t c = 0; c < 4; c++) {
+                    double weight = root[4 * row + c];
+                    if (weight == 0) continue;
+                    add(weight, views.terms[i] + c * terms, terms, out + 7);
+                    add(weight, views.moves[c], parts, out + own);
+                }
+                for (int k = 0; k < 3; k++) out[by_point + k] = by_anchor[4 * row + Q_COLUMNS[k]];
+                const double* q = out + by_point;
+                for (std::size_t x = 0; x < 3; x++) {
+                    add(q[x], q, 3, blocks.v[at] + 3 * x);
+                    add(q[x], out, 6, w + 6 * frames * x);
+                    add(q[x], out + 7, terms, by_rig + x * m);
+                    add(q[x], out + own, parts, q_by_parts + x * parts);
+                    blocks.g_point[at][x] += q[x] * r[row];
+                }
             }
+            for (std::size_t x = 0; x < 3; x++)
+                for (std::size_t part = 0; part < parts; part++)
+                    add(q_by_parts[x * parts + part], phi, basis, by_rig + x * m + terms + part * basis);
+            for (std::size_t x = 0; x < own; x++)
+                for (std::size_t part = 0; part < parts; part++) {
+                    double sum = 0;
+                    for (std::size_t row = 0; row < 4; row++) sum += j[row * columns + x] * j[row * columns + own + part];
+                    parted[x * parts + part] = sum;
+                }
+            for (std::size_t x = 0; x < parts; x++)
+                for (std::size_t y = x; y < parts; y++, square += basis) {
+                    double both = 0;
+                    for (std::size_t row = 0; row < 4; row++) both += j[row * columns + own + x] * j[row * columns + own + y];
+                    for (std::size_t k = 0; k < basis; k++) square[k] = both * phi[k];
+                }
         }
-        std::fill(product.begin(), product.end(), 0.0);
-        for (std::size_t row = 0; row < 4; row++) {
-            const double* j = rows.data() + row * columns;
-            for (std::size_t x = 0; x < columns; x++) {
-                std::size_t first = x < 10 ? 0 : x;  // the rig's block is mirrored in the end
-                add(j[x], j + first, columns - first, product.data() + x * columns + first);
-            }
-        }
-        auto of = [&](std::size_t x) { return product.data() + x * columns; };
-        auto by_rig = [&](std::size_t x, double* out) {  // out += the product of column x with all of the rig's
-            add(1.0, of(x) + 10, terms, out);
-            for (std::size_t part = 0; part < parts; part++) add(of(x)[own + part], phi, basis, out + terms + part * basis);
+        std::size_t seen = next - first;
+        Rows all{rows.data(), columns}, field{views.field[first], basis};
+        add_product(all, own, all, own, 4 * seen, own, of_frame.data());
+        add_product({with_parts.data(), own * parts}, own * parts, field, basis, seen, 0, of_field.data());
+        add_product({squares.data(), pairs * basis}, pairs * basis, field, basis, seen, basis, of_squares.data());
+        if (next < n && views.frame.data[next] == views.frame.data[first]) continue;
+        auto add_by_rig = [&](std::size_t x, double* out) {  // out += the product of column x with all of the rig's
+            add(1.0, of_frame.data() + x * own + 7, terms, out);
+            add(1.0, of_field.data() + x * parts * basis, parts * basis, out + terms);
         };
         for (std::size_t x = 0; x < 6; x++) {
-            add(1.0, of(x), 6, blocks.u[f] + 6 * x);
-            blocks.g_pose[f][x] += of(x)[9];
-            by_rig(x, blocks.rig_pose[f] + x * m);
+            for (std::size_t y = 0; y < 6; y++) blocks.u[f][6 * x + y] += of_frame[std::min(x, y) * own + std::max(x, y)];
+            blocks.g_pose[f][x] += of_frame[x * own + 6];
+            add_by_rig(x, blocks.rig_pose[f] + x * m);
         }
-        for (std::size_t x = 0; x < 3; x++) {
-            add(1.0, of(6 + x) + 6, 3, blocks.v[at] + 3 * x);
-            blocks.g_point[at][x] += of(6 + x)[9];
-            add(1.0, of(6 + x), 6, blocks.w[at] + 6 * (frames * x + f));
-            by_rig(6 + x, blocks.rig_point[at] + x * m);
-        }
-        by_rig(9, blocks.g_rig.data.get());
-        for (std::size_t x = 0; x < terms; x++) by_rig(10 + x, rig + x * m);
-        for (std::size_t x = 0; x < parts; x++)
-            for (std::size_t y = x; y < parts; y++) {
-                double both = of(own + x)[own + y];
-                if (both == 0) continue;
-                for (std::size_t k = 0; k < basis; k++)  // a diagonal block is symmetric, another one not its own mirror
-                    add(both * phi[k], phi, basis, rig + (terms + x * basis + k) * m + terms + y * basis);
-            }
+        add_by_rig(6, g_rig);
+        for (std::size_t x = 0; x < terms; x++) add_by_rig(7 + x, rig + x * m);
+        std::fill(of_frame.begin(), of_frame.end(), 0.0);
+        std::fill(of_field.begin(), of_field.end(), 0.0);
     }
+    const double* square = of_squares.data();
+    for (std::size_t x = 0; x < parts; x++)
+        for (std::size_t y = x; y < parts; y++)
+            for (std::size_t k = 0; k < basis; k++, square += basis)
+                for (std::size_t l = k; l < basis; l++)
+                    rig[(terms + x * basis + k) * m + terms + y * basis + l] =
+                        rig[(terms + x * basis + l) * m + terms + y * basis + k] = square[l];
     for (std::size_t x = 0; x < m; x++)
         for (std::size_t y = x + 1; y < m; y++) rig[y * m + x] = rig[x * m + y];
     return blocks;

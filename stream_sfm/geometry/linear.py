@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from .. import core
 from .se3 import Array
 
 # Diagonal increases tried where a matrix has lost definiteness to rounding, relative to a diagonal of 1: from a
@@ -86,8 +87,8 @@ class Cholesky:
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
             with suppress(np.linalg.LinAlgError):
-                factor = np.linalg.cholesky(scaled)
-                self.root: Array = scale[:, None] * np.linalg.inv(factor).T
+                factor = np.asarray(np.linalg.cholesky(scaled), np.float64)
+                self.root = scale[:, None] * core.invert_triangle(factor).T
                 return
         raise np.linalg.LinAlgError("information matrix is not positive definite")
 

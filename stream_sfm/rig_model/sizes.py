@@ -105,23 +105,23 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
     covariance in full.
     """
     lens = np.r_[_LENS, len(TERMS) : len(mean)]
-    weights, _ = _combinations(mean, cov, size)
-    zero = _CONSIDERED.start + np.flatnonzero(_IS_ZERO[weights.argmax()])
+    combinations = _combinations(mean, cov, size)
+    zero = _CONSIDERED.start + np.flatnonzero(_IS_ZERO[combinations[0].argmax()])
     log_odds = log_odds_lenses(*_without(mean, cov, zero), size)  # free rates and times would do for lenses, too
     p_wrong = float(probability(np.array(log_odds)))
-    wrong = _considering(mean, cov, size)
+    wrong = _considering(mean, cov, *combinations)
     if known_wrong:
         return Mixture(*wrong, 1.0)
-    right = _considering(*_without(mean, cov, lens), size)
+    mean, cov = _without(mean, cov, lens)
+    right = _considering(mean, cov, *_combinations(mean, cov, size))
     return Mixture(*_either(p_wrong, wrong, right), p_wrong)
 
 
-def _considering(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
+def _considering(mean: Array, cov: Array, weights: Array, weighted: Array) -> tuple[Array, Array]:
     """Return mean and covariance of errors where focal length, timing and rates are as wrong as is probable.
 
-    They count in full in the covariance.
+    By their `_combinations`. They count in full in the covariance.
     """
-    weights, weighted = _combinations(mean, cov, size)
     away = cov[:, _CONSIDERED] @ (weights @ weighted)
     return mean - away, cov + np.outer(away, away)
 

@@ -36,6 +36,8 @@ CALLS = {
     "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
     "field_basis": (STARTS, np.arange(3.0), np.arange(2.0), 8.0, np.eye(6)),
     "velocities_by_twist": (PINHOLES, POINTS),
+    "multiply_blocks": (COV[:, :3, :3], SHARED[:, :3]),
+    "invert_triangle": (np.eye(6),),
     "window_points": (*STATE[:3], *SEEN[:2]),
     "window_residuals": (PINHOLES, *STATE, *SEEN),
     "normal_blocks": (PINHOLES, *STATE, *SEEN),

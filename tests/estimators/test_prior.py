@@ -262,7 +262,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         system.count_rig_errors(cov_held)
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
-    by_rig = np.concatenate([system.by_rig_errors()[:a], prior.world_modes @ system.by_rig_errors()[a:]])
+    by_rig = np.concatenate([system.by_rig_errors[:a], prior.world_modes @ system.by_rig_errors[a:]])
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, prior.rig.root @ dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6

@@ -61,7 +61,7 @@ def test_projection_and_triangulation_are_inverse() -> None:
 
 
 def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
-    frames, n, m = 3, 12, 2
+    frames, n, terms, basis = 3, 12, 2, 5
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
     anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
     q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(anchors), POINTS[:n, None])[:, 0], np.ones(n)])
@@ -70,10 +70,12 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
     )
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
     v = len(frame)
-    roots, effects = RNG.normal(size=(v, 4, 4)), RNG.normal(size=(v, 4, m))
-    views = WhitenedViews(
-        frame, point, z[frame, point], roots, np.ones((v, 4)), RigEffects(effects, np.zeros((v, 0)))
+    roots, effects = (
+        RNG.normal(size=(v, 4, 4)),
+        RigEffects(RNG.normal(size=(v, 4, terms)), RNG.normal(size=(v, basis))),
     )
+    m = terms + effects.moves.shape[1] * basis
+    views = WhitenedViews(frame, point, z[frame, point], roots, np.ones((v, 4)), effects)
     rig_error = RNG.normal(size=m)
     end = 6 * frames + 3 * n
 

@@ -4,13 +4,14 @@ Given the poses and the common modes of the prior, points are independent of eac
 itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
 """
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry.linear import Cholesky, matvec, product, symmetric
+from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky, symmetric
 from ...geometry.se3 import Array
 from .inverse_depth import NormalBlocks
 from .prior import Prior
@@ -60,8 +61,12 @@ class System:
         h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(symmetric(h))
         self.rig_offset = np.zeros(len(prior.rig))
-        self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]  # of the errors' own covariance
-        self._rig_counted = self._rig_root  # a root of the covariance with which they count
+        # of the errors' own covariance; and the other way round
+        self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]
+        self._rig_whitening = np.linalg.inv(self._rig_root)
+        self.root = (
+            self.chol.root
+        )  # of the covariance of poses and amplitudes; its last columns are of the rig's errors
 
     def step(self, blocks: NormalBlocks, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
         """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
@@ -77,7 +82,7 @@ class System:
         given = matvec(np.swapaxes(self.std_given, 1, 2), g_point)
         whitened = self.chol.root.T @ (g - _flat(self.reach).T @ given.ravel())
         rig = self.prior.rig
-        to_held = np.linalg.solve(self._rig_root, rig.held - rig.at(amplitudes[len(amplitudes) - len(rig) :]))
+        to_held = self._rig_whitening @ (rig.held - rig.at(amplitudes[len(amplitudes) - len(rig) :]))
         self.rig_offset = whitened[self.rig] - to_held
         whitened[self.rig] = to_held
         delta = self.chol.root @ whitened
@@ -95,42 +100,42 @@ class System:
 
         And how far these move, in squared standard deviations of what is known of them.
         """
-        whitened = np.linalg.solve(self._rig_root, change)
+        whitened = self._rig_whitening @ change
         delta = self.chol.root[:, self.rig] @ whitened
         dq = -matvec(self.std_given, self.reach @ delta)
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], float(whitened @ whitened)
 
     def count_rig_errors(self, cov: Array) -> None:
         """Let the rig's errors count in all covariances with a covariance (m, m) of their own, eq. (72)."""
-        values, axes = np.linalg.eigh(cov)
-        self._rig_counted = axes * np.sqrt(np.maximum(values, 0.0))
+        try:
+            counted = scaled_cholesky(cov)
+        except np.linalg.LinAlgError:
+            values, axes = np.linalg.eigh(cov)
+            counted = axes * np.sqrt(np.maximum(values, 0.0))
+        self.root = np.column_stack([self.chol.root[:, : self.rig.start], self.by_rig_errors @ counted])
 
+    @cached_property
     def by_rig_errors(self) -> Array:
-        """Return ∂(poses, amplitudes)/∂c (n, m): how the estimate moves with the rig's errors, K of eq. (72)."""
-        return np.asarray(np.linalg.solve(self._rig_root.T, self.chol.root[:, self.rig].T).T)
+        """∂(poses, amplitudes)/∂c (n, m): how the estimate moves with the rig's errors, K of eq. (72)."""
+        return np.asarray(self.chol.root[:, self.rig] @ self._rig_whitening)
 
     def covariance(self) -> Array:
         """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72)."""
-        root = self._root()
-        return np.asarray(root @ root.T)
-
-    def _root(self) -> Array:
-        """Return a root of `covariance`; the last columns are those of the rig's errors."""
-        return np.column_stack([self.chol.root[:, : self.rig.start], self.by_rig_errors() @ self._rig_counted])
+        return np.asarray(self.root @ self.root.T)
 
     def covariances(self, frame: int) -> JointCovariance:
         """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""
-        root = self._root()
+        root = self.root
         to_both = np.zeros((len(root), 12))  # to the pose and to the world
         if frame >= 0:
             to_both[6 * frame : 6 * frame + 6, :6] = np.eye(6)
         to_both[self.poses :, 6:] = self.prior.world_modes.T
         both = root.T @ to_both
-        through = (_flat(self.reach) @ root).reshape(len(self.reach), 3, -1)
+        through = product(self.reach, root)
         cov_q = (
             self.std_given @ (np.eye(3) + through @ np.swapaxes(through, 1, 2)) @ np.swapaxes(self.std_given, 1, 2)
         )
-        with_both = -self.std_given @ (through @ both)
+        with_both = -core.multiply_blocks(self.std_given, product(through, both))
         cov_both = both.T @ both
         return JointCovariance(
             qq=cov_q,
@@ -139,7 +144,7 @@ class System:
             xx=cov_both[:6, :6],
             ww=cov_both[6:, 6:],
             xw=cov_both[:6, 6:],
-            q_by_rig=-self.std_given @ through[..., self.rig],
+            q_by_rig=-core.multiply_blocks(self.std_given, through[..., self.rig]),
             x_by_rig=both[self.rig, :6].T,
         )
 

@@ -22,8 +22,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, scaled_cholesky, symmetric, symmetric_inverse
+from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky, symmetric
 from ...geometry.se3 import Array
 from .inverse_depth import NormalBlocks, homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
 from .rig_knowledge import RigKnowledge
@@ -71,7 +72,7 @@ class Prior:
         """
         anchors = np.broadcast_to(np.eye(4), (len(ids), 4, 4))
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
-        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig @ rig.root], axis=2)
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), product(by_rig, rig.root)], axis=2)
         world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
         return cls(ids, anchors, mean, cov, modes, world_from_ref, world_modes, rig)
 
@@ -82,7 +83,7 @@ class Prior:
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., modes.shape[2] - len(self.rig) :] = by_rig @ self.rig.root
+        modes[..., modes.shape[2] - len(self.rig) :] = product(by_rig, self.rig.root)
         return replace(self, mean=mean, cov=cov, modes=modes)
 
     def points(self, amplitudes: Array) -> Array:
@@ -131,18 +132,17 @@ class Prior:
         known = np.r_[:k, k + 6 : k + 6 + m]  # the modes that have prior information
         rig = slice(k + 6, None)
 
-        d_inv = symmetric_inverse(self.cov)
-        cov = symmetric_inverse(d_inv + blocks.v)
-        pull = d_inv @ modes
-        reach = pull.copy()
-        reach[..., rig] -= blocks.rig_point @ self.rig.root
+        # `half` is −(std of the points)ᵀ of what the modes reach of them, G
+        d_inv, pull, std, half = core.eliminate_points(
+            blocks.v, np.zeros((n, 3, 0)), product(blocks.rig_point, self.rig.root), np.arange(n), self.cov, modes
+        )
         size = (3 * n, k + 6 + m)  # said, as no points have any
-        flat_pull, flat_reach = pull.reshape(size), reach.reshape(size)
-        update = matvec(cov, matvec(d_inv, away) + blocks.g_point)  # of the points, the modes held
-        s = modes.reshape(size).T @ flat_pull - flat_reach.T @ (cov @ reach).reshape(size)
+        flat_pull, flat_half = pull.reshape(size), half.reshape(size)
+        given = matvec(np.swapaxes(std, 1, 2), matvec(d_inv, away) + blocks.g_point)
+        s = modes.reshape(size).T @ flat_pull - flat_half.T @ flat_half
         s[known, known] += 1.0
         s[rig, rig] += self.rig.root.T @ blocks.rig @ self.rig.root
-        right = flat_reach.T @ update.ravel() - flat_pull.T @ away.ravel()
+        right = -flat_half.T @ given.ravel() - flat_pull.T @ away.ravel()
         right[known] -= amplitudes
         right[rig] += self.rig.root.T @ blocks.g_rig + self.rig.offset
         chol = Cholesky(symmetric(s))
@@ -150,13 +150,13 @@ class Prior:
         updated_rig = self.rig.after(amplitudes[k:], chol.root[rig, rig], whitened[rig].copy())
         whitened[rig] = 0.0  # held, and moved by the window
         step = chol.root @ whitened
-        modes = cov @ reach
+        modes = -core.multiply_blocks(std, product(half, np.column_stack([chol.root, step])))
         return Prior(
             ids=self.ids,
             ref_from_anchor=anchors,
-            mean=q + update + modes @ step,
-            cov=cov,
-            modes=modes @ chol.root,
+            mean=q + matvec(std, given) + modes[..., -1],
+            cov=std @ np.swapaxes(std, 1, 2),
+            modes=modes[..., :-1],
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes @ step)),
             world_modes=world_modes @ chol.root,
             rig=updated_rig,
@@ -177,7 +177,7 @@ class Prior:
     def with_rig(self, rig: RigKnowledge, u: Array) -> "Prior":
         """Return the prior with other knowledge about the rig: its amplitudes a are now a', a = U a', eq. (72b)."""
         own = self.modes.shape[2] - len(rig)
-        modes = np.concatenate([self.modes[..., :own], self.modes[..., own:] @ u], axis=2)
+        modes = np.concatenate([self.modes[..., :own], product(self.modes[..., own:], u)], axis=2)
         world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
         return replace(self, modes=modes, world_modes=world_modes, rig=rig)
 
@@ -189,7 +189,7 @@ class Prior:
         m = len(self.rig)
         rig, u = self.rig.changed(root)
         own = self.modes.shape[2] - m
-        of_rig, world_of_rig = self.modes[..., own:] @ u, self.world_modes[:, own:] @ u
+        of_rig, world_of_rig = product(self.modes[..., own:], u), self.world_modes[:, own:] @ u
         return replace(
             self,
             modes=np.concatenate([of_rig[..., m:], self.modes[..., :own], of_rig[..., :m]], axis=2),
@@ -209,7 +209,7 @@ class Prior:
         all_ids = np.concatenate([self.ids, ids])
         order = np.argsort(all_ids)
         modes = np.zeros((len(ids), 3, self.modes.shape[2]))
-        modes[..., modes.shape[2] - len(self.rig) :] = by_rig @ self.rig.root
+        modes[..., modes.shape[2] - len(self.rig) :] = product(by_rig, self.rig.root)
         return replace(
             self,
             ids=all_ids[order],
@@ -227,11 +227,12 @@ class Prior:
         """
         own = self.modes.shape[2] - len(self.rig)
         q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
-        modes = self.modes[..., :own] @ q
+        modes = product(self.modes[..., :own], q)
         shared = modes[..., 6:]
-        whitened = (np.linalg.inv(np.linalg.cholesky(self.cov)) @ shared).reshape(-1, shared.shape[2])
+        roots = np.linalg.inv(np.linalg.cholesky(self.cov))
+        whitened = core.multiply_blocks(roots, shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
-        shared = shared @ axes
+        shared = product(shared, axes)
         small = variance < _MIN_MODE_VARIANCE
         folded = shared[..., small]
         kept = int((~small).sum())

@@ -7,6 +7,7 @@ the window has it directly, eq. (74), with all that the two poses have in common
 import numpy as np
 
 from ...geometry import se3
+from ...geometry.linear import product
 from ...geometry.se3 import Array
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
@@ -21,17 +22,17 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     frames = current.frames
     cams = np.concatenate([np.eye(4)[None], current.cams_from_ref()[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
-    sigma = current.system.covariance()
-    newest = 6 * len(frames) - 6
-    j = np.zeros((len(cams), 6, len(sigma)))
+    system, newest = current.system, 6 * len(frames) - 6
+    j = np.zeros((len(cams), 6, system.poses))
     j[:, :, newest : newest + 6] = -np.eye(6)
     for row in range(1, len(cams)):
         j[row, :, 6 * row - 6 : 6 * row] = se3.adjoint(se3.inverse(from_newest[row]))
+    half = product(j, system.root[: system.poses])
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=j @ sigma @ np.swapaxes(j, 1, 2) + _ambiguities(current) + cov_newest,
-        common_jacobian=j @ current.system.by_rig_errors(),
+        cov=half @ np.swapaxes(half, 1, 2) + _ambiguities(current) + cov_newest,
+        common_jacobian=product(j, system.by_rig_errors[: system.poses]),
     )
 
 
@@ -40,7 +41,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     if rig is None:
         return None
     system, newest = current.system, 6 * len(current.frames) - 6
-    by_rig, of_world = system.by_rig_errors(), se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
+    by_rig, of_world = system.by_rig_errors, se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
     jacobian = of_world @ by_rig[system.poses :] - by_rig[newest : newest + 6]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 

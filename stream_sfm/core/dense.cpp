@@ -1,0 +1,43 @@
+// Products and factors that NumPy has no single call for.
+
+#include <algorithm>
+
+#include "stages.hpp"
+
+namespace core {
+
+Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b) {
+    std::size_t n = a.shape[0], k = b.shape[2];
+    require_shape(a, {n, 3, 3}, "a");
+    require_shape(b, {n, 3, k}, "b");
+    Array<double, 3> result({n, 3, k});
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t row = 0; row < 3; row++) {
+            const double *of = a[i] + 3 * row, *x = b[i], *y = x + k, *z = y + k;
+            double* out = result[i] + row * k;
+            for (std::size_t c = 0; c < k; c++) out[c] = of[0] * x[c] + of[1] * y[c] + of[2] * z[c];
+        }
+    return result;
+}
+
+Array<double, 2> invert_triangle(const View<double, 2>& lower) {
+    std::size_t n = lower.shape[0];
+    require_shape(lower, {n, n}, "lower");
+    Array<double, 2> result({n, n});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* of = lower[i];
+        double* out = result[i];
+        std::size_t k = 0;
+        for (; k + 4 <= i; k += 4) {  // rows of the inverse are zero beyond their diagonals
+            const double *r0 = result[k], *r1 = result[k + 1], *r2 = result[k + 2], *r3 = result[k + 3];
+            for (std::size_t c = 0; c < k + 4; c++) out[c] -= of[k] * r0[c] + of[k + 1] * r1[c] + of[k + 2] * r2[c] + of[k + 3] * r3[c];
+        }
+        for (; k < i; k++)
+            for (std::size_t c = 0; c <= k; c++) out[c] -= of[k] * result[k][c];
+        for (std::size_t c = 0; c < i; c++) out[c] /= of[i];
+        out[i] = 1 / of[i];
+    }
+    return result;
+}
+
+}  // namespace core
