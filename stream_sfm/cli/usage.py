@@ -22,7 +22,7 @@ from ..wording import did_you_mean, printable, unknown_name
 _OLD_OPTIONS = {"--calibrate": "--two-pass"}
 _OLD_COMMANDS = {("calibrate",): ["refine"], ("calibration", "convert"): ["convert-calibration"]}
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
-_OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt")
+_OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz")
 
 # By the names that errors use (`StreamSfmError.hint`): arguments of the library's functions as options, functions as
 # commands.
@@ -53,6 +53,8 @@ def rewritten(words: Sequence[str]) -> list[str]:
     for old, new in _OLD_COMMANDS.items():
         if tuple(words[: len(old)]) == old:
             words[: len(old)] = new
+    if words[:2] == ["import", "images"] and words[-1].endswith(".mcap"):
+        words[2:2] = [words.pop()]  # OUT at the end, where --left or --right would take it as one more image
     found: list[str] = []
     for at, word in enumerate(words):
         after_one = at >= 2 and words[at - 2] == _PAIR and not word.startswith("-")

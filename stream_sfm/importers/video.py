@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.rig import StereoRig
+from ..camera.rig import StereoRig, baseline_question
 from ..errors import ConfigError, InputError
 from ..recording.log_writer import StereoLogWriter
 from .data_sets import Imported, check_free
@@ -56,6 +56,7 @@ def import_video(
         for video in opened:
             video.check_complete()
     notes = [note for video in opened for note in video.notes]
+    notes += [question] if (question := baseline_question(rig)) else []
     if counts[0] != counts[1]:
         notes.append(f"there are {counts[0]} left and {counts[1]} right frames: they are paired by their times")
     return Imported(Path(out), counts[0], counts[1], 0, notes)

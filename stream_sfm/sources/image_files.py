@@ -2,18 +2,21 @@
 
 import heapq
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..camera.models import Camera
+import numpy as np
+
+from ..camera.models import MAX_PIXELS, Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
-from .image_header import image_format, image_size
+from .image_header import image_format, image_size, plain_size
 from .source import Contents, Message, Source
 
 if TYPE_CHECKING:
@@ -114,8 +117,10 @@ def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
     except OSError as error:
         raise LogError(f"cannot read image {path}: {error.strerror}") from None
     encoding = image_format(data)
+    if encoding is None and (plain := plain_size(data)) is not None:
+        data, encoding = _as_png(path, data, plain), "png"
     if encoding is None:
-        raise LogError(f"{path} is not a PNG, JPEG or WebP image: convert the images to PNG first")
+        raise LogError(f"{path} is not a PNG, JPEG, WebP, BMP or TIFF image: convert the images to PNG first")
     size = image_size(data)
     if size is None:
         raise LogError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
@@ -125,6 +130,21 @@ def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
             "of the calibrated size, or the calibration of these images"
         )
     return data, encoding
+
+
+def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
+    """An image of a format that no log holds as one that it may hold, without loss."""
+    import cv2
+
+    image = None
+    if 0 < size[0] * size[1] <= MAX_PIXELS:  # before a few bytes become gigabytes
+        with suppress(cv2.error):
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise LogError(
+            f"{path}: this image of {size[0]}×{size[1]} pixels cannot be decoded: convert the images to PNG"
+        )
+    return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
 
 
 def size_of(path: Path) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from .pose_files import read_times
 from .source import natural_order
 from .text_files import check_ascending, stamp_ns
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 _SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 # Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
@@ -113,7 +113,7 @@ def _side_folders(folder: Path) -> tuple[Path, Path] | None:
 
 
 def _images_in(folder: Path) -> list[Path]:
-    return [p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES]
+    return [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
 
 
 def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:

@@ -1,10 +1,35 @@
-"""Format and size of a compressed image by its first bytes, without decoding."""
+"""Format and size of an image by its first bytes, without decoding."""
 
 import struct
 
 _MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
 _PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
 _MAX_SCANS = 64  # of a JPEG: progressive ones have about ten, and each costs a pass over the whole image
+
+
+_TIFF = ((b"II*\0", "<"), (b"MM\0*", ">"))  # with the order of bytes
+_TIFF_SIZE = {256: "width", 257: "height"}  # tags
+
+
+def plain_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in pixels of a BMP or TIFF image; None for anything else, or where its header is damaged."""
+    try:
+        if data.startswith(b"BM"):
+            width, height = struct.unpack_from("<ii", data, 18)
+            return width, abs(height)  # negative: from the top down
+        order = next((order for magic, order in _TIFF if data.startswith(magic)), None)
+        if order is None:
+            return None
+        (at,) = struct.unpack_from(f"{order}I", data, 4)
+        (count,) = struct.unpack_from(f"{order}H", data, at)
+        found = {}
+        for n in range(count):
+            tag, kind = struct.unpack_from(f"{order}HH", data, at + 2 + 12 * n)
+            if tag in _TIFF_SIZE:  # a number of 16 or 32 bits
+                found[tag] = struct.unpack_from(f"{order}{'H' if kind == 3 else 'I'}", data, at + 10 + 12 * n)[0]
+        return found[256], found[257]
+    except (struct.error, KeyError):
+        return None
 
 
 def image_format(data: bytes) -> str | None:

@@ -73,6 +73,16 @@ def read_times(path: Path) -> list[int]:
     return stamps
 
 
+def read_rows(path: Path, columns: int, form: str) -> Array:
+    """The numbers (n, columns) of a file with poses and no stamps. Raises LogError naming the line."""
+    rows = []
+    for number, cells in read_table(path, "poses"):
+        if len(values := _numbers(cells)) != columns:
+            raise LogError(f"{path}, line {number} is not {form}")
+        rows.append(values)
+    return np.array(rows).reshape(-1, columns)
+
+
 def _first_line(path: Path) -> list[str]:
     for _, cells in read_table(path, "poses"):
         return cells

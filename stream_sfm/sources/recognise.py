@@ -17,6 +17,7 @@ from .kitti import is_kitti, open_kitti
 from .mcap import McapSource
 from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
+from .tartanair import is_tartanair, open_tartanair
 
 # The first bytes of the files that can be opened.
 _FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
@@ -28,6 +29,7 @@ _FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
 _FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Source]], ...] = (
     (is_kitti, open_kitti),
     (is_euroc, open_euroc),
+    (is_tartanair, open_tartanair),
     (is_image_folder, open_image_folder),
 )
 _OTHER_FILES = (
@@ -39,7 +41,10 @@ _START_BYTES = 16
 _RESULT = "estimates.mcap"  # of a run
 _LISTED = 3  # recordings that a message names
 SUFFIXES = (".mcap", ".bag", ".db3")
-SUPPORTED = "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI or EuRoC recording, folders of left and right images"
+SUPPORTED = (
+    "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, folders of left and right "
+    "images"
+)
 
 
 def open_source(path: str | Path) -> Source:

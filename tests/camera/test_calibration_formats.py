@@ -8,6 +8,7 @@ import pytest
 
 from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
 from stream_sfm.camera.calibration.document import make_camera
+from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
 from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
 
@@ -140,6 +141,136 @@ def test_euroc_sensor_files(tmp_path):
     check(tmp_path / "mav0")
 
 
+def test_euroc_sensor_files_with_the_head_of_opencv(tmp_path):
+    left = write(tmp_path / "cam0" / "sensor.yaml", "%YAML:1.0\n" + sensor_yaml(LEFT, BODY_FROM_LEFT))
+    right = sensor_yaml(RIGHT, BODY_FROM_LEFT @ se3.inverse(POSE))
+    check((left, write(tmp_path / "cam1" / "sensor.yaml", "%YAML:1.0\n---\n" + right)))
+
+
+LENSES = {  # of a EuRoC camera, of TUM-VI, and of KITTI-360 at half its size: parameters, fx fy cx cy, size
+    "ds": ({"xi": -0.172, "alpha": 0.593}, (158.28, 158.3, 254.96, 256.3), (512, 512), ()),
+    "eucm": ({"alpha": 0.63, "beta": 1.04}, (190.9, 190.8, 254.9, 256.9), (512, 512), ()),
+    "omni": ({"xi": 2.2134}, (668.0, 667.9, 358.4, 352.8), (700, 700), (0.01666, 1.6588, 2e-4, 2e-4)),
+}
+
+
+def bent(model, points, values, f, d):
+    """Pixels of points by the papers: Usenko eq. 40, Khomutenko eq. 6, Mei section II."""
+    x, y, z = (points / np.linalg.norm(points, axis=1)[:, None]).T
+    if model == "ds":
+        xi, alpha = values.values()
+        below = alpha * np.sqrt(x**2 + y**2 + (xi + z) ** 2) + (1 - alpha) * (xi + z)
+    elif model == "eucm":
+        alpha, beta = values.values()
+        below = alpha * np.sqrt(beta * (x**2 + y**2) + z**2) + (1 - alpha) * z
+    else:
+        below = z + values["xi"]
+    m = np.stack([x / below, y / below, np.ones_like(x)], axis=1)
+    return cv2.projectPoints(m, np.zeros(3), np.zeros(3), np.array([[f[0], 0, f[2]], [0, f[1], f[3]], [0, 0, 1.0]]),
+                             np.array([*d, *4 * [0.0]][:4]))[0][:, 0]  # fmt: skip
+
+
+@pytest.mark.parametrize("model", LENSES)
+@pytest.mark.parametrize("tool", ["kalibr", "basalt"])
+def test_unified_lenses_are_the_fisheye_that_is_nearest(tmp_path, model, tool):
+    values, f, size, d = LENSES[model]
+    if tool == "basalt":
+        if model == "omni":
+            pytest.skip("Basalt has none")
+        path = write(
+            tmp_path / "calibration.json",
+            basalt([(model, dict(zip(("fx", "fy", "cx", "cy"), f, strict=True)) | values)] * 2, size),
+        )
+    else:
+        camera = f"  camera_model: {model}\n  intrinsics: {[*values.values(), *f]}\n  resolution: {list(size)}\n"
+        camera += f"  distortion_model: {'radtan' if d else 'none'}\n  distortion_coeffs: {list(d)}\n"
+        path = write(tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{rows(POSE)}\n")
+    found = StereoRig.from_calibration(path)
+    np.testing.assert_allclose(found.right_from_left, POSE, atol=1e-9)
+    points = np.random.default_rng(1).uniform([-2, -2, 0.4], [2, 2, 1], (4000, 3))
+    expected = bent(model, points, values, f, d)
+    inside = ((expected > 0) & (expected < size)).all(axis=1)
+    assert inside.sum() > 1000
+    apart = np.linalg.norm(project_into_image(found.left, points) - expected, axis=1)[inside]
+    assert apart.max() < (0.2 if d else 0.001)  # pixels: a fisheye has no tangential coefficients
+
+
+def test_a_lens_that_no_fisheye_is_near_is_refused(tmp_path):
+    camera = "  camera_model: omni\n  intrinsics: [0.9, 832, 830, 376, 240]\n  resolution: [752, 480]\n"
+    camera += "  distortion_model: radtan\n  distortion_coeffs: [-0.2, 0.1, 0.01, 0.02]\n"
+    path = write(tmp_path / "c.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{rows(POSE)}\n")
+    with pytest.raises(ConfigError, match=r"cam0\.omni: this lens is up to .* px from every one that is supported"):
+        StereoRig.from_calibration(path)
+
+
+def basalt(cameras, size):
+    """As basalt_calibrate writes it; both cameras on an IMU."""
+    poses = [BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(POSE)]
+    quats = [se3.quat_xyzw_from_matrix(pose[:3, :3]) for pose in poses]
+    imu = [
+        dict(zip(("px", "py", "pz"), p[:3, 3], strict=True)) | dict(zip(("qx", "qy", "qz", "qw"), q, strict=True))
+        for p, q in zip(poses, quats, strict=True)
+    ]
+    inside = [{"camera_type": name, "intrinsics": values} for name, values in cameras]
+    content = {"T_imu_cam": imu, "intrinsics": inside, "resolution": [list(size)] * 2, "calib_accel_bias": [0.1]}
+    return json.dumps({"value0": content}, default=float)
+
+
+def numbers(camera, names):
+    k = camera.K
+    return {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]} | dict(zip(names, camera.D, strict=True))
+
+
+def test_basalt_with_the_lenses_that_are_here(tmp_path):
+    fisheyes = [Camera(*SIZE, c.K, (0.01, -0.002, 0.003, -0.001), "equidistant") for c in (LEFT, RIGHT)]
+    cameras = [("kb4", numbers(c, ("k1", "k2", "k3", "k4"))) for c in fisheyes]
+    check(write(tmp_path / "kb4.json", basalt(cameras, SIZE)), StereoRig(*fisheyes, POSE))
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    bent = [Camera(*SIZE, c.K, (*c.D, 0.01, 0.02, 0.03, 0.04), "rational_polynomial") for c in (LEFT, RIGHT)]
+    check(
+        write(tmp_path / "r.json", basalt([("pinhole-radtan8", numbers(c, names)) for c in bent], SIZE)),
+        StereoRig(*bent, POSE),
+    )
+    with pytest.raises(
+        ConfigError, match=r"intrinsics\[0\].camera_type 'ftheta' is not supported; supported are pinhole, kb4"
+    ):
+        StereoRig.from_calibration(write(tmp_path / "f.json", basalt([("ftheta", {})] * 2, SIZE)))
+
+
+@pytest.mark.parametrize("kind", ["PinHole", "KannalaBrandt8", "Rectified", "version 2"])
+def test_orb_slam_settings(tmp_path, kind):
+    """T_c1_c2 carries points of the right camera into the left one, as its examples of EuRoC say."""
+    lines = ["%YAML:1.0", "---", f'Camera.type: "{kind}"', f"Camera.width: {SIZE[0]}", f"Camera.height: {SIZE[1]}"]
+    rig = RIG
+    if kind in ("PinHole", "KannalaBrandt8"):
+        names = ("k1", "k2", "p1", "p2") if kind == "PinHole" else ("k1", "k2", "k3", "k4")
+        if kind != "PinHole":
+            rig = StereoRig(*(Camera(*SIZE, c.K, c.D, "equidistant") for c in (LEFT, RIGHT)), POSE)
+        for n, camera in ((1, rig.left), (2, rig.right)):
+            lines += [f"Camera{n}.{key}: {float(value)}" for key, value in numbers(camera, names).items()]
+        data = [float(x) for x in se3.inverse(POSE).ravel()]
+        lines += [f"Stereo.T_c1_c2: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: f\n   data: {data}"]
+    else:
+        straight = Camera(*SIZE, LEFT.K, (), "none")
+        rig = StereoRig(straight, straight, se3.exp([-0.11, 0, 0, 0, 0, 0]))
+        name = "Camera1" if kind == "Rectified" else "Camera"
+        lines += [f"{name}.{key}: {float(value)}" for key, value in numbers(straight, ()).items()]
+        lines += ["Stereo.b: 0.11"] if kind == "Rectified" else [f"Camera.bf: {0.11 * LEFT.K[0, 0]}"]
+        if kind != "Rectified":
+            lines.remove('Camera.type: "version 2"')
+    check(write(tmp_path / "EuRoC.yaml", "\n".join(lines) + "\n"), rig, atol=1e-6)  # floats of 32 bits
+
+
+def test_arrays_of_numpy(tmp_path):
+    pair = {"mtxL": LEFT.K, "distL": np.array([LEFT.D]), "mtxR": RIGHT.K, "distR": np.array([RIGHT.D])}
+    np.savez(tmp_path / "stereo.npz", **pair, R=POSE[:3, :3], T=POSE[:3, 3:], imageSize=np.array(SIZE))
+    check(tmp_path / "stereo.npz")
+    check(tmp_path)
+    np.savez(tmp_path / "objects.npz", M1=np.array([{}], dtype=object))
+    with pytest.raises(ConfigError, match=r"objects\.npz is not a file of np\.savez with arrays of numbers"):
+        StereoRig.from_calibration(tmp_path / "objects.npz")
+
+
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
 def test_opencv_stereo_calibrate(tmp_path, suffix):
     r1, r2, p1, p2 = rectification()
@@ -194,7 +325,7 @@ def test_a_log_tells_the_size_that_a_calibration_does_not(tmp_path):
 
 BROKEN = {
     "no rotation": (lambda: kalibr(LEFT, RIGHT).replace(repr(float(POSE[0, 0])), "3.5"), "T_cn_cnm1 is not a rotation"),
-    "model": (lambda: kalibr(LEFT, RIGHT).replace("pinhole", "omni", 1), "cam0.camera_model 'omni' is not supported"),
+    "model": (lambda: kalibr(LEFT, RIGHT).replace("pinhole", "fov", 1), "cam0.camera_model 'fov' is not supported"),
     "lens": (lambda: kalibr(LEFT, RIGHT, "fov"), "distortion model 'fov' is not supported; supported are .*radtan"),
     "one camera": (lambda: kalibr(LEFT, RIGHT).split("cam1:")[0], "cam1 is missing"),
     "no chain": (lambda: kalibr(LEFT, RIGHT).split("  T_cn_cnm1")[0], "cam1.T_cn_cnm1.* is missing"),

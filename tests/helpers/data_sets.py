@@ -98,3 +98,55 @@ def _write_sensor(folder: Path, body_from_cam: np.ndarray) -> None:
         "distortion_model: radial-tangential\n"
         "distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]\n"
     )
+
+
+def write_tum_vi(folder: Path) -> np.ndarray:
+    """As TUM-VI in EuRoC's form: no sensor.yaml, one camchain beside mav0, poses of the body by motion capture."""
+    poses = write_euroc(folder)
+    mav = folder / "mav0"
+    for name in ("cam0", "cam1"):
+        (mav / name / "sensor.yaml").unlink()
+    (mav / "state_groundtruth_estimate0").rename(mav / "mocap0")
+    cameras = []
+    for n, pose in enumerate((BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(RIGHT_FROM_LEFT))):
+        from_imu = "".join(f"  - {row}\n" for row in se3.inverse(pose).tolist())
+        cameras.append(
+            f"cam{n}:\n  T_cam_imu:\n{from_imu}  camera_model: pinhole\n  intrinsics: [60.1, 60.2, 31.5, 23.5]\n"
+            "  distortion_model: equidistant\n  distortion_coeffs: [0.003, 0.0007, -0.002, 0.0002]\n"
+            f"  resolution: [{WIDTH}, {HEIGHT}]\n"
+        )
+    (folder / "dso").mkdir()
+    (folder / "dso" / "camchain.yaml").write_text("".join(cameras))
+    return poses
+
+
+def write_kitti_raw(date: Path) -> Path:
+    """As a synchronised, rectified drive of KITTI's raw data; beside it the calibration, with rows of other kinds."""
+    drive = date / f"{date.name}_drive_0001_sync"
+    for n in (0, 1):
+        for i in range(3):
+            write_picture(drive / f"image_0{n}" / "data" / f"{i:010d}.png")
+        times = "".join(f"2011-09-26 13:02:25.{t}\n" for t in ("594360375", "697915000", "801500000"))
+        (drive / f"image_0{n}" / "timestamps.txt").write_text(times)
+    k = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
+    rows = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.950000e-02"]
+    for n, x in enumerate((0.0, -0.54)):
+        numbers = " ".join(repr(float(v)) for v in (k @ np.c_[np.eye(3), [x, 0, 0]]).ravel())
+        rows += [f"S_0{n}: 1.392000e+03 5.120000e+02", f"D_0{n}: -3.7e-01 2.0e-01 1.3e-03 1.2e-03 -7.2e-02"]
+        rows += [f"S_rect_0{n}: 6.4e+01 4.8e+01", f"P_rect_0{n}: {numbers}"]
+    (date / "calib_cam_to_cam.txt").write_text("\n".join(rows) + "\n")
+    return drive
+
+
+def write_tartanair(folder: Path, names: tuple[str, str, str]) -> np.ndarray:
+    """A trajectory of three frames; returns the poses of the camera in the first one, in its own axes."""
+    camera_path = se3.exp(np.array([[0, 0, 0, 0, 0, 0], [0.1, 0, 0.3, 0, 0.1, 0], [0.2, 0.1, 0.6, 0.1, 0.2, 0]]))
+    for n in range(3):
+        for name in names[:2]:
+            write_picture(folder / name / f"{n:06d}_{name.split('_')[1]}.png")
+    body_from_cam = se3.from_rotation_translation(np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0.0]]), np.zeros(3))
+    ned = body_from_cam @ camera_path @ se3.inverse(body_from_cam)
+    quats = se3.quat_xyzw_from_matrix(ned[:, :3, :3])
+    lines = (" ".join(repr(float(x)) for x in [*p, *q]) for p, q in zip(ned[:, :3, 3], quats, strict=True))
+    (folder / names[2]).write_text("\n".join(lines) + "\n")
+    return camera_path

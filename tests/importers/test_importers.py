@@ -1,5 +1,7 @@
 """Small data sets made here become logs that read back as they were: bytes, stamps, rig, ground truth."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -8,10 +10,13 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
+from stream_sfm.recording.images import decode_grey
+from stream_sfm.sources.image_files import read_image
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
     EUROC_STAMPS_NS,
     RIGHT_FROM_LEFT,
+    camera_pair,
     write_euroc,
     write_kitti,
     write_picture,
@@ -99,6 +104,52 @@ def test_what_is_wrong_is_named_and_nothing_is_left(tmp_path):
     assert not list(tmp_path.glob("o.mcap*"))
 
 
+@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".tiff"])
+@pytest.mark.parametrize("kind", ["grey", "deep", "colour"])
+def test_images_that_no_log_holds_become_png_without_loss(tmp_path, suffix, kind, cli):
+    if (suffix, kind) == (".bmp", "deep"):
+        pytest.skip("BMP has 8 bits")
+    rng, shape = np.random.default_rng(3), (48, 64, 3) if kind == "colour" else (48, 64)
+    pictures = {}
+    for side in ("left", "right"):
+        (tmp_path / "r" / side).mkdir(parents=True)
+        for n in range(2):
+            top = 2**16 if kind == "deep" else 2**8
+            pictures[side, n] = rng.integers(0, top, shape).astype(np.uint16 if kind == "deep" else np.uint8)
+            cv2.imwrite(str(tmp_path / "r" / side / f"{n}{suffix}"), pictures[side, n])
+    (tmp_path / "r/c.toml").write_text(camera_pair().to_toml())
+    cli("import", "images", "--left", tmp_path / "r/left", "--calibration", tmp_path / "r/c.toml",
+        "--right", tmp_path / "r/right", tmp_path / "o.mcap")  # fmt: skip
+    for log in (sfm.open_log(tmp_path / "r"), sfm.open_log(tmp_path / "o.mcap")):
+        for n, pair in enumerate(log.pairs()):
+            for side, message in (("left", pair.left), ("right", pair.right)):
+                grey = pictures[side, n]
+                if kind == "colour":
+                    grey = cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
+                assert message.encoding == "png"
+                assert abs(decode_grey(message).astype(int) - grey).max() <= (kind == "colour")
+        assert len(list(log.frames())) == 2
+
+
+def test_a_header_that_declares_gigabytes_is_refused(tmp_path):
+    for name, data in (
+        ("0.bmp", b"BM" + bytes(16) + struct.pack("<ii", 60000, 60000) + bytes(40)),
+        ("0.tif", b"II*\0" + struct.pack("<IHHHIIHHII", 8, 2, 256, 4, 1, 60000, 257, 4, 1, 60000) + bytes(40)),
+    ):
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(sfm.LogError, match="this image of 60000×60000 pixels cannot be decoded"):
+            read_image(tmp_path / name)
+
+
+def test_a_baseline_in_millimetres_is_asked_about_at_import(tmp_path, cli):
+    names = ["1.png", "2.png"]
+    files = _folders(tmp_path, names, names)
+    (tmp_path / "c.toml").write_text(camera_pair(se3.exp([-120.0, 0, 0, 0, 0, 0])).to_toml())
+    command = ["--left", *files[0], "--right", *files[1], "--calibration", tmp_path / "c.toml"]
+    said = cli("import", "images", *command, tmp_path / "o.mcap").err
+    assert said.count("120 m: are these millimetres?") == 1
+
+
 def _folders(tmp_path, left, right):
     """Images of these names on each side, and a calibration."""
     k = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
@@ -163,7 +214,7 @@ def test_images_of_another_size_or_kind_are_named(tmp_path):
     with pytest.raises(sfm.InputError, match=r"r/1\.png is 32×24, the calibration is for 64×48"):
         import_images(*give)
     (tmp_path / "r" / "1.png").write_bytes(b"GIF89a")
-    with pytest.raises(sfm.InputError, match=r"r/1\.png is not a PNG, JPEG or WebP image: convert"):
+    with pytest.raises(sfm.InputError, match=r"r/1\.png is not a PNG, JPEG, WebP, BMP or TIFF image: convert"):
         import_images(*give)
     with pytest.raises(sfm.InputError, match=r"x\* matches no left image"):
         import_images(str(tmp_path / "x*"), *give[1:])

@@ -41,7 +41,7 @@ HOMES = {
         "frontend",
         "dense",
         "recording",
-        "sources/devices.py",
+        "sources",
         "importers",
         "inspection",
         "report",

@@ -7,7 +7,19 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_kitti
 from stream_sfm.inspection import inspect_log
-from tests.helpers.data_sets import camera_pair, write_euroc, write_image_folders, write_kitti, write_picture
+from tests.helpers.data_sets import (
+    BODY_FROM_LEFT,
+    EUROC_STAMPS_NS,
+    RIGHT_FROM_LEFT,
+    camera_pair,
+    write_euroc,
+    write_image_folders,
+    write_kitti,
+    write_kitti_raw,
+    write_picture,
+    write_tartanair,
+    write_tum_vi,
+)
 
 
 def check_same(folder, imported):
@@ -37,6 +49,60 @@ def test_an_euroc_recording(tmp_path):
     for folder in (tmp_path / "MH", tmp_path / "MH" / "mav0"):
         log, other = check_same(folder, tmp_path / "mh.mcap")
         np.testing.assert_array_equal(log.ground_truth().world_from_cam, other.ground_truth().world_from_cam)
+
+
+def test_tum_vi_is_laid_out_like_euroc_with_one_calibration_for_all(tmp_path):
+    world_from_body = write_tum_vi(tmp_path / "room1")
+    log = sfm.open_log(tmp_path / "room1")
+    np.testing.assert_allclose(log.rig.right_from_left, RIGHT_FROM_LEFT, atol=1e-9)
+    assert log.rig.left.distortion_model == "equidistant" and len(list(log.frames())) == 2
+    np.testing.assert_allclose(log.ground_truth().world_from_cam, world_from_body @ BODY_FROM_LEFT, atol=1e-9)
+
+
+def test_euroc_without_any_calibration_takes_the_one_that_is_given(tmp_path):
+    """And without tables, where the names are the stamps; as a sample of another system has it."""
+    write_euroc(tmp_path / "MH")
+    for camera in (tmp_path / "MH/mav0/cam0", tmp_path / "MH/mav0/cam1"):
+        (camera / "sensor.yaml").unlink()
+    with pytest.raises(sfm.LogError, match="calibration"):
+        sfm.open_log(tmp_path / "MH")
+    log = sfm.open_log(tmp_path / "MH", calibration=camera_pair())
+    assert [f.stamp_ns for f in log.frames()] == EUROC_STAMPS_NS[:2] and log.ground_truth() is None
+    assert any("is not used: no calibration says where the camera is on the body" in w for w in log.stats.warnings)
+    (tmp_path / "MH/mav0/cam1/data.csv").unlink()
+    again = sfm.open_log(tmp_path / "MH", calibration=camera_pair())
+    assert [f.stamp_ns for f in again.frames()] == EUROC_STAMPS_NS[:2]
+
+
+def test_a_drive_of_kittis_raw_data(tmp_path):
+    drive = write_kitti_raw(tmp_path / "2011_09_26")
+    log = sfm.open_log(drive)
+    first_ns = 1317042145594360375  # 2011-09-26 13:02:25.594360375
+    assert [f.stamp_ns - first_ns for f in log.frames()] == [0, 103_554_625, 207_139_625]
+    assert log.rig.baseline_m == pytest.approx(0.54) and log.rig.left.K[0, 0] == 70
+    assert inspect_log(drive)["format"] == "KITTI raw"
+    (tmp_path / "2011_09_26/calib_cam_to_cam.txt").unlink()
+    with pytest.raises(sfm.LogError, match=r"has no calib_cam_to_cam\.txt: it is a part of the data set"):
+        import_kitti(drive, tmp_path / "o.mcap")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("image_left", "image_right", "pose_left.txt"),
+        ("image_lcam_front", "image_rcam_front", "pose_lcam_front.txt"),
+    ],
+)
+def test_a_trajectory_of_tartanair(tmp_path, names):
+    expected = write_tartanair(tmp_path / "P001", names)
+    log = sfm.open_log(tmp_path / "P001")
+    assert (
+        len(list(log.frames())) == 3 and log.rig.baseline_m == 0.25 and log.rig.left.K[0].tolist() == [320, 0, 32]
+    )
+    np.testing.assert_allclose(log.ground_truth().world_from_cam, expected, atol=1e-9)
+    (tmp_path / "P001" / names[2]).write_text("0 0 0 0 0 0 1\n")
+    with pytest.raises(sfm.LogError, match="has 1 poses for 3 images"):
+        sfm.open_log(tmp_path / "P001")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,12 @@
 
 import re
 import reprlib
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,6 +30,7 @@ MAX_BYTES = 2**20  # calibration files are kilobytes
 _MAX_TOML_BYTES = 2**16
 _MAX_YAML_CHARACTERS = 2**18  # which take the parser seconds
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
+_YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
 # KITTI: a name and at least three numbers.
 _ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
 _ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: files give as few as four digits
@@ -92,8 +97,8 @@ class Document:
         """
         if (model := table.get("camera_model", "pinhole")) != "pinhole":
             raise self.error(
-                f"{where}camera_model {model!r} is not supported, only pinhole: calibrate with pinhole-radtan or "
-                "pinhole-equi"
+                f"{where}camera_model {model!r} is not supported, only pinhole (of Kalibr omni, eucm and ds as "
+                "well): calibrate with pinhole-radtan or pinhole-equi"
             )
         fx, fy, cx, cy = self.numbers(table.get("intrinsics"), f"{where}intrinsics", (4,))
         width, height = self.numbers(table.get("resolution"), f"{where}resolution", (2,))
@@ -162,11 +167,17 @@ def load(content: bytes, name: str | Path) -> Document:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
     if name.lower().endswith(".toml") or _TOML_SECTION.search(content):
         return Document(name, _load_toml(content, name), is_toml=True)
+    if content.startswith(b"PK"):
+        return Document(name, _load_npz(content, name))
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ConfigError(f"calibration {name} is not a text file") from None
-    if text.lstrip().startswith("%YAML:") or "opencv-matrix" in text or "<opencv_storage" in text:
+    of_opencv = _YAML_OF_OPENCV.match(text)
+    if of_opencv and "opencv-matrix" not in text:  # its head on a file that its parser need not take
+        with suppress(ConfigError):
+            return Document(name, _load_yaml(text[of_opencv.end() :], name))
+    if of_opencv or "opencv-matrix" in text or "<opencv_storage" in text:
         return Document(name, _load_opencv(text, name))
     if rows := dict(_ROW.findall(text)):
         return Document(name, {key: row.split() for key, row in rows.items()})
@@ -180,6 +191,18 @@ def _load_toml(content: bytes, name: str) -> dict[str, Any]:
         return parse_toml(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"calibration {name} is not TOML: {error}") from None
+
+
+def _load_npz(content: bytes, name: str) -> dict[str, Any]:
+    """Arrays that np.savez has written; nothing in them is executed."""
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                raise ValueError("it holds large arrays")
+        with np.load(BytesIO(content), allow_pickle=False) as arrays:
+            return {key: arrays[key].tolist() for key in arrays.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise ConfigError(f"calibration {name} is not a file of np.savez with arrays of numbers: {error}") from None
 
 
 def _load_yaml(text: str, name: str) -> dict[str, Any]:

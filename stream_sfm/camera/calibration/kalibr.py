@@ -3,10 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
 from .document import Document, Pair, Size
+from .lenses import MODELS, nearest_fisheye
 
 NAME = "Kalibr camchain (YAML)"
 FILES = 1
@@ -30,6 +33,12 @@ def left(documents: Sequence[Document], size: Size | None) -> Camera:
     return _camera(documents[0], "cam0")
 
 
+def body_from_left(document: Document) -> Array | None:
+    """The pose (4, 4) of cam0 on the IMU, where the file tells it."""
+    pose = (document.data.get("cam0") or {}).get("T_cam_imu")
+    return None if pose is None else np.asarray(se3.inverse(document.pose(pose, "cam0.T_cam_imu")))
+
+
 def _right_from_left(document: Document) -> Array:
     first, second = document.data["cam0"], document.data["cam1"]
     if "T_cn_cnm1" in second:
@@ -41,4 +50,17 @@ def _right_from_left(document: Document) -> Array:
 
 
 def _camera(document: Document, name: str) -> Camera:
-    return document.pinhole(document.data[name], f"{name}.", "distortion_coeffs", "none")
+    table, where = document.data[name], f"{name}."
+    model = table.get("camera_model", "pinhole")
+    if model not in MODELS:
+        return document.pinhole(table, where, "distortion_coeffs", "none")
+    if (lens := table.get("distortion_model", "none")) != "none" and not (model == "omni" and lens == "radtan"):
+        raise document.error(f"{where}distortion_model {lens!r} of a {model} camera is not supported, only none")
+    names = MODELS[model][0]
+    numbers = document.numbers(table.get("intrinsics"), f"{where}intrinsics", (len(names) + 4,))
+    width, height = document.numbers(table.get("resolution"), f"{where}resolution", (2,))
+    d = document.numbers(table.get("distortion_coeffs") or [], f"{where}distortion_coeffs", None)
+    fx, fy, cx, cy = numbers[len(names) :]
+    k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    values = dict(zip(names, numbers.tolist(), strict=False))
+    return nearest_fisheye(document, where, model, (int(width), int(height)), k, values, d)

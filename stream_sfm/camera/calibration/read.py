@@ -8,13 +8,13 @@ from typing import TypeAlias
 from ...errors import ConfigError
 from ...inputs import read_small
 from ..models import Camera
-from . import euroc, kalibr, kitti, opencv, ros, toml_file
+from . import basalt, euroc, kalibr, kitti, opencv, orb_slam, ros, toml_file
 from .document import MAX_BYTES, Document, Format, Pair, Size, load
 
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
-FORMATS: tuple[Format, ...] = (toml_file, kalibr, ros, euroc, kitti, opencv)
-_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt")
+FORMATS: tuple[Format, ...] = (toml_file, kalibr, basalt, orb_slam, ros, euroc, kitti, opencv)
+_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 

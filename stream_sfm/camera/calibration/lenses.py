@@ -1,0 +1,84 @@
+"""Lenses of other tools as those that a `Camera` has: the same at once, or the fisheye that is nearest over the image.
+
+Double sphere (Usenko et al., The Double Sphere Camera Model, eq. 40), EUCM (Khomutenko et al., 2016) and the
+omnidirectional model (Mei and Rives, 2007) bend rays by their angle to the axis, as a fisheye with four coefficients
+does: over an image both are the same within thousandths of a pixel. What is left are tangential coefficients of omni,
+some tenths in the corners, which a fisheye has not; they are of a kind that the window finds for itself.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ...geometry.se3 import Array
+from ..models import Camera
+from .document import Document, Size
+
+_WIDEST_RAD = np.radians(100)  # from the axis
+_RINGS, _SPOKES, _POWERS = 60, 48, 5
+_MOST_APART_PX = 0.5  # anywhere in the image; with .0004, as of KITTI-360, it is .33
+_FEWEST = 200  # of the rays that must be in the image
+
+
+def _double_sphere(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
+    along = p["xi"] + z
+    return p["alpha"] * np.sqrt(x * x + y * y + along * along) + (1 - p["alpha"]) * along
+
+
+def _eucm(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
+    return p["alpha"] * np.sqrt(p["beta"] * (x * x + y * y) + z * z) + (1 - p["alpha"]) * z
+
+
+def _omni(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
+    return p["xi"] + z
+
+
+# Name -> the parameters in front of Kalibr's focal lengths, and by what a unit ray is divided.
+Divisor = Callable[[Array, Array, Array, Mapping[str, float]], Array]
+MODELS: dict[str, tuple[tuple[str, ...], Divisor]] = {
+    "ds": (("xi", "alpha"), _double_sphere),
+    "eucm": (("alpha", "beta"), _eucm),
+    "omni": (("xi",), _omni),
+}
+
+
+def nearest_fisheye(
+    document: Document, where: str, model: str, size: Size, k: Array, values: Mapping[str, float], d: Array
+) -> Camera:
+    """The camera of K (3, 3), the parameters of one of `MODELS` and, of omni, radtan coefficients `d`.
+
+    Raises ConfigError where no fisheye is the same over the image.
+    """
+    theta = np.repeat(np.linspace(0.01, _WIDEST_RAD, _RINGS), _SPOKES)
+    phi = np.tile(np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False), _RINGS)
+    x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+    divisor = MODELS[model][1](x, y, z, values)
+    seen = divisor > 0
+    mx, my = x[seen] / divisor[seen], y[seen] / divisor[seen]
+    k1, k2, p1, p2 = (*d, *4 * [0.0])[:4]
+    r2 = mx * mx + my * my
+    radial = 1 + r2 * (k1 + r2 * k2)
+    u = k[0, 0] * (mx * radial + 2 * p1 * mx * my + p2 * (r2 + 2 * mx * mx)) + k[0, 2]
+    v = k[1, 1] * (my * radial + p1 * (r2 + 2 * my * my) + 2 * p2 * mx * my) + k[1, 2]
+    inside = (u >= 0) & (u < size[0]) & (v >= 0) & (v < size[1])
+    if inside.sum() < _FEWEST:
+        raise document.error(
+            f"{where}{model} with {dict(values)} puts hardly any ray into the image of {size[0]}×{size[1]}"
+        )
+    u, v, theta, phi = u[inside], v[inside], theta[seen][inside], phi[seen][inside]
+    bends = theta[:, None] ** (2 * np.arange(_POWERS) + 1)
+    ratio, n = k[1, 1] / k[0, 0], len(u)
+    one, zero = np.ones((n, 1)), np.zeros((n, 1))
+    design = np.block(
+        [[bends * np.cos(phi)[:, None], one, zero], [ratio * bends * np.sin(phi)[:, None], zero, one]]
+    )
+    found = np.linalg.lstsq(design, np.r_[u, v], rcond=None)[0]
+    apart = np.linalg.norm((design @ found - np.r_[u, v]).reshape(2, n), axis=0).max()
+    if apart > _MOST_APART_PX:
+        raise document.error(
+            f"{where}{model}: this lens is up to {apart:.2f} px from every one that is supported: calibrate with "
+            "pinhole-equi"
+        )
+    f, cx, cy = found[[0, _POWERS, _POWERS + 1]]
+    fitted = np.array([[f, 0, cx], [0, ratio * f, cy], [0, 0, 1]])
+    return document.camera(size, fitted, "equidistant", (found[1:_POWERS] / f).tolist())
