@@ -141,6 +141,4 @@ def _without_rig_error(observations: Observations, last: Solution) -> Array:
     """The views without what the method has found out about the rig."""
     if observations.rig is None or last.rig is None:
         return observations.z_px
-    return np.asarray(
-        observations.z_px - observations.rig.model.effects(observations.z_px, age_s=last.rig.age_s) @ last.rig.mean
-    )
+    return observations.z_px - observations.rig.model.error_px(last.rig, observations.z_px)

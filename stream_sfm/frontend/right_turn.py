@@ -79,7 +79,7 @@ def _over_image(projection: StereoProjection, rad: Array) -> Array:
 
 def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     """An estimate in units of the terms, with a turn (3,) that has been taken out of the views."""
-    turned = np.zeros(len(rig))
+    turned = np.zeros(len(estimate.mean))
     turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
     return replace(
         estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0

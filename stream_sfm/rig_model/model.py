@@ -70,6 +70,7 @@ class RigModel:
     already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which row of
     the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle.
     `known_timing`: what is known of delay and readout beforehand; the views have it, as it depends on their velocities.
+    `has_field`: otherwise there are no amplitudes but those of the terms.
     """
 
     projection: StereoProjection
@@ -78,6 +79,7 @@ class RigModel:
     refined: bool
     row_of: Callable[[Array], Array] | None = None
     known_timing: KnownTiming | None = None
+    has_field: bool = True
 
     @classmethod
     def of(
@@ -98,11 +100,19 @@ class RigModel:
         return cls(projection, root, known, refinement is not None, row_of, known_timing)
 
     def __len__(self) -> int:
-        return len(TERMS) + _FIELD_MOVES.shape[1] * len(self._field)
+        return len(TERMS) + (_FIELD_MOVES.shape[1] * len(self._field) if self.has_field else 0)
 
     @property
     def _field(self) -> Field:
         return field_over(self.projection.width, self.projection.height)
+
+    def without_field(self) -> "RigModel":
+        """Return the terms alone."""
+        return replace(self, has_field=False)
+
+    def field_at(self, z_px: Array) -> Array:
+        """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
+        return self._field.at(z_px[:, :2]) if self.has_field else np.empty((len(z_px), 0))
 
     def effects(self, z_px: Array, velocity_px_s: Array | None = None, age_s: Array | float = 0.0) -> Array:
         """Return what amplitudes of 1 do to views (n, 4) that move with (n, 4): (n, 4, m) px; 0 for a missing side.
@@ -120,7 +130,11 @@ class RigModel:
         """Return the `effects` without writing the field out for each of its parts."""
         row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
         terms = product(columns(self.projection, z_px, velocity_px_s, row, age_s), self.root)
-        return RigEffects(terms, self._field.at(z_px[:, :2]))
+        return RigEffects(terms, self.field_at(z_px))
+
+    def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:
+        """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""
+        return self.effects(z_px, age_s=estimate.age_s)[..., : len(estimate.mean)] @ estimate.mean
 
     def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
@@ -154,10 +168,10 @@ class RigModel:
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
         """Return an estimate of amplitudes as the whole error of the calibration now, in units of its terms and px."""
-        t = len(TERMS)
-        root = np.eye(len(self))
+        m, t = len(estimate.mean), len(TERMS)
+        root = np.eye(m)
         root[:t, :t] = growth(self.projection, estimate.age_s) @ self.root
-        known = np.concatenate([self.known, np.zeros(len(self) - t)])
+        known = np.concatenate([self.known, np.zeros(m - t)])
         return replace(
             estimate,
             mean=known + root @ estimate.mean,

@@ -99,5 +99,5 @@ def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) ->
     seen = observed.observations
     if lane.rig is not None or learnt is None or seen.rig is None:
         return observed
-    z_px = seen.z_px - seen.rig.timing_px - seen.rig.model.effects(seen.z_px, age_s=learnt.age_s) @ learnt.mean
+    z_px = seen.z_px - seen.rig.timing_px - seen.rig.model.error_px(learnt, seen.z_px)
     return replace(observed, observations=replace(seen, z_px=z_px))

@@ -216,11 +216,11 @@ def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_f
     q = current.q[np.searchsorted(current.ids, prior.ids)]
     points = homogeneous_from_q(q)
     rows = np.searchsorted(first.track_ids, prior.ids)
-    c = current.rig_error
-    at_rest = effects = first.rig.model.effects(flight.P.project_homogeneous(points))
+    c, model = current.rig_error, first.rig.model.without_field()
+    at_rest = effects = model.effects(flight.P.project_homogeneous(points))
     for _ in range(5):  # effects are taken where a view is expected, errors and all
         expected_px = flight.P.project_homogeneous(points) + effects @ c
-        effects = first.rig.model.effects(expected_px, velocities(flight.P, points, twist))
+        effects = model.effects(expected_px, velocities(flight.P, points, twist))
     assert np.abs(effects - at_rest).max() > 0.1  # px per σ: velocities matter here
     by_q = np.stack(
         [(_projected(flight.P, q + h) - _projected(flight.P, q - h)) / 2e-6 for h in 1e-6 * np.eye(3)], 2
@@ -245,3 +245,22 @@ def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_f
 
 def _projected(projection: StereoProjection, q: Array) -> Array:
     return projection.project_homogeneous(homogeneous_from_q(q))
+
+
+def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the_start() -> None:
+    """As long as all frames are in the window; before, and in a rig without a field, there are no amplitudes of one."""
+    sequence = SCENE.sequence(np.random.SeedSequence(0))
+    observations = seen(sequence, np.zeros(M))[:8]
+    estimators = [CrossFrame(sequence.projection, Config()) for _ in range(3)]
+    for o in observations:
+        assert o.rig is not None
+        late, early, none = (
+            estimator.step(replace(o, rig=replace(o.rig, field_std_px=std_px)))
+            for estimator, std_px in zip(estimators, (0.1 if o.frame_index > 4 else 0.0, 0.1, 0.01), strict=True)
+        )
+    assert late.rig is not None and early.rig is not None and none.rig is not None
+    assert len(none.rig.mean) == len(TERMS) < len(late.rig.mean) == len(early.rig.mean)
+    std = np.sqrt(np.diag(early.cov_pose))
+    apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
+    assert (apart < 1e-3 * std).all()
+    assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-3)

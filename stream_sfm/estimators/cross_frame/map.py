@@ -358,6 +358,15 @@ class Map:
         own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 
+    def begin_field(self, model: RigModel) -> None:
+        """Take in that the rig has a field of errors, which the views of the window have then, too."""
+        for frame in (*self.frames, *([] if self._first is None else [self._first])):
+            frame.rig = model
+            frame.rig_effects = RigEffects(frame.rig_effects.terms, model.field_at(frame.z_px))
+        n = len(model) - len(self.prior.rig)
+        self.prior = self.prior.with_field(n)
+        self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
+
     def change_rig(self, root: Array) -> None:
         """Take in that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).
 

@@ -181,6 +181,12 @@ class Prior:
         world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
         return replace(self, modes=modes, world_modes=world_modes, rig=rig)
 
+    def with_field(self, n: int) -> "Prior":
+        """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
+        modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
+        world_modes = np.concatenate([self.world_modes, np.zeros((6, n))], axis=1)
+        return replace(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
+
     def with_rig_change(self, root: Array) -> "Prior":
         """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
 

@@ -109,6 +109,24 @@ class RigKnowledge:
         u[:, m:] = u[:, m:] @ np.linalg.cholesky(np.eye(root.shape[1]) + np.outer(offset[m:], offset[m:]))
         return replace(self, root=r[:m].T, offset=offset[:m], steady=False), u
 
+    def with_field(self, n: int) -> "RigKnowledge":
+        """Return the knowledge with n more errors, of a field of which nothing has been seen."""
+        m, none, least = len(self), np.zeros(n), np.full(n, _LEAST_FIELD_PX)
+        root, cov = np.zeros((2, m + n, m + n))
+        root[:m, :m], cov[:m, :m] = self.root, self.cov_held
+        root[range(m, m + n), range(m, m + n)] = least
+        cov[range(m, m + n), range(m, m + n)] = least**2
+        return replace(
+            self,
+            mean=np.concatenate([self.mean, none]),
+            root=root,
+            offset=np.concatenate([self.offset, none]),
+            size=np.concatenate([self.size, least]),
+            held=np.concatenate([self.held, none]),
+            cov_held=cov,
+            sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
+        )
+
     def after(self, amplitudes: Array, root: Array, step: Array) -> "RigKnowledge":
         """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
 

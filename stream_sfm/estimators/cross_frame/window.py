@@ -29,6 +29,9 @@ from .relative import common_errors, relative_motions
 from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame
 
+# σ of the field beyond which a rig has one. Rendered images make it .017 px at the most, real ones more within four
+# frames; all that has to do with the rig is done for 20 errors instead of a hundred.
+_HAS_FIELD_PX = 0.02
 _NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
 
 
@@ -51,6 +54,7 @@ class CrossFrame:
         self._std_acceleration = np.repeat(
             [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2], 3
         )
+        self._has_field = False
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right; once said, it stays
 
@@ -63,6 +67,7 @@ class CrossFrame:
 
     def _take(self, observations: Observations) -> Solution:
         """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
+        observations = self._with_errors_in_use(observations)
         frame = WindowFrame.from_observations(observations, self.projection)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
@@ -112,6 +117,22 @@ class CrossFrame:
         while self.map.frames:
             absorb_oldest_frame(self.map)
         self.map.change_rig(root)
+
+    def _with_errors_in_use(self, observations: Observations) -> Observations:
+        """Return the observations of a rig without a field, until there is one."""
+        view = observations.rig
+        if view is None:
+            return observations
+        if view.field_std_px > _HAS_FIELD_PX and not self._has_field:
+            self._has_field = True
+            if self.map is not None:
+                self.map.begin_field(view.model)
+            elif self.rig is not None:
+                self.rig = self.rig.with_field(len(view.model) - len(self.rig))
+        if self._has_field:
+            return observations
+        root = None if view.change_root is None else view.change_root[: len(TERMS)]
+        return replace(observations, rig=replace(view, model=view.model.without_field(), change_root=root))
 
     def _listen_to_rows(self, observations: Observations) -> None:
         """Take what the rows say of the delay: they depend on neither depth nor motion, and are not used elsewhere."""
