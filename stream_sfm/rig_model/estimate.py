@@ -7,7 +7,7 @@ import numpy as np
 from ..camera.refinement import TERMS as LENS_TERMS
 from ..camera.refinement import Refinement
 from ..geometry.se3 import Array
-from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
+from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
 _TOLD = 5.0  # standard deviations from which on an error is put into words
 
@@ -67,8 +67,7 @@ class RigEstimate:
             found.append(
                 f"the focal length {grows} by {100 * abs(focusing[0]):.3f} ± {100 * focusing[1]:.3f} % per second"
             )
-        at = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
-        rate, cov = self.mean[at], self.cov[at, at]
+        rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
         if rate @ np.linalg.solve(cov, rate) > _TOLD**2:
             size = float(np.linalg.norm(rate))
             std = float(np.sqrt(rate @ cov @ rate)) / size

@@ -14,7 +14,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .estimate import RigEstimate
 from .field import Field, field_over
-from .terms import DELAY, READOUT, TERMS, columns, growth, prior_std, terms_of_turn
+from .terms import AT_TIMING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
@@ -138,16 +138,14 @@ class RigModel:
 
     def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
-        at = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
-        unit = self.root[at, at]
+        at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
         return unit @ mean[at], unit @ (cov[at, at] + _LEAST_VARIANCE * np.eye(2)) @ unit.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
         mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
         if self.known_timing is not None:
-            at = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
-            unit = np.diag(self.root)[at]
+            at, unit = AT_TIMING, np.diag(self.root)[AT_TIMING]
             mean[at], size[at], learnt[at] = self.known_timing.mean / unit, self.known_timing.std / unit, False
         return mean, size, learnt
 

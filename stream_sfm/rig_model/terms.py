@@ -21,7 +21,8 @@ from .turns import effects_of_turn, far_right_px
 FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
 TURNING, FOCUSING = ("turning x", "turning y", "turning z"), "focusing"
 TERMS = (*LENS_TERMS, FOCAL, DELAY, READOUT, *TURNING, FOCUSING)
-_AT_TURNING = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
+AT_TIMING = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
+AT_TURNING = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
 DISPARITY = slice(0, 6)  # the polynomial of the disparity
 
 
@@ -69,6 +70,6 @@ def terms_of_turn(projection: StereoProjection) -> Array:
 def growth(projection: StereoProjection, age_s: float) -> Array:
     """Return the matrix (t, t) that makes errors at the start, with their rates, those of a time later."""
     grown = np.eye(len(TERMS))
-    grown[:, _AT_TURNING] += age_s * terms_of_turn(projection)
+    grown[:, AT_TURNING] += age_s * terms_of_turn(projection)
     grown[TERMS.index(FOCAL), TERMS.index(FOCUSING)] = age_s
     return grown

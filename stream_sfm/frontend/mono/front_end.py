@@ -44,7 +44,7 @@ class MonoFrontEnd:
         self.setup = Setup(projection, config)
         self.start = FrontEndState(
             aligners={1: TemplateAligner.empty(config.frontend, valid)},
-            timing=Timing.unknown(projection, RigConfig(exact=True), None),  # there is no right camera that is late
+            timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera is not late
             rows=Rows.unknown(projection, config),
             turn=RightTurn(projection),
             turn_watch=None,
