@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .camera.axes import RectifiedAxes
 from .camera.models import Camera
-from .camera.pixels import FEWEST_BITS, Grey, bits_used, image_problem, to_grey, to_uint8
+from .camera.pixels import FEWEST_BITS, bits_used, image_problem, to_grey, to_uint8
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
 from .camera.unseen_errors import UnseenErrors
@@ -22,7 +22,7 @@ from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
-from .frontend.prepared import Image, PreparedImages
+from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
 from .geometry import se3
 from .geometry.se3 import Array
@@ -91,21 +91,11 @@ class Observer:
         the wrong kind.
         """
         self._check_images(frame, "the frame")
-        images = self._grey(frame)
+        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
         rectified = self.rectifier.rectify(*(to_uint8(image, bits or FEWEST_BITS) for image in images))
         return self._frontend.prepare(rectified[0], rectified[-1], frame_index, frame.stamp_ns, bits)
-
-    def rectify(self, frame: Frame) -> list[Image]:
-        """Return the rectified images of the cameras that are used, grey with 8 bits."""
-        images = self._grey(frame)
-        bits = bits_used(*images)
-        return self.rectifier.rectify(*(to_uint8(image, bits) for image in images))
-
-    def _grey(self, frame: Frame) -> list[Grey]:
-        """The images of the cameras that are used, grey (h, w)."""
-        return [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
 
     def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.

@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,7 @@ from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory
 from .calibration_field import CalibrationError
 from .front_record import FrontRecord
-
-if TYPE_CHECKING:
-    from .pictures import View
+from .view import View
 
 STAGES = ("decode", "frontend", "estimator", "total")
 COUNTS = ("tracked", "new", "used", "rejected")
@@ -220,4 +218,4 @@ class Comparison:
     interrupted: bool = False
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: CalibrationError | None = None
-    view: "View | None" = None
+    view: View | None = None

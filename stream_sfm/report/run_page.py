@@ -10,11 +10,11 @@ from .calibration_field import CalibrationError
 from .figures import ACCURACY, FURTHER, table
 from .lengths import UNSCALED, LengthUnit, unit_for
 from .methods import label
-from .pictures import View
 from .records import RunRecord
 from .template import render
 from .traces import Trace, trace_of
 from .verdict import EXPECTED_NEES
+from .view import View
 
 _POINTS = {"tracked": "m-cross-frame", "used": "m-iterated-ekf", "new": "m-ekf", "rejected": "m-frame-to-frame"}
 _STAGES = {"decode": "m-truth", "frontend": "m-iterated-ekf", "estimator": "m-ekf", "total": "m-cross-frame"}

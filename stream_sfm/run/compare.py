@@ -21,8 +21,8 @@ from ..report.calibration_field import calibration_error
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
-from ..report.pictures import View
 from ..report.records import Comparison, Truth
+from ..report.view import View
 from ..rig_model.estimate import RigEstimate
 from ..types import Selection, Sink
 from .depth import TrueDepth

@@ -17,9 +17,9 @@ from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording import StereoLog, open_log
 from ..report.calibration_field import calibration_error
-from ..report.pictures import View
 from ..report.records import Truth
 from ..report.run_page import render_run
+from ..report.view import View
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
 from .depth import TrueDepth

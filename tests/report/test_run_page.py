@@ -14,9 +14,9 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.report.calibration_field import CalibrationError, calibration_error, picture
 from stream_sfm.report.lengths import METRES, MILLIMETRES, LengthUnit, unit_for
-from stream_sfm.report.pictures import View
 from stream_sfm.report.records import RunRecord
 from stream_sfm.report.run_page import conclusion_of_run, render_run
+from stream_sfm.report.view import View
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.types import FrameEstimate, Status, StereoFrame, Trajectory
