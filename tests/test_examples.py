@@ -1,10 +1,12 @@
 """Every example runs as its page says."""
 
+import json
 import re
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +42,23 @@ def test_live(tmp_path: Path) -> None:
     assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2] and " m/s" in said
     assert shown.stat().st_size > 1000  # bytes
     assert len(sfm.read_results(out).stamps_ns) == FRAMES
+
+
+def test_tour(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cells of the notebook, one after the other, as Jupyter runs them in its folder."""
+    import matplotlib
+
+    monkeypatch.chdir(ROOT / "examples")
+    backend = matplotlib.get_backend()
+    matplotlib.use("agg")
+    names: dict[str, Any] = {}
+    for cell in json.loads(Path("tour.ipynb").read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"]  # what they show is of who runs them
+            exec(compile("".join(cell["source"]), "tour.ipynb", "exec"), names)
+    matplotlib.use(backend)
+    assert names["errors_m"].max() < 0.01 and names["odometry"].twist is not None
+    assert names["sigmas_m"][-1] > names["errors_m"][-1]
 
 
 def test_read_results(tmp_path: Path) -> None:

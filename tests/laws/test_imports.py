@@ -47,6 +47,7 @@ HOMES = {
         "report",
         "evaluation",
         "places",
+        "viewer",
     ),
     "mcap": ("mcap_file", "sources", "recording", "results"),
     "mcap_protobuf": ("sources", "recording"),

@@ -84,6 +84,20 @@ def test_recorded_bytes_are_handed_on_unchanged(suffix, kind):
     assert shown.media_type.as_arrow_array()[0].as_py() == kind
 
 
+@pytest.mark.parametrize("shape", [(96, 128), (96, 128, 1), (96, 128, 3), (96, 128, 4)])
+def test_raw_images_are_shown_compressed(shape):
+    """Of live cameras; JPEG is not exact, and need not be to be looked at."""
+    from stream_sfm.viewer.sink import _picture
+
+    grey = _images(0)[0]
+    raw = np.broadcast_to(grey.reshape(96, 128, 1), shape).copy() if len(shape) == 3 else grey
+    shown = _picture(raw)
+    data = np.asarray(shown.blob.as_arrow_array()[0].as_py(), np.uint8)
+    assert shown.media_type.as_arrow_array()[0].as_py() == "image/jpeg"
+    assert len(data) < raw.nbytes / 2  # of a texture that fills every pixel
+    assert abs(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE).astype(float) - grey).mean() < 5
+
+
 def test_without_a_file_or_window_there_is_no_viewer():
     with pytest.raises(sfm.ConfigError, match="file to write"):
         sfm.open_viewer(_rig())
