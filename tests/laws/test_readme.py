@@ -30,6 +30,7 @@ NOT_RUN = {
     "--scheduler": "needs a cluster",
     "--view": "needs a display; tests/viewer/test_window.py has one",
     "view runs/latest": "the same",
+    "docker": "needs Docker",
     "stream-sfm live": "needs a camera; tests/recording/test_cameras.py has stand-ins",
     "--install-completion": "changes the files of the shell",
     "batch compare": "needs more frames for its ratios; tests/run/test_many.py runs it",
