@@ -24,9 +24,7 @@ from ..rig_model.terms import TERMS, terms_of_turn
 from ..rig_model.turns import effects_of_turn, far_right_px
 from ..types import RigChange
 
-# χ² of three degrees of freedom by the run's own scatter: six standard deviations of a Gaussian. Single frames of forty
-# logs reach 21 (a hand that comes close), a turn of 0.3 mrad 55 where images are good.
-_UNUSUAL = 36.0
+_KNOCKS = 1e-5  # per frame, beforehand: one in an hour
 _FIRST_GUESS_RAD = 1e-4  # of the usual turn: rendered logs have 0.01 to 0.05 mrad, real ones 0.05 to 0.2
 _GUESS_FRAMES = 5  # that the guess is worth
 _LIMIT = 27.0  # χ² beyond which a frame counts no more than this for what is usual: three σ of each
@@ -36,9 +34,9 @@ _PATIENCE_FRAMES = 8  # after which a turn that is never the same is what is usu
 _MAX_TURN_PX = 4.0  # templates are not found from further away; then left and right do not fit (`pair_check.py`)
 _MIN_VIEWS = 30  # three and a half for each of the nine unknowns
 _AGREE = 0.6  # share of the views on the right that a turn explains: of a body that covers them fewer do
-# Of reweighting: the first one is enough to see that a turn is not unusual. Where it may be, views are off by ten
+# Of reweighting: the first one is enough to see that there was no knock. Where there may be one, views are off by ten
 # standard deviations and more.
-_STEPS, _WORTH_A_CLOSER_LOOK = 12, 0.3
+_STEPS = 12
 _GATE = 0.999  # share of good views that agree
 # σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
 # estimator starts, and is not used a second time.
@@ -160,7 +158,7 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = _fitted(views, cam_from_previous, 1)
-        if self._chi2(turn, cov_expected) > _WORTH_A_CLOSER_LOOK * _UNUSUAL:
+        if self._log_bayes_factor(turn, cov_expected) > 0:
             turn = _fitted(views, cam_from_previous, _STEPS)
         if not self._is_unusual(turn, cov_expected):
             return self._learnt(turn, cov_expected), None
@@ -176,7 +174,8 @@ class TurnWatch:
     def _stands_out(self, turn: Turn, cov_expected: Array) -> bool:
         """Whether a turn is larger than usual, possible, and what most of the views show."""
         px = self.projection.f_px * float(np.linalg.norm(turn.rad))
-        return self._chi2(turn, cov_expected) > _UNUSUAL and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
+        knocked = self._log_bayes_factor(turn, cov_expected) > -np.log(_KNOCKS)
+        return knocked and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
 
     def _learnt(self, turn: Turn, cov_expected: Array) -> "TurnWatch":
         """Return the watch after a frame whose turn counts as usual."""
@@ -187,6 +186,13 @@ class TurnWatch:
         chi2 = self._chi2(turn, cov_expected)
         counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
+
+    def _log_bayes_factor(self, turn: Turn, cov_expected: Array) -> float:
+        """How much more likely a turn is by a knock than by what is usual, by two Gaussians; the logarithm."""
+        usual = turn.cov + self.usual + cov_expected
+        knock = usual + _STD_TURN_RAD**2 * np.eye(3)
+        chi2 = turn.rad @ (np.linalg.solve(usual, turn.rad) - np.linalg.solve(knock, turn.rad))
+        return float(chi2 - np.linalg.slogdet(knock)[1] + np.linalg.slogdet(usual)[1]) / 2
 
     def _chi2(self, turn: Turn, cov_expected: Array) -> float:
         cov = turn.cov + self.usual + cov_expected
