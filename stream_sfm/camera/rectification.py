@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..errors import RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
@@ -87,9 +88,7 @@ class Rectifier:
 
         A polynomial through the rows of places all over the image: a thousandth of the height is exact enough.
         """
-        x, y = self._powers(z_px.reshape(-1, 2, 2))
-        rows = ((np.swapaxes(x, 0, 1) @ self._row_polynomials) * np.swapaxes(y, 0, 1)).sum(axis=2).T
-        return np.repeat(rows, 2, axis=1)
+        return core.polynomial_rows(self.projection.width, self.projection.height, z_px, self._row_polynomials)
 
     @cached_property
     def _row_polynomials(self) -> Array:

@@ -40,7 +40,13 @@ from ._core import match_along_rows as match_along_rows
 from ._core import motion_step as motion_step
 from ._core import multiply_blocks as multiply_blocks
 from ._core import normal_blocks as normal_blocks
+from ._core import orthonormalise as orthonormalise
+from ._core import polynomial_rows as polynomial_rows
+from ._core import pose_exp as pose_exp
+from ._core import pose_log as pose_log
+from ._core import quaternions as quaternions
 from ._core import rig_columns as rig_columns
+from ._core import rotation_vectors as rotation_vectors
 from ._core import sample_weights as sample_weights
 from ._core import store_patches as store_patches
 from ._core import velocities_by_twist as velocities_by_twist

@@ -159,6 +159,27 @@ def normal_blocks(
     Arguments as of `window_residuals`.
     """
 
+def polynomial_rows(width: float, height: float, z_px: Array, coefficients: Array) -> Array:
+    """Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), x and y from −1 to 1 over an image.
+
+    `coefficients` (s, k, k) of one side or of both.
+    """
+
+def pose_exp(xi: Array) -> Array:
+    """Return the poses (n, 4, 4) Exp(ξ) of tangents (n, 6), eq. (3)."""
+
+def pose_log(poses: Array) -> Array:
+    """Return the tangents (n, 6) of poses (n, 4, 4); the inverse of `pose_exp`."""
+
+def rotation_vectors(rotations: Array) -> Array:
+    """Return rotation vectors (n, 3) of norm ≤ π of rotation matrices (n, 3, 3)."""
+
+def quaternions(rotations: Array) -> Array:
+    """Return unit quaternions (n, 4) = (x, y, z, w), w ≥ 0, of rotation matrices (n, 3, 3)."""
+
+def orthonormalise(poses: Array) -> Array:
+    """Return poses (n, 4, 4) with their rotations, which nearly are such, projected onto SO(3)."""
+
 def multiply_blocks(a: Array, b: Array) -> Array:
     """Return the products (n, 3, k) of matrices (n, 3, 3) and (n, 3, k)."""
 

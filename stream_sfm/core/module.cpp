@@ -159,6 +159,14 @@ NB_MODULE(_core, m) {
         Pinholes of = pinholes(camera);
         return numpy(unlocked([&] { return velocities_by_twist(of, view(points)); }));
     });
+    m.def("pose_exp", [](const Floats& xi) { return numpy(unlocked([&] { return pose_exp(view(xi)); })); });
+    m.def("pose_log", [](const Blocks& poses) { return numpy(unlocked([&] { return pose_log(view(poses)); })); });
+    m.def("rotation_vectors", [](const Blocks& r) { return numpy(unlocked([&] { return rotation_vectors(view(r)); })); });
+    m.def("quaternions", [](const Blocks& r) { return numpy(unlocked([&] { return quaternions(view(r)); })); });
+    m.def("orthonormalise", [](const Blocks& poses) { return numpy(unlocked([&] { return orthonormalise(view(poses)); })); });
+    m.def("polynomial_rows", [](double width, double height, const Floats& z, const Blocks& coefficients) {
+        return numpy(unlocked([&] { return polynomial_rows({width, height}, view(z), view(coefficients)); }));
+    });
     m.def("multiply_blocks", [](const Blocks& a, const Blocks& b) {
         return numpy(unlocked([&] { return multiply_blocks(view(a), view(b)); }));
     });

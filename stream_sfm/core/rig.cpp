@@ -91,6 +91,25 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
     return result;
 }
 
+Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients) {
+    std::size_t n = z.shape[0], sides = coefficients.shape[0], k = coefficients.shape[1];
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(coefficients, {sides, k, k}, "coefficients");
+    require(sides > 0, "there are no coefficients");
+    Array<double, 2> result({n, 4});
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t side = 0; side < 2; side++) {
+            double x = 2 * z[i][2 * side] / size[0] - 1, y = 2 * z[i][2 * side + 1] / size[1] - 1, sum = 0;
+            for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in both
+                double inner = 0;
+                for (std::size_t b = k; b-- > 0;) inner = inner * y + coefficients[std::min(side, sides - 1)][a * k + b];
+                sum = sum * x + inner;
+            }
+            result[i][2 * side] = result[i][2 * side + 1] = sum;
+        }
+    return result;
+}
+
 Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");

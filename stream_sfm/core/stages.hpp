@@ -68,7 +68,15 @@ Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 
                              const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
 Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
                              const View<double, 2>& root);
+Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
 Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
+
+// poses.cpp
+Array<double, 3> pose_exp(const View<double, 2>& xi);
+Array<double, 2> pose_log(const View<double, 3>& poses);
+Array<double, 2> rotation_vectors(const View<double, 3>& rotations);
+Array<double, 2> quaternions(const View<double, 3>& rotations);
+Array<double, 3> orthonormalise(const View<double, 3>& poses);
 
 // dense.cpp
 Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);

@@ -148,10 +148,13 @@ def _combinations(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
 
 def _without(mean: Array, cov: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return mean and covariance of errors, given that those of `which` are 0."""
-    gain = np.linalg.solve(cov[np.ix_(which, which)], cov[which]).T
-    mean, cov = mean - gain @ mean[which], symmetric(cov - gain @ cov[which])
-    mean[which] = cov[which] = cov[:, which] = 0.0  # not rounding, which would leave variances below 0
-    return mean, cov
+    others = np.setdiff1d(np.arange(len(mean)), which)
+    block = np.ix_(others, others)
+    gain = np.linalg.solve(cov[np.ix_(which, which)], cov[np.ix_(which, others)]).T
+    given, cov_given = np.zeros_like(mean), np.zeros_like(cov)
+    given[others] = mean[others] - gain @ mean[which]
+    cov_given[block] = symmetric(cov[block] - gain @ cov[np.ix_(which, others)])
+    return given, cov_given
 
 
 def _either(p: float, one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import se3
-from ..geometry.linear import matvec
+from ..geometry.linear import matvec, product
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 
 # Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
 _REACH = 2
 _NODES = 4  # frames at least, as far as there are any
+_RIGHT_U = np.array([0.0, 0.0, 1.0, 0.0])  # what a delay moves of a view
 _LEAST_PX2 = 1e-2  # of a component, summed over all views: the variance of one good view
 
 
@@ -64,8 +65,7 @@ class TimedViews:
     """Views of homogeneous points (n, 4) that move with a twist (6,), as delay and readout see them.
 
     `row_of`: as in `RigModel`; None: the readout does nothing. `by_twist` (n, 4, 6): px per second and unit of the
-    twist, `by_delay` and `by_readout` (n, 4, 6): px per second of either, and unit of the twist; `columns` (n, 4, 2):
-    px per second of delay and of readout.
+    twist; `columns` (n, 4, 2): px per second of delay and of readout.
     """
 
     def __init__(
@@ -75,13 +75,22 @@ class TimedViews:
         twist: Array,
         row_of: Callable[[Array], Array] | None,
     ) -> None:
-        self.by_twist = by_twist = velocities_by_twist(projection, points_in_cam)
-        self.by_delay = by_twist * np.array([0.0, 0.0, 1.0, 0.0])[:, None]
+        self.by_twist = velocities_by_twist(projection, points_in_cam)
         row = np.zeros((len(points_in_cam), 4))
         if row_of is not None:
             row = np.nan_to_num(row_of(projection.project_homogeneous(clamp_depth(points_in_cam))))
-        self.by_readout = by_twist * row[:, :, None]
-        self.columns = np.stack([self.by_delay @ twist, self.by_readout @ twist], axis=2)
+        self._row, velocity = row, product(self.by_twist, twist[:, None])[..., 0]
+        self.columns = np.stack([velocity * _RIGHT_U, velocity * row], axis=2)
+
+    @property
+    def by_delay(self) -> Array:
+        """Px per second of delay and unit of the twist (n, 4, 6)."""
+        return self.by_twist * _RIGHT_U[:, None]
+
+    @property
+    def by_readout(self) -> Array:
+        """Px per second of readout and unit of the twist (n, 4, 6)."""
+        return self.by_twist * self._row[:, :, None]
 
 
 def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array, std_twist: Array) -> Array:

@@ -1,0 +1,131 @@
+// Rigid motions and rotations: Exp, Log, quaternions (x, y, z, w), and the rotation nearest to a matrix.
+
+#include <algorithm>
+#include <cmath>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double LEAST_ANGLE = 1e-150;  // rad, in place of 0 where an angle divides: its square is still a normal double
+constexpr double SMALL = 1e-4;  // sine of half an angle; closed form: the next term of the series, n⁴/5, is below rounding
+
+// out (3, 3) = a b.
+void multiply3(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) out[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+}
+
+// The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
+// (θ − sin θ)/θ³, loses digits as θ² falls, but multiplies a product of that size.
+void rotation_of(const double* w, double* rotation, double* left) {
+    double angle = std::max(std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), LEAST_ANGLE);
+    double sine = std::sin(angle) / angle, half = std::sin(angle / 2) / angle;
+    double a = 2 * half * half, b = (1 - sine) / (angle * angle);  // 1 − cos θ = 2 sin²(θ/2) without cancellation
+    double k[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0}, k2[9];
+    multiply3(k, k, k2);
+    for (int i = 0; i < 9; i++) {
+        double one = i % 4 == 0 ? 1.0 : 0.0;
+        rotation[i] = one + sine * k[i] + a * k2[i];
+        left[i] = one + a * k[i] + b * k2[i];
+    }
+}
+
+// The unit quaternion (4,) with w ≥ 0 of a rotation (3, 3): the best conditioned row of 4 q qᵀ.
+void quaternion_of(const double* r, double* q) {
+    double a = r[0], e = r[4], i = r[8];
+    double rows[4][4] = {{1 + a - e - i, r[1] + r[3], r[2] + r[6], r[7] - r[5]},
+                         {r[1] + r[3], 1 - a + e - i, r[5] + r[7], r[2] - r[6]},
+                         {r[2] + r[6], r[5] + r[7], 1 - a - e + i, r[3] - r[1]},
+                         {r[7] - r[5], r[2] - r[6], r[3] - r[1], 1 + a + e + i}};
+    int best = 0;
+    for (int k = 1; k < 4; k++)
+        if (rows[k][k] > rows[best][best]) best = k;
+    const double* of = rows[best];
+    double norm = std::copysign(std::sqrt(of[0] * of[0] + of[1] * of[1] + of[2] * of[2] + of[3] * of[3]), of[3]);
+    for (int k = 0; k < 4; k++) q[k] = of[k] / norm;
+}
+
+// The rotation vector (3,), norm ≤ π, of a rotation (3, 3).
+void vector_of(const double* rotation, double* w) {
+    double q[4];
+    quaternion_of(rotation, q);
+    double n = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]), ratio = n / q[3];
+    double scale = n < SMALL ? 2 / q[3] * (1 - ratio * ratio / 3) : 2 * std::atan2(n, q[3]) / n;
+    for (int k = 0; k < 3; k++) w[k] = scale * q[k];
+}
+
+}  // namespace
+
+Array<double, 3> pose_exp(const View<double, 2>& xi) {
+    std::size_t n = xi.shape[0];
+    require_shape(xi, {n, 6}, "xi");
+    Array<double, 3> result({n, 4, 4});
+    for (std::size_t i = 0; i < n; i++) {
+        double rotation[9], left[9], *out = result[i];
+        rotation_of(xi[i] + 3, rotation, left);
+        for (int row = 0; row < 3; row++) {
+            std::copy(rotation + 3 * row, rotation + 3 * row + 3, out + 4 * row);
+            for (int k = 0; k < 3; k++) out[4 * row + 3] += left[3 * row + k] * xi[i][k];
+        }
+        out[15] = 1;
+    }
+    return result;
+}
+
+Array<double, 2> pose_log(const View<double, 3>& poses) {
+    std::size_t n = poses.shape[0];
+    require_shape(poses, {n, 4, 4}, "pose");
+    Array<double, 2> result({n, 6});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* pose = poses[i];
+        double rotation[9], left[9], inverse[9], *out = result[i];
+        for (int k = 0; k < 9; k++) rotation[k] = pose[4 * (k / 3) + k % 3];
+        vector_of(rotation, out + 3);
+        rotation_of(out + 3, rotation, left);
+        invert3(left, inverse);
+        for (int row = 0; row < 3; row++)
+            for (int k = 0; k < 3; k++) out[row] += inverse[3 * row + k] * pose[4 * k + 3];
+    }
+    return result;
+}
+
+Array<double, 2> rotation_vectors(const View<double, 3>& rotations) {
+    std::size_t n = rotations.shape[0];
+    require_shape(rotations, {n, 3, 3}, "rotation_matrix");
+    Array<double, 2> result({n, 3});
+    for (std::size_t i = 0; i < n; i++) vector_of(rotations[i], result[i]);
+    return result;
+}
+
+Array<double, 2> quaternions(const View<double, 3>& rotations) {
+    std::size_t n = rotations.shape[0];
+    require_shape(rotations, {n, 3, 3}, "rotation_matrix");
+    Array<double, 2> result({n, 4});
+    for (std::size_t i = 0; i < n; i++) quaternion_of(rotations[i], result[i]);
+    return result;
+}
+
+Array<double, 3> orthonormalise(const View<double, 3>& poses) {
+    std::size_t n = poses.shape[0];
+    require_shape(poses, {n, 4, 4}, "pose");
+    Array<double, 3> result({n, 4, 4});
+    std::copy(poses.data, poses.data + 16 * n, result.data.get());
+    for (std::size_t i = 0; i < n; i++) {
+        double r[9], product[9], next[9], *out = result[i];
+        for (int k = 0; k < 9; k++) r[k] = out[4 * (k / 3) + k % 3];
+        for (int step = 0; step < 2; step++) {  // r (1.5 I − 0.5 rᵀr)
+            for (int row = 0; row < 3; row++)
+                for (int k = 0; k < 3; k++)
+                    product[3 * row + k] = (row == k ? 1.5 : 0.0) - 0.5 * (r[row] * r[k] + r[3 + row] * r[3 + k] + r[6 + row] * r[6 + k]);
+            multiply3(r, product, next);
+            std::copy(next, next + 9, r);
+        }
+        for (int k = 0; k < 9; k++) out[4 * (k / 3) + k % 3] = r[k];
+    }
+    return result;
+}
+
+}  // namespace core
