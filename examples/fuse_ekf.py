@@ -7,6 +7,7 @@ The state is the error of the pose, and the errors that all motions share: they 
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import stream_sfm as sfm
 
 SPAN = 8  # frames of a motion: at most those of the window, `window.frames`
 UNSEEN = 3  # of the common errors: no view shows them, so the odometry never learns them, but another sensor may
+Fused = Callable[[sfm.RunResults, dict[int, np.ndarray], float], tuple[int, np.ndarray, np.ndarray]]
 
 
 class Filter:
@@ -120,9 +122,9 @@ def _ns(seconds: str) -> int:
     return int(whole) * 10**9 + int(f"{part:0<9.9}")
 
 
-def main() -> None:
-    """Print where the last frame is."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+def main(purpose: str, fused: Fused) -> None:
+    """Print where the last frame is, by `fused`."""
+    parser = argparse.ArgumentParser(description=purpose)
     parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
     parser.add_argument(
         "--positions", type=Path, help="lines `seconds x y z` in the first frame, at stamps of frames"
@@ -135,4 +137,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main("Fuse the motions of a run with positions of another sensor in a filter.", fused)

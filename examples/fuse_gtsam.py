@@ -7,11 +7,9 @@ python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
 Every eighth frame is a pose; between two of them is one motion, and the errors that all motions share are one variable.
 """
 
-import argparse
-from pathlib import Path
-
 import gtsam
 import numpy as np
+from fuse_ekf import main
 
 import stream_sfm as sfm
 
@@ -74,31 +72,5 @@ def _factor(earlier: int, newest: int, motion: sfm.Motion) -> gtsam.CustomFactor
     return gtsam.CustomFactor(noise, keys, error)
 
 
-def read_positions(path: Path | None) -> dict[int, np.ndarray]:
-    """Read lines `seconds x y z …` as positions (3,) by their stamp in nanoseconds."""
-    rows = [] if path is None else [line.split() for line in path.read_text().splitlines() if line[:1] != "#"]
-    return {_ns(row[0]): np.array(row[1:4], float) for row in rows}
-
-
-def _ns(seconds: str) -> int:
-    """Return decimal seconds as nanoseconds, to the last digit."""
-    whole, _, part = seconds.partition(".")
-    return int(whole) * 10**9 + int(f"{part:0<9.9}")
-
-
-def main() -> None:
-    """Print where the last frame is."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
-    parser.add_argument(
-        "--positions", type=Path, help="lines `seconds x y z` in the first frame, at stamps of frames"
-    )
-    parser.add_argument("--std", type=float, default=0.02, help="their σ, metres")
-    given = parser.parse_args()
-    end, pose, cov = fused(sfm.read_results(given.folder), read_positions(given.positions), given.std)
-    std_mm = 1e3 * np.sqrt(np.trace(cov[:3, :3]))
-    print(f"frame {end} is at {np.round(pose[:3, 3], 4).tolist()} m, σ {std_mm:.2f} mm")
-
-
 if __name__ == "__main__":
-    main()
+    main("Fuse the motions of a run with positions of another sensor in a factor graph.", fused)

@@ -106,8 +106,11 @@ def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -
     assert float(found[4]) < 0.3
 
 
-def test_fuse_gtsam(lengths_known: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
+def test_fuse_gtsam(
+    lengths_known: dict[Path, sfm.RunResults], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("gtsam", reason="needs gtsam: pip install gtsam")
+    monkeypatch.syspath_prepend(ROOT / "examples")  # as for a script that is started there
     check_fusion("fuse_gtsam.py", lengths_known, tmp_path)
 
 

@@ -37,7 +37,7 @@ class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
     `options` are further arguments of `replay`; `inputs` the files and folders that they name. The replay is ended when
-    no frame has been written for `timeout_s`, or when the file `stop` appears.
+    the file `stop` appears.
     """
 
     name: str
@@ -46,7 +46,6 @@ class Job:
     config_toml: str
     options: tuple[str, ...]
     inputs: tuple[Path, ...]
-    timeout_s: float
     stop: Path
 
     @property
@@ -68,7 +67,6 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     status: JobStatus
     reason: str = ""
     seconds: float = 0.0
-    log_sha256: str = ""
     key: str = ""
     software_version: str = __version__
     reused: bool = False
@@ -80,11 +78,11 @@ def run_job(job: Job) -> JobResult:
     if job.stop.exists():
         return _result(job, "interrupted", "not started")
     try:
-        log_sha256, key = _fingerprint(job)
+        key = _fingerprint(job)
         if (previous := _previous(job.folder)) is not None and previous.status in ("done", "incomplete"):
             if previous.key == key and all((job.folder / name).exists() for name in RESULTS):
                 return msgspec.structs.replace(previous, name=job.name, log=job.log_name, reused=True)
-            if previous.log_sha256 != log_sha256 and previous.log != job.log_name:
+            if previous.log != job.log_name:
                 reason = f"{job.folder} holds the results of another log, {previous.log}: choose another folder"
                 return _result(job, "failed", reason)
         if previous is None and (foreign := [name for name in RESULTS if os.path.lexists(job.folder / name)]):
@@ -95,7 +93,7 @@ def run_job(job: Job) -> JobResult:
         write_whole(job.folder / _RECORD, json_bytes(_result(job, "interrupted", "not finished")))
         status, reason = _replay(job)
         seconds = time.monotonic() - started_s
-        result = _result(job, status, reason, seconds=seconds, log_sha256=log_sha256, key=key)
+        result = _result(job, status, reason, seconds=seconds, key=key)
         write_whole(job.folder / _RECORD, json_bytes(result))
     except OSError as error:
         return _result(job, "failed", f"{error.filename or job.log}: {error.strerror}")
@@ -117,11 +115,10 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
     return summary
 
 
-def _fingerprint(job: Job) -> tuple[str, str]:
-    """SHA-256 of the log, and of everything that its results depend on."""
-    log_sha256 = _sha256(job.log)
-    parts = [log_sha256, job.config_toml, job.options, [_sha256(path) for path in job.inputs], __version__]
-    return log_sha256, hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
+def _fingerprint(job: Job) -> str:
+    """SHA-256 of the log, and of everything else that its results depend on."""
+    parts = [job.config_toml, job.options, [_sha256(path) for path in (job.log, *job.inputs)], __version__]
+    return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 
 
 def _sha256(path: Path) -> str:
@@ -170,52 +167,34 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
         ) as child,
     ):
         try:
-            ended_for = _watch(child, job)
+            interrupted = _watch(child, job)
         finally:
             child.kill()  # has no effect if it has ended
     text = errors.read_text(encoding="utf-8", errors="replace")
     if not text:
         errors.unlink()
-    return _classify(job, child.returncode, ended_for, text)
+    return _classify(job, child.returncode, interrupted, text)
 
 
-def _watch(child: subprocess.Popen[bytes], job: Job) -> str:
-    """Wait for the end; returns why it was brought about ("interrupted", "hanging"), empty if it was not."""
-    written_ns, since_s = 0, time.monotonic()
+def _watch(child: subprocess.Popen[bytes], job: Job) -> bool:
+    """Wait for the end; returns whether it was brought about by `stop`."""
     while True:
-        try:
+        with suppress(subprocess.TimeoutExpired):
             child.wait(_POLL_S)
-            return ""
-        except subprocess.TimeoutExpired:
-            pass
-        if (latest_ns := _last_write_ns(job.folder)) != written_ns:
-            written_ns, since_s = latest_ns, time.monotonic()
-        interrupted = job.stop.exists()
-        if interrupted or time.monotonic() - since_s > job.timeout_s:
+            return False
+        if job.stop.exists():
             assert child.stdin is not None
             child.stdin.close()
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 child.wait(SHUTDOWN_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-            return "interrupted" if interrupted else "hanging"
+            return True
 
 
-def _last_write_ns(folder: Path) -> int:
-    times = [0]
-    for path in folder.iterdir():
-        with suppress(FileNotFoundError):  # moved into place at this moment
-            times.append(path.stat().st_mtime_ns)
-    return max(times)
-
-
-def _classify(job: Job, code: int, ended_for: str, stderr: str) -> tuple[JobStatus, str]:
-    """Status and reason of a replay, from its exit code, why it was ended if it was, and its standard error."""
+def _classify(job: Job, code: int, interrupted: bool, stderr: str) -> tuple[JobStatus, str]:
+    """Status and reason of a replay, from its exit code, whether it was asked to end, and its standard error."""
     summary = read_summary(job.folder)
-    if ended_for == "interrupted":
+    if interrupted:
         return "interrupted", f"after {summary['frames']['estimated'] if summary else 0} frames"
-    if ended_for == "hanging":
-        return "failed", f"stopped because it delivered no frame for {job.timeout_s:g} s"
     if code < 0:
         name = Signals(-code).name
         memory = ", as the system does when memory runs out" if name == "SIGKILL" else ""

@@ -45,17 +45,16 @@ def replay_batch(
     ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    timeout_s: float = 600.0,
     on_done: Callable[[JobResult], None] | None = None,
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
     `logs`: recordings of any kind, folders of them, patterns. `calibrate`: as in `replay`, each log by itself.
-    `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of what the logs
-    have. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`. A log that
-    delivers no frame for `timeout_s` is stopped; `on_done` is called with the result of each. A second call processes
-    only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
-    frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
+    `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of what the
+    logs have. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`. `on_done`
+    is called with the result of each. A second call processes only what is missing or has changed. On the first
+    Ctrl-C or SIGTERM the running replays end after their current frame, and no further one is started. Raises
+    ConfigError, LogError and OutputError before any log is started.
     """
     config, out = config or Config(), Path(out_dir).resolve()
     config.needs_scale("a batch, which compares metres,")
@@ -75,7 +74,7 @@ def replay_batch(
         inputs += [("ground-truth", truths[log])] if log in truths else []
         named = [_option(*given) for given in inputs]
         paths = tuple(path for _, path in inputs)
-        jobs.append(Job(name, log, out / name, toml, (*options, *named), paths, timeout_s, stop))
+        jobs.append(Job(name, log, out / name, toml, (*options, *named), paths, stop))
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
     refuse_overwriting(outputs, [*names, *calibrations, *truths.values()])
     known = {"method": config.method, "configuration": toml, "options": options, "skipped": skipped}

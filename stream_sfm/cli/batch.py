@@ -17,7 +17,6 @@ batch = App(name="batch", help_epilogue="")
 def replays(
     *logs: options.Log,
     out: options.Folder,
-    timeout: Annotated[options.Seconds, Parameter(group=options.RESULTS)] = 600.0,
     cameras: options.Cameras = options.Cameras(),
     two_pass: options.CameraFlag = False,
     frames: options.Frames = options.Frames(),
@@ -29,7 +28,7 @@ def replays(
 ) -> int:
     """Replay many logs in parallel, with one table and one HTML page for all.
 
-    Each log is replayed in its own process: one that fails, crashes or hangs does not affect the others. Writes one
+    Each log is replayed in its own process: one that fails or crashes does not affect the others. Writes one
     result folder per log, as `replay` does, batch.json and report.html (a single file). A second run processes only
     what is missing or has changed. Ground truth may be a folder of files that are named after the logs.
     `batch compare LOG...` compares the methods on every log instead.
@@ -37,7 +36,6 @@ def replays(
     Args:
         logs: recordings of any kind, folders of them, or patterns
         out: folder for the results of all logs
-        timeout: stop a log that delivers no frame for S seconds (600), the first reading of --two-pass included
         two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
     """
     from ..batch.logs import find_logs
@@ -60,7 +58,6 @@ def replays(
             ground_truth=truth.read(),
             workers=parallel.workers,
             scheduler=parallel.scheduler,
-            timeout_s=timeout,
             on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
         )
     _print(content, Path(out), json, quiet)

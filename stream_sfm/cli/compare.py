@@ -44,7 +44,7 @@ def compare(
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
     """
-    from ..inspection import inspect_log
+    from ..inspection.overview import inspect_log
     from ..recording import open_log
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison

@@ -9,7 +9,7 @@ from ..wording import printable
 from . import options
 
 if TYPE_CHECKING:
-    from ..importers import Imported
+    from ..importers.data_sets import Imported
 
 import_ = App(name="import", help_epilogue="")
 import_.help = """Convert a KITTI or EuRoC recording, folders of images, or video, to a log.
@@ -39,7 +39,7 @@ def kitti(
         poses: poses, 12 numbers per line; poses/SEQUENCE.txt beside sequences/ if not given
         force: replace OUT.mcap if it exists
     """
-    from ..importers import import_kitti
+    from ..importers.data_sets import import_kitti
 
     return _report(import_kitti(folder, out, poses, overwrite=force), json)
 
@@ -60,7 +60,7 @@ def euroc(
         out: the log to write
         force: replace OUT.mcap if it exists
     """
-    from ..importers import import_euroc
+    from ..importers.data_sets import import_euroc
 
     return _report(import_euroc(folder, out, overwrite=force), json)
 
@@ -92,7 +92,7 @@ def images(
         rate: frames per second without stamps (10)
         force: replace OUT.mcap if it exists
     """
-    from ..importers import import_images
+    from ..importers.data_sets import import_images
 
     where = options.calibration_files(calibration)
     assert where is not None
@@ -128,7 +128,7 @@ def video(
         rate: frames per second; the times that the file has if not given
         force: replace OUT.mcap if it exists
     """
-    from ..importers import import_video
+    from ..importers.video import import_video
 
     pair = [name for name in (left, right) if name is not None]
     if bool(both) == bool(pair) or len(pair) == 1:

@@ -17,13 +17,13 @@ def inspect(
     Args:
         log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
     """
-    from .. import inspection
+    from ..inspection.overview import inspect_log
     from ..recording import open_log
     from ..run.refine import first_look
     from .inspection_tables import print_inspection
     from .printing import print_json
 
-    found = inspection.inspect_log(log, *cameras.chosen)
+    found = inspect_log(log, *cameras.chosen)
     found["rig_errors"] = None
     if not found["problems"]:
         try:

@@ -237,7 +237,7 @@ def test_a_defect_is_1_with_one_line_and_a_traceback_only_on_demand(wall_log, mo
     def broken(*_arguments, **_options):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("stream_sfm.inspection.inspect_log", broken, raising=False)
+    monkeypatch.setattr("stream_sfm.inspection.overview.inspect_log", broken)
     said = cli("inspect", wall_log, code=1).err
     assert "ZeroDivisionError: a defect" in said and "please report" in said
     for words in (["inspect", wall_log, "--debug"], ["--debug", "inspect", wall_log]):

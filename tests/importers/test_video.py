@@ -8,7 +8,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
-from stream_sfm.importers import import_video
+from stream_sfm.importers.video import import_video
 from stream_sfm.recording.images import decode_grey
 from tests.helpers.wall import Wall, camera_path, rig
 

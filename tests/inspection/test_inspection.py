@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import open_log
-from stream_sfm.inspection import inspect_log
+from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, open_log
-from stream_sfm.inspection import inspect_log
+from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.stereo_logs import Calib, Spec, right_calib, video, write_log
 
 

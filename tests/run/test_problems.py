@@ -9,7 +9,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.inspection import inspect_log
+from stream_sfm.inspection.overview import inspect_log
 from stream_sfm.types import StereoFrame
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, write_image, write_info
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, open_log
-from stream_sfm.inspection import inspect_log
+from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import Spec, write_log
 

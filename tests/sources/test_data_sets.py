@@ -5,8 +5,8 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.importers import import_euroc, import_kitti
-from stream_sfm.inspection import inspect_log
+from stream_sfm.importers.data_sets import import_euroc, import_kitti
+from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
     EUROC_STAMPS_NS,
