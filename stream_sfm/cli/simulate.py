@@ -9,7 +9,7 @@ from ..errors import ExitCode
 from ..wording import printable
 from . import options
 
-Experiment = Literal["efficiency", "consistency", "rates", "figure6"]
+Experiment = Literal["efficiency", "consistency", "calibration", "rates", "figure6"]
 
 
 def simulate(
@@ -26,8 +26,9 @@ def simulate(
     """Run Monte Carlo studies on the paper's simulated stereo pair.
 
     Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
-    covariances match the errors. Rates: the paper's Table 1, growth of the error variance. Figure6: the paper's
-    Figure 6, errors over the sequence. Writes results.json, and for figure6 the picture (PNG, SVG).
+    covariances match the errors. Calibration: estimates with a wrong calibration and errors that last along tracks.
+    Rates: the paper's Table 1, growth of the error variance. Figure6: the paper's Figure 6, errors over the sequence.
+    Writes results.json, and for figure6 the picture (PNG, SVG).
 
     Args:
         experiment: the study

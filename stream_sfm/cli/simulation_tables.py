@@ -31,7 +31,9 @@ def _tables(experiment: str, report: dict[str, Any]) -> Iterator[Table]:
         yield _errors_at_the_end(report)
     else:
         for condition, part in report["conditions"].items():
-            if experiment == "consistency":
+            if experiment == "calibration":
+                yield _calibration(condition, part, report["expected"])
+            elif experiment == "consistency":
                 yield _normalised_errors(condition, part)
             else:
                 yield from _variances(condition, part, report["reference"])
@@ -53,6 +55,26 @@ def _normalised_errors(condition: str, part: dict[str, Any]) -> Table:
     }
     meaning = "mean normalised squared error (expected: pose 6, points 3)"
     return _intervals(f"{condition}: {meaning}; {part['trials']} trials", entries)
+
+
+def _calibration(condition: str, part: dict[str, Any], expected: dict[str, float]) -> Table:
+    columns = {"nees_pose": f"pose (expected: {expected['nees_pose']:.0f})"}
+    if any("nees_rig" in entry for entry in part["estimators"].values()):
+        columns["nees_rig"] = f"calibration (expected: {expected['nees_rig']:.0f})"
+    rows = [
+        [
+            name,
+            *(_interval(v) for v in entry["over_bound"].values()),
+            *(_interval(entry[key]) if key in entry else "" for key in columns),
+        ]
+        for name, entry in part["estimators"].items()
+    ]
+    quantities = next(iter(part["estimators"].values()))["over_bound"]
+    title = (
+        f"{condition.replace('_', ' ')}: variance relative to the bound, and normalised squared errors; "
+        f"{part['trials']} trials"
+    )
+    return (title, ["window", *(q.replace("_", " ") for q in quantities), *columns.values()], rows)
 
 
 def _variances(condition: str, part: dict[str, Any], reference: str) -> Iterator[Table]:

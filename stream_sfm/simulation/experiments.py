@@ -8,6 +8,7 @@ import msgspec
 from ..errors import ConfigError, OutputError
 from ..executors import cluster, processes
 from ..files import json_bytes, make_folder, write_whole
+from .calibration import CALIBRATION
 from .figure6 import FIGURE6
 from .rates import RATES
 from .studies import CONSISTENCY, EFFICIENCY
@@ -17,6 +18,7 @@ EXPERIMENTS = {
     "efficiency": EFFICIENCY,
     "consistency": CONSISTENCY,
     "rates": RATES,
+    "calibration": CALIBRATION,
     "figure6": FIGURE6,
 }
 
@@ -33,7 +35,7 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, rates or figure6; with `out_dir` results.json is written, and
+    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json is written, and
     for figure6 the picture. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`;
     the numbers depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises
     ConfigError, OutputError.

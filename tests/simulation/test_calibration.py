@@ -7,10 +7,12 @@ import pytest
 
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
+from stream_sfm.estimators.baselines.calibration_bound import bound_with_rig
 from stream_sfm.estimators.baselines.full_batch import gather_views
+from stream_sfm.simulation import calibration
+from stream_sfm.simulation.calibration import seen_by_wrong_rig
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.simulation.trials import run_trials
-from tools.calibration_study import bound_with_rig, measure, seen_by_wrong_rig
 
 RHO = 0.75
 SMALL = Scene(frames=5, track_length=4, visible=12, std_px=0.2, round_off=False)
@@ -74,7 +76,7 @@ def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
 def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
     """Of eight trials at two frames the mean NEES has a deviation of about 1."""
     scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
-    trials = run_trials(lambda seed: measure(seed, scene, True, (15, 20)), 8, seed=1)
+    trials = run_trials(lambda seed: calibration.measure(seed, scene, True, (15, 20)), 8, seed=1)
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
     assert 2 < found["cross-frame"] < 9  # 3.5 over 100 trials
     assert found["errors as white"] > found["cross-frame"]

@@ -1,5 +1,6 @@
 """`stream-sfm simulate` end to end, with few trials of short scenes."""
 
+import dataclasses
 import json
 import sys
 from typing import get_args
@@ -8,7 +9,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli import simulate
-from stream_sfm.simulation import figure6, rates, studies
+from stream_sfm.simulation import calibration, figure6, rates, studies
 from stream_sfm.simulation.scenes import Scene
 
 TRIALS = ("--trials", "2", "--workers", "1", "--out")
@@ -21,6 +22,10 @@ def short(monkeypatch):
     for name in studies.CONDITIONS:
         compared = studies.judged(small, (3, 5), ("cross-frame", "ekf"), bound=name != "200_frames")
         monkeypatch.setitem(studies.CONDITIONS, name, compared)
+    noisy = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
+    for name in calibration.CONDITIONS:
+        short = calibration.condition(noisy, name != "lasting_errors", (3, 5))
+        monkeypatch.setitem(calibration.CONDITIONS, name, short)
     monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, (3, 4, 5))})
@@ -30,6 +35,7 @@ def short(monkeypatch):
 SAID = {
     "efficiency": "variance relative to the Cramér–Rao bound",
     "consistency": "mean normalised squared error",
+    "calibration": "variance relative to the bound",
     "rates": "exact theory",
     "figure6": "RMS errors at frame 3",
 }
