@@ -2,7 +2,6 @@
 
 import heapq
 import math
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from ..camera.rig import StereoRig, baseline_question
 from ..errors import ConfigError, InputError
 from ..recording.log_writer import StereoLogWriter
+from ..sources.video import Video
 from .data_sets import Imported, check_free
 
 Layout: TypeAlias = Literal["left-right", "right-left", "top-bottom", "bottom-top"]
@@ -41,7 +41,7 @@ def import_video(
     """
     paths = [Path(videos)] if isinstance(videos, str | Path) else [Path(path) for path in videos]
     _check_arguments(paths, rate_hz, layout)
-    opened = [_Video(path) for path in paths]
+    opened = [Video(path) for path in paths]
     rig = StereoRig.from_calibration(calibration, _image_size(opened, layout))
     chosen = _layout_of(opened, rig, layout)
     check_free(Path(out), paths, overwrite)
@@ -62,61 +62,6 @@ def import_video(
     return Imported(Path(out), counts[0], counts[1], 0, notes)
 
 
-class _Video:
-    """One file: its size, and its frames with their times."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes: list[str] = []
-        capture = self._open()
-        self.width = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        self.height = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        self.rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
-        self.expected = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0))
-        self.read = 0
-        capture.release()
-
-    def _open(self) -> cv2.VideoCapture:
-        if not self.path.is_file():
-            raise InputError(f"cannot read {self.path}: the file does not exist")
-        capture = cv2.VideoCapture(os.fspath(self.path))
-        if not capture.isOpened():
-            raise InputError(
-                f"{self.path} is not a video that OpenCV can decode: convert it, for example with "
-                "`ffmpeg -i IN -c:v ffv1 OUT.mkv`"
-            )
-        return capture
-
-    def frames(self, rate_hz: float | None) -> Iterator[tuple[int, Grey]]:
-        """Yield stamps and grey frames. Raises InputError where times do not grow and no rate is given."""
-        capture, last_ns = self._open(), -1
-        try:
-            while capture.grab():
-                stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-                if rate_hz is not None:
-                    stamp_ns = round(self.read * 1e9 / rate_hz)
-                elif stamp_ns <= last_ns:
-                    raise InputError(
-                        f"{self.path}: the times of frames {self.read - 1} and {self.read} do not grow: give the rate, "
-                        f"which may be {self.rate_hz:g} frames per second",
-                        hint=("rate_hz",),
-                    )
-                done, picture = capture.retrieve()
-                if not done:
-                    break
-                self.read, last_ns = self.read + 1, stamp_ns
-                yield stamp_ns, _grey(picture)
-        finally:
-            capture.release()
-
-    def check_complete(self) -> None:
-        """Note frames that the container announces and that could not be decoded. Raises InputError without any."""
-        if not self.read:
-            raise InputError(f"{self.path}: not one frame could be decoded")
-        if self.read < self.expected - 1:  # some containers count one too many
-            self.notes.append(f"{self.path}: {self.read} of {self.expected} frames could be decoded")
-
-
 def _split(picture: Grey, layout: str | None) -> tuple[Grey, ...]:
     """The images in a frame: one, or with a layout two, left and right."""
     if layout is None:
@@ -125,7 +70,7 @@ def _split(picture: Grey, layout: str | None) -> tuple[Grey, ...]:
     return (first, second) if layout in ("left-right", "top-bottom") else (second, first)
 
 
-def _layout_of(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> str | None:
+def _layout_of(videos: list[Video], rig: StereoRig, layout: Layout | None) -> str | None:
     """Where the two images of a frame are, None where it is one. Raises InputError where the sizes do not fit."""
     width, height = rig.left.width, rig.left.height
     if len(videos) == 2:
@@ -150,7 +95,7 @@ def _layout_of(videos: list[_Video], rig: StereoRig, layout: Layout | None) -> s
     return layout or fitting[0]
 
 
-def _image_size(videos: list[_Video], layout: Layout | None) -> tuple[int, int]:
+def _image_size(videos: list[Video], layout: Layout | None) -> tuple[int, int]:
     """The size of one image, for calibrations that do not tell it; of one file it is a guess by its shape."""
     width, height = videos[0].width, videos[0].height
     if len(videos) == 2:
@@ -159,17 +104,13 @@ def _image_size(videos: list[_Video], layout: Layout | None) -> tuple[int, int]:
     return (width // 2, height) if beside else (width, height // 2)
 
 
-def _in_order(videos: list[_Video], rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
+def _in_order(videos: list[Video], rate_hz: float | None) -> Iterator[tuple[int, int, Grey]]:
     """Yield stamp, number of the video, and frame, in order of time."""
 
-    def numbered(number: int, video: _Video) -> Iterator[tuple[int, int, Grey]]:
+    def numbered(number: int, video: Video) -> Iterator[tuple[int, int, Grey]]:
         return ((stamp_ns, number, picture) for stamp_ns, picture in video.frames(rate_hz))
 
     return heapq.merge(*map(numbered, range(len(videos)), videos), key=lambda item: item[:2])
-
-
-def _grey(picture: cv2.typing.MatLike) -> Grey:
-    return np.asarray(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _check_arguments(paths: list[Path], rate_hz: float | None, layout: str | None) -> None:

@@ -14,6 +14,7 @@ from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..mcap_file.damage import Damage
+from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
@@ -108,6 +109,7 @@ class _Inspection:
     def run(self, left: str | None, right: str | None, calibration: Where | StereoRig | None) -> None:
         """Find the pair, its frames and its calibration, and check whether they fit each other."""
         try:
+            self.source, self.survey, calibration = both_sides(self.source, self.survey, calibration)
             choice = choose_cameras(self.source, self.survey, left, right)
         except LogError as error:
             self.problems.append(str(error))

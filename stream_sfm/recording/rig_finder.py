@@ -40,7 +40,7 @@ def find_rig(
     if isinstance(calibration, StereoRig):
         return FoundRig(calibration, "given by the caller")
     if calibration is not None:
-        rig = StereoRig.from_calibration(calibration, _image_size(source, choice.left))
+        rig = StereoRig.from_calibration(calibration, first_size(source, choice.left))
         return FoundRig(rig, named(calibration))
     attached = _attached(source, StereoRig.parse_calibration)
     return FoundRig(attached, f"attachment {ATTACHMENT}") if attached else _sent(source, survey, choice)
@@ -53,7 +53,7 @@ def find_camera(
     if isinstance(calibration, StereoRig | MonoRig):
         return FoundRig(MonoRig(calibration.left), "given by the caller")
     if calibration is not None:
-        return FoundRig(MonoRig.from_calibration(calibration, _image_size(source, topic)), named(calibration))
+        return FoundRig(MonoRig.from_calibration(calibration, first_size(source, topic)), named(calibration))
     if rig := _attached(source, MonoRig.parse_calibration):
         return FoundRig(rig, f"attachment {ATTACHMENT}")
     sent_on = _calibration_topic(source, survey, topic, 0)
@@ -62,7 +62,7 @@ def find_camera(
     return FoundRig(rig, message.topic, (message,))
 
 
-def _image_size(source: Source, topic: str) -> tuple[int, int] | None:
+def first_size(source: Source, topic: str) -> tuple[int, int] | None:
     """The size of the first image of a topic that can be told, for calibrations that do not contain it."""
     decoder = MessageDecoder(source.path)
     for message in source.messages(Damage(), frozenset([topic])):

@@ -13,6 +13,7 @@ from ..sources.devices import open_device
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from ..types import Selection, Trajectory
+from .both_sides import both_sides
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .log_writer import MessageWriter
@@ -92,6 +93,7 @@ def _open(
     elif isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera: a pair is needed, or mono")
     else:
+        source, survey, calibration = both_sides(source, survey, calibration)
         choice = choose_cameras(source, survey, left, right, damage.notes)
         found = find_rig(source, survey, choice, calibration)
     check_rig(source.path, found.rig)
@@ -102,6 +104,12 @@ def choose_cameras(
     source: Source, survey: Survey, left: str | None, right: str | None, notes: Sequence[str] = ()
 ) -> PairChoice:
     """Choose the two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
+    if source.format == "video" and len(survey.of_kind("image")) == 1:
+        raise LogError(
+            f"{source.path} is a video: give the calibration of its images, which are beside or above each other "
+            "in its frames, or import two videos into a log",
+            hint=("calibration", "import_images"),
+        )
     return choose_pair(source.path, _image_topics(source, survey, left, right, notes), left, right)
 
 

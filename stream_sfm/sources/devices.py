@@ -74,7 +74,7 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
     return Device(None, grab, close)
 
 
-def halves(image: Image, rig: StereoRig | None, name: str) -> tuple[Image, Image]:
+def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArray[Any], NDArray[Any]]:
     """The images of left and right in one that holds both, beside or above each other. Raises LogError."""
     height, width = image.shape[:2]
     size = None if rig is None else (rig.left.width, rig.left.height)

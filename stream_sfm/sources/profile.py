@@ -37,6 +37,7 @@ class ProfileEncoder:
     def __init__(self, rig: StereoRig | None) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", CompressedImage) for side in _SIDES)
         self.raw_images = tuple(_channel(f"/camera/{side}/image", RawImage) for side in _SIDES)
+        self.both_images = _channel("/camera/both/image", RawImage)  # beside or above each other
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", CameraCalibration) for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", PoseInFrame)
         self._rig = rig
@@ -48,13 +49,14 @@ class ProfileEncoder:
         message = CompressedImage(frame_id=_FRAME_IDS[side], format=encoding, data=data)
         return _encoded(self.images[side], message, stamp_ns)
 
-    def raw_image(self, side: int, stamp_ns: int, image: Grey) -> Message:
-        """One image of `side`, grey (h, w) with 8 or 16 bits, not compressed."""
+    def raw_image(self, side: int | None, stamp_ns: int, image: Grey) -> Message:
+        """One image of `side`, None where it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
         height, width = image.shape
         encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
-        message = RawImage(frame_id=_FRAME_IDS[side], width=width, height=height, encoding=encoding, step=step)
+        frame_id = _FRAME_IDS[side or 0]
+        message = RawImage(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
         message.data = image.tobytes()
-        return _encoded(self.raw_images[side], message, stamp_ns)
+        return _encoded(self.both_images if side is None else self.raw_images[side], message, stamp_ns)
 
     def due_calibration(self, side: int, stamp_ns: int) -> Iterator[Message]:
         """Yield the calibration of `side` where it is due before an image of this stamp."""

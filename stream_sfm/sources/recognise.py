@@ -18,6 +18,7 @@ from .mcap import McapSource
 from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
 from .tartanair import is_tartanair, open_tartanair
+from .video import VideoSource
 
 # The first bytes of the files that can be opened.
 _FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
@@ -91,7 +92,7 @@ def _open_file(path: Path) -> Source:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
     if _is_video(start):
-        raise LogError(f"{path} is a video: import it into a log, with a calibration", hint=("import_images",))
+        return VideoSource(path)
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")

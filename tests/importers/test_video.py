@@ -159,4 +159,23 @@ def test_times_that_do_not_grow_ask_for_a_rate(pairs, calibration: Path, tmp_pat
 def test_a_video_given_as_a_log_is_told_from_damage(ending: str, codec: str, pairs, tmp_path: Path, cli) -> None:
     video = write(tmp_path / f"v{ending}", [p[0] for p in pairs], codec=cv2.VideoWriter.fourcc(*codec))
     said = cli("replay", video, "--out", tmp_path / "out", code=3).err
-    assert "is a video: import it into a log" in said and "stream-sfm import --help" in said
+    assert "is a video: give the calibration of its images" in said and "--calibration" in said
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_video_that_holds_both_images_is_replayed_as_it_is(
+    axis: int, pairs, calibration, tmp_path: Path, cli
+) -> None:
+    both = write(tmp_path / "both.mkv", [np.concatenate(p, 1 - axis) for p in pairs])
+    log = sfm.open_log(both, calibration=calibration)
+    for frame, images in zip(log.frames(), pairs, strict=True):
+        assert all(abs(a.astype(int) - b).max() <= 2 for a, b in zip(frame.images, images, strict=True))
+    assert log.stats.complete
+    import_video(both, calibration, tmp_path / "o.mcap")
+    for video, imported in zip(log.frames(), sfm.open_log(tmp_path / "o.mcap").frames(), strict=True):
+        assert video.stamp_ns == imported.stamp_ns
+        assert np.array_equal(video.left, imported.left) and np.array_equal(video.right, imported.right)
+    cli("replay", both, "--calibration", calibration, "--out", tmp_path / "run", "-q")
+    assert set(sfm.read_results(tmp_path / "run").statuses[1:]) == {"ok"}
+    said = cli("inspect", both, "--calibration", calibration).out
+    assert "/camera/left/image" in said

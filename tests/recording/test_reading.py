@@ -1,5 +1,7 @@
 """Every profile, encoding and container gives the same frames; what is lost on the way is counted."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -40,6 +42,36 @@ def check_frames(path, tolerance=0.0, count=12, **kwargs):
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_every_profile_in_every_container(path, profile, container):
     check_frames(write_log(path, Spec(profile=profile), **CONTAINERS[container]))
+
+
+def both_in_one(path, axis, encoding="png", container="zstd"):
+    """A log with one topic, whose images hold both sides, and the rig of one of them."""
+    log = LogWriter(path, **CONTAINERS[container])
+    for n in range(12):
+        both = np.concatenate([scene(n, 0), scene(n, 1)], axis)
+        write_image(log, "ros2", "/stereo/image_raw", START_NS + n * PERIOD_NS, both, encoding)
+    log.close()
+    return open_log(write_log(path.with_name("pair.mcap"))).rig
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("encoding", "container"), [("png", "zstd"), ("mono8", "no index"), ("bgr8", "unchunked")])
+def test_one_topic_whose_images_hold_both_sides(path, axis, encoding, container):
+    rig = both_in_one(path, axis, encoding, container)
+    check_frames(path, calibration=rig)
+    (path.parent / "c.toml").write_text(rig.to_toml())
+    check_frames(path, calibration=path.parent / "c.toml")
+
+
+def test_one_topic_of_one_camera_is_still_refused(path):
+    rig = both_in_one(path, 1)
+    with pytest.raises(LogError, match="holds images of one camera only"):
+        open_log(path)
+    other = StereoRig(
+        *(replace(camera, width=camera.width // 2) for camera in (rig.left, rig.right)), rig.right_from_left
+    )
+    with pytest.raises(LogError, match="holds images of one camera only"):
+        open_log(path, calibration=other)
 
 
 @pytest.mark.parametrize("info_at", [(0,), tuple(range(12)), (9,)])
