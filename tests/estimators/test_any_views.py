@@ -7,6 +7,8 @@ import pytest
 
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
+from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.frontend.right_turn import root_of_turn
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
@@ -76,3 +78,14 @@ def test_any_views_give_finite_estimates_or_a_reason(seed: int) -> None:
         assert all(np.isfinite(getattr(solution, name)).all() for name in OF_CAMERA + OF_POINTS + OF_ENDED)
         assert solution.relative is None or np.isfinite(solution.relative.cov).all()
         assert solution.status in (Status.OK, Status.INITIALISING) or solution.reason
+
+
+@pytest.mark.parametrize("size", [30, 300])
+def test_a_map_that_cannot_go_on_forgets_what_was_known_of_the_rig(size: float) -> None:
+    """Otherwise every further map would begin with the same wrong rig, and end in its second frame."""
+    estimator = CrossFrame(SEQUENCE.projection, Config())
+    wrong = RigKnowledge.unknown(np.full(len(MODEL), 1e-3), sizes_unknown=False)
+    estimator.rig = replace(wrong, mean=wrong.mean + size * np.random.default_rng(0).normal(size=len(MODEL)))
+    status = [estimator.step(replace(o, rig=RigView(MODEL, 0.01))).status for o in SEQUENCE.observations]
+    assert Status.LOST in status[:3]
+    assert set(status[6:]) == {Status.OK}

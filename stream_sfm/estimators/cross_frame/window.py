@@ -56,7 +56,9 @@ class CrossFrame:
         )
         self._has_field = False
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
-        self._impossible = ""  # why the calibration cannot be right; once said, it stays
+        self._impossible = (
+            ""  # why the calibration cannot be right; once said, it stays as long as the rig is known
+        )
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -169,14 +171,21 @@ class CrossFrame:
         )
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
-        """End the map, and predict the pose; where not even a map could begin, the rig is unknown again."""
+        """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
         pose, cov_pose = self.motion.predict(observations.stamp_ns)
-        if self.map is None:
-            self.rig = None
+        current, self.map = self.map, None
+        if current is None or not current.frames:
+            self._forget_rig()
+        else:
+            self.rig = current.prior.rig
+        if current is None:
             return lost_solution(observations, reason, pose, cov_pose)
-        marginals, self.rig = self.map.marginals, self.map.prior.rig
-        self.map = None
+        marginals = current.marginals
         return lost_solution(observations, reason, pose, cov_pose, marginals.ended(marginals.ids >= 0))
+
+    def _forget_rig(self) -> None:
+        """Know nothing about the rig any more, as before the first frame."""
+        self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
 
     def _initial_motion(
         self, current: Map, observations: Observations, frame: WindowFrame
