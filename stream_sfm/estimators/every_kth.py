@@ -36,6 +36,7 @@ class EveryKth:
         self._drift_ids = np.empty(0, np.int64)
         self._var_drift_px = np.empty(0)
         self._rig_change_roots: list[Array] = []  # since the method's last frame
+        self._settled = False  # since then
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -53,13 +54,14 @@ class EveryKth:
             self._newest_id = int(observations.track_ids[-1])
         self._between, self._previous_from_last = 0, np.eye(4)
         self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
-        self._rig_change_roots = []
+        self._rig_change_roots, self._settled = [], False
         return solution
 
     def _accumulate(self, observations: Observations) -> None:
         """Add the drift of this frame, and a change of the rig, to those since the method's last frame."""
         if observations.rig is not None and observations.rig.change_root is not None:
             self._rig_change_roots.append(observations.rig.change_root)
+        self._settled |= observations.settled
         if observations.lasting.std_drift_px is None:
             return
         variances = observations.lasting.std_drift_px**2
@@ -85,6 +87,7 @@ class EveryKth:
             n_new=int((observations.track_ids > self._newest_id).sum()),
             lasting=lasting,
             rig=rig,
+            settled=self._settled,
         )
 
     def _resect(self, last: Solution, observations: Observations) -> Resection | None:

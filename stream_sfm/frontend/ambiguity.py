@@ -8,8 +8,11 @@ until something is in view that does not.
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..geometry import se3
-from ..geometry.resection import Resection, SecondMotion
+from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
 from .tracks import FULL_HISTORY
 
@@ -19,7 +22,7 @@ class AmbiguityMemory:
     """The last other motion, and by what it differed from the one that was followed, `other_from_first` (4, 4).
 
     `frames_seen`: frames with another motion since the last one without ambiguity; `frames_left`: how long it lasts.
-    `repeats`: because the scene looks the same for both.
+    `repeats`: because the scene looks the same for both. `other_is_new`: nothing of the other set was followed before.
     """
 
     last: SecondMotion | None = None
@@ -27,22 +30,34 @@ class AmbiguityMemory:
     frames_seen: int = 0
     frames_left: int = 0
     repeats: bool = False
+    other_is_new: bool = False
 
-    def after(self, motion: Resection, rival: SecondMotion | None) -> tuple["AmbiguityMemory", SecondMotion | None]:
+    def after(
+        self, motion: Resection, agreed: NDArray[np.int64], rival: SecondMotion | None = None
+    ) -> tuple["AmbiguityMemory", SecondMotion | None, bool]:
         """Return the memory after a frame's motion, and the other one that may be right as well.
 
         That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
-        last one did.
+        last one did. `agreed` (n,): the history of its views. Also returned is whether an ambiguity is over and
+        settled, as the motion that was followed was the camera's: what is in view does not repeat itself any more; or
+        enough of what was the background before agrees still, and the other set had no part in that.
         """
-        other = motion.ambiguous or rival
+        other, old = motion.ambiguous or rival, agreed >= FULL_HISTORY
         if other is not None:
-            seen = self.frames_seen + 1
-            apart = other.cam_from_ref @ se3.inverse(motion.cam_from_ref)
-            return AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen), rival is not None), other
+            apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
+            new = rival is not None or old[other.views].sum() < MIN_VIEWS
+            new = bool(new and (self.other_is_new or self.frames_left == 0))
+            return (
+                AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen), rival is not None, new),
+                other,
+                False,
+            )
         remembered = self.other_than(motion.cam_from_ref)
-        if remembered is None or self.repeats:  # what is in view does not repeat itself any more
-            return AmbiguityMemory(), None
-        return replace(self, frames_left=self.frames_left - 1), remembered
+        if remembered is None or self.repeats:
+            return AmbiguityMemory(), None, self.repeats
+        if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= 2 * MIN_VIEWS:
+            return AmbiguityMemory(), None, True
+        return replace(self, frames_left=self.frames_left - 1), remembered, False
 
     def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
         """Return the motion that differs from the one given (4, 4) as the last other one did."""

@@ -122,6 +122,7 @@ class StereoFrontEnd:
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state.pair),
+            settled=followed.settled,
             lasting=replace(observed.lasting, std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))])),
         )
 

@@ -50,13 +50,14 @@ _MAX_GAP_S = 1.0
 class Followed:
     """What following gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px`
     (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`: another
-    motion that may be right as well."""
+    motion that may be right as well; `settled`: as in `Observations`."""
 
     cam_from_previous: Array
     z_px: Array
     cov_px: Array
     found: Found | None = None
     other: SecondMotion | None = None
+    settled: bool = False
 
     def with_right_turned_back(self, views: AlignedViews, turn: Turn) -> "Followed":
         """With right sides in `found` where they fit a turn of the right camera: such a pair is whole."""
@@ -120,12 +121,12 @@ def follow(
 def _likelier_of_alike(
     setup: Setup, state: FrontEndState, previous: PreparedImages, images: PreparedImages, rough: RoughMotion
 ) -> tuple[RoughMotion, SecondMotion | None]:
-    """The motion and another one that looks the same, if there is one: while no track has any history, and for as long
-    as the scene repeats itself then. Of the two the smaller one comes first."""
+    """The motion and another one that looks the same, if there is one: while hardly any track has a history, and for
+    as long as the scene repeats itself then. Of the two the smaller one comes first."""
     seen, found = (previous, images, state.tracks, rough), rough.cam_from_previous
     if state.ambiguity.repeats:
         return rough, state.ambiguity.other_than(found) if still_repeats(*seen) else None
-    rival = None if (state.tracks.agreed > 1).any() else rival_motion(setup, *seen)
+    rival = None if (state.tracks.agreed > 0).sum() >= _MANY else rival_motion(setup, *seen)
     if rival is None:
         return rough, None
     std = np.repeat(setup.std_acceleration, 3)
@@ -292,7 +293,8 @@ def _advance(
     else:
         now = update_depths(projection, now, z_px, cov_px)
     now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
-    ambiguity, other = state.ambiguity.after(motion, rival)
+    agreed = candidates.before.agreed[views.found]
+    ambiguity, other, settled = state.ambiguity.after(motion, agreed, rival)
     found = _found(setup, candidates.before.keep(views.found), views, motion)
     state = replace(
         state,
@@ -301,7 +303,7 @@ def _advance(
         velocity=se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
     )
-    return state, Followed(motion.cam_from_ref, z_px + taken_px[rows], cov_px, found, other)
+    return state, Followed(motion.cam_from_ref, z_px + taken_px[rows], cov_px, found, other, settled)
 
 
 def _found(setup: Setup, before: Tracks, views: AlignedViews, motion: Resection) -> Found:

@@ -12,6 +12,7 @@ from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.frontend.right_turn import root_of_turn
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
+from stream_sfm.rig_model.terms import TERMS
 from stream_sfm.simulation.motions import MOTIONS
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Ambiguity, Observations, RigView, Status
@@ -84,8 +85,8 @@ def test_any_views_give_finite_estimates_or_a_reason(seed: int) -> None:
 def test_a_map_that_cannot_go_on_forgets_what_was_known_of_the_rig(size: float) -> None:
     """Otherwise every further map would begin with the same wrong rig, and end in its second frame."""
     estimator = CrossFrame(SEQUENCE.projection, Config())
-    wrong = RigKnowledge.unknown(np.full(len(MODEL), 1e-3), sizes_unknown=False)
-    estimator.rig = replace(wrong, mean=wrong.mean + size * np.random.default_rng(0).normal(size=len(MODEL)))
+    wrong = RigKnowledge.unknown(np.full(len(TERMS), 1e-3), sizes_unknown=False)
+    estimator.rig = replace(wrong, mean=wrong.mean + size * np.random.default_rng(0).normal(size=len(TERMS)))
     status = [estimator.step(replace(o, rig=RigView(MODEL, 0.01))).status for o in SEQUENCE.observations]
     assert Status.LOST in status[:3]
     assert set(status[6:]) == {Status.OK}

@@ -1,12 +1,14 @@
 """Two sets of points that move differently and of which neither has more history: said so, and covered by σ."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.types import Observations, Status
+from stream_sfm.types import Ambiguity, Observations, Status
 
 P = StereoProjection(400.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.2
@@ -72,3 +74,21 @@ def test_what_has_agreed_for_longer_is_the_background() -> None:
         error = se3.log(se3.inverse(solution.world_from_cam) @ pose)
         assert np.linalg.norm(error[:3]) < 0.02  # m; the other set moves by 0.03 per frame
         assert solution.status is Status.OK
+
+
+def test_what_is_settled_is_taken_back() -> None:
+    frames, _ = observations(9, moves_from=99)
+    other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
+    with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
+    doubtful = [replace(o, ambiguity=other) if 3 <= k < 6 else o for k, o in enumerate(with_start)]
+    settled = [replace(o, settled=k == 7) for k, o in enumerate(doubtful)]
+    plain, never, back = ([CrossFrame(P, Config())] for _ in range(3))
+    runs = [[e[0].step(o) for o in seen] for e, seen in ((plain, with_start), (never, doubtful), (back, settled))]
+    std_m = np.array([[np.sqrt(np.trace(s.cov_pose[:3, :3])) for s in run] for run in runs])
+    assert (std_m[1:, 6] > 3 * np.linalg.norm(OWN[:3])).all()  # three frames that err alike
+    assert std_m[1, 8] > 3 * np.linalg.norm(OWN[:3])
+    assert np.allclose(std_m[2, 7:], std_m[0, 7:], rtol=0.05)
+    in_world = [np.linalg.eigvalsh(run[8].cov_points_in_world).mean() for run in runs]
+    assert in_world[1] > 0.01 and abs(in_world[2] / in_world[0] - 1) < 0.1
+    relative = [run[8].relative.cov[0] for run in runs]
+    assert np.allclose(relative[2], relative[0], atol=1e-7)

@@ -1,5 +1,7 @@
 """An ambiguity is remembered for a while after the views that spoke for it have gone, then forgotten."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
@@ -23,7 +25,7 @@ def others(motions: list[Resection]) -> list[np.ndarray | None]:
     """The other motion of each frame, where there is one."""
     memory, found = AmbiguityMemory(), []
     for frame in motions:
-        memory, other = memory.after(frame, None)
+        memory, other, _ = memory.after(frame, np.zeros(10))
         found.append(None if other is None else other.cam_from_ref)
     return found
 
@@ -56,3 +58,17 @@ def test_no_track_earns_history_while_the_motion_is_ambiguous() -> None:
     kept = tracks.judged(accepted, ambiguous=True)
     assert kept.agreed.tolist() == [10, 10, 0, 0] and kept.rejected.tolist() == [0, 1, 0, 1]
     assert tracks.judged(accepted, ambiguous=False).agreed.tolist() == [11, 5, 1, 0]
+
+
+def test_an_ambiguity_is_settled_where_the_background_of_before_agrees_and_the_other_set_was_new() -> None:
+    for of_background, of_other, expected in ((30, 0, True), (0, 0, False), (30, 30, False)):
+        agreed, other_views = np.repeat([of_background, of_other], 20), np.arange(40) >= 20
+        ambiguous, clear = (replace(motion(FIRST, odds), accepted=~other_views) for odds in (0.5, None))
+        ambiguous = replace(ambiguous, second=replace(ambiguous.second, views=other_views))
+        memory, other, settled = AmbiguityMemory().after(ambiguous, agreed)
+        frames = 0
+        while other is not None:
+            assert not settled
+            memory, other, settled = memory.after(clear, agreed)
+            frames += 1
+        assert settled is expected and frames >= 10

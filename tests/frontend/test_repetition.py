@@ -50,9 +50,25 @@ def test_a_wall_with_enough_of_its_own_is_no_ambiguity(same: float) -> None:
     assert np.linalg.norm(errors(found)[:, :3], axis=1).max() < 0.01
 
 
-def test_a_repetition_is_over_with_the_first_frame_that_shows_something_else() -> None:
+def test_what_does_not_repeat_itself_settles_the_motions_before() -> None:
+    wall = tiled_wall(same=1.0)
+    first = wall.SIZE // 2 + round(1.7 / wall.TEXEL_M)  # at the right end of the first image
+    wall.texture[:, first:] = Wall(4).texture[:, first:]
+    poses = [se3.exp([0, 0, 0, 0, 0.05 * k, 0]) for k in range(10)]
+    engine = Engine(STEREO)
+    found = [engine.step(wall.frame(STEREO, pose, k)) for k, pose in enumerate(poses)]
+    doubtful = [e.status is Status.DEGRADED for e in found]
+    settled = doubtful.index(False, 1)
+    assert settled > 2 and not any(doubtful[settled:])
+    std_m = [float(np.sqrt(np.trace(e.cov_pose[:3, :3]))) for e in found]
+    assert std_m[settled - 1] > TILE_M and max(std_m[settled:]) < 0.02
+    off = [se3.log(se3.inverse(e.world_from_cam) @ p) for e, p in zip(found, poses, strict=True)]
+    assert np.linalg.norm(np.array(off)[:, :3], axis=1).max() < 0.02
+
+
+def test_a_repetition_is_over_and_settled_with_the_first_frame_that_shows_something_else() -> None:
     rival = motion(FIRST, 1.0).second
-    memory, other = AmbiguityMemory().after(motion(FIRST, None), rival)
-    assert other is rival and memory.repeats
-    memory, other = memory.after(motion(FIRST, None), None)
-    assert other is None and not memory.repeats
+    memory, other, settled = AmbiguityMemory().after(motion(FIRST, None), np.zeros(10), rival)
+    assert other is rival and memory.repeats and not settled
+    memory, other, settled = memory.after(motion(FIRST, None), np.zeros(10))
+    assert other is None and not memory.repeats and settled

@@ -15,8 +15,7 @@ from .window_frame import WindowFrame
 def absorb_oldest_frame(current: Map) -> None:
     """Marginalise the oldest frame, eqs. (31)–(36): all that frames outside the window say is in the prior again."""
     frame = current.frames.pop(0)
-    current.forget_first()
-    current.reference_index, current.reference_ns = frame.index, frame.stamp_ns
+    current.move_reference(frame)
     # a point enters the prior with a stereo view: one side alone would leave its depth open
     frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
     seen = frame.ids[frame.used]

@@ -65,7 +65,7 @@ class Map:
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
-        self._frames_ambiguous = 0
+        self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
         self.rig_jumped = False  # with the latest judgement
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
@@ -105,10 +105,6 @@ class Map:
     def views(self) -> WhitenedViews:
         """Return the used views of the window."""
         return WhitenedViews.concatenate([f.views(self.ids, row) for row, f in enumerate(self.frames)])
-
-    def forget_first(self) -> None:
-        """Leave the first frame's views as they are in the prior."""
-        self._first = None
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
@@ -163,11 +159,10 @@ class Map:
         return np.maximum(count, 0)
 
     def consider_other(self, motion: Resection) -> None:
-        """Add to the world's uncertainty that the second of two plausible motions may be the true one.
+        """Add to what is doubtful about the world that the second of two plausible motions may be the true one.
 
-        Modes of the world with the difference of the two, in any direction, as the camera's motion may be that of a
-        third set, which is hidden; and with the error of the other, eq. (36a). The differences of frames in a row have
-        one sign.
+        The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
+        and the error of the other, eq. (36a). The differences of frames in a row have one sign.
         """
         other = motion.ambiguous
         if other is None:
@@ -181,8 +176,26 @@ class Map:
         self.frames[-1].ambiguity = ambiguity
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity
         modes[:, :6] *= np.sqrt(2 * self._frames_ambiguous - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
-        self.prior = self.prior.with_world_modes(modes)
-        self.amplitudes = np.concatenate([np.zeros(modes.shape[1]), self.amplitudes])
+        self._cov_doubt = self._cov_doubt + modes @ modes.T
+
+    def settle(self) -> None:
+        """Take in that the motions which were followed are the camera's, where another one was possible."""
+        self._cov_doubt = np.zeros((6, 6))
+        for frame in self.frames:
+            frame.ambiguity = np.zeros((6, 0))
+
+    @property
+    def cov_doubt(self) -> Array:
+        """What other motions that may have been the camera's add to the covariance (6, 6) of the newest pose."""
+        ad = se3.adjoint(self.newest_cam_from_ref)
+        return np.asarray(ad @ self._cov_doubt @ ad.T)
+
+    def move_reference(self, frame: WindowFrame) -> None:
+        """Take a frame that leaves the window for the reference camera."""
+        self._first = None  # its views stay in the prior as they are
+        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
+        ad = se3.adjoint(frame.cam_from_ref)
+        self._cov_doubt = ad @ self._cov_doubt @ ad.T
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.
@@ -381,7 +394,7 @@ class Map:
         return self.marginals
 
     def _marginals(self) -> Marginals:
-        return Marginals.compute(
+        marginals = Marginals.compute(
             self.system,
             self.ids,
             self.ref_from_anchor,
@@ -390,3 +403,4 @@ class Map:
             self.newest_cam_from_ref,
             len(self.frames) - 1,
         )
+        return marginals.doubted(self.cov_doubt) if self._cov_doubt.any() else marginals

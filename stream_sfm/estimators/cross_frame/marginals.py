@@ -4,7 +4,7 @@ Both come from the same joint covariance of poses, points and world, so they are
 and (38), and eqs. (39)–(41).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,16 @@ class Marginals:
             points_in_world=se3.transform(world_from_ref, points_in_ref),
             cov_points_in_world=_propagate(world_by_q, cov.qq, world_by_w, cov.ww, cov.qw),
             finite=finite,
+        )
+
+    def doubted(self, cov: Array) -> "Marginals":
+        """Return the same where the newest pose may be wrong by `cov` (6, 6) more, with all that is seen from it."""
+        j, r = se3.point_in_source_jacobian(self.points_in_cam), self.world_from_cam[:3, :3]
+        of_points = r @ (j @ cov @ np.swapaxes(j, 1, 2)) @ r.T
+        return replace(
+            self,
+            cov_pose=self.cov_pose + cov,
+            cov_points_in_world=symmetric(self.cov_points_in_world + of_points),
         )
 
     def ended(self, rows: NDArray[np.bool_]) -> WorldPoints:

@@ -162,18 +162,6 @@ class Prior:
             rig=updated_rig,
         )
 
-    def with_world_modes(self, modes: Array) -> "Prior":
-        """Add modes (6, j) of the world alone: points stay where they are in the reference camera, eq. (36a).
-
-        They come first, as the last modes are those of the rig.
-        """
-        no_points = np.zeros((len(self.ids), 3, modes.shape[1]))
-        return replace(
-            self,
-            modes=np.concatenate([no_points, self.modes], axis=2),
-            world_modes=np.concatenate([modes, self.world_modes], axis=1),
-        )
-
     def with_rig(self, rig: RigKnowledge, u: Array) -> "Prior":
         """Return the prior with other knowledge about the rig: its amplitudes a are now a', a = U a', eq. (72b)."""
         own = self.modes.shape[2] - len(rig)

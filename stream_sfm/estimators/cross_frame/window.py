@@ -106,6 +106,8 @@ class CrossFrame:
         self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, rejected, ambiguous=motion.ambiguous is not None)
+        if observations.settled:
+            current.settle()
         current.consider_other(motion)
         current.renew_rig_effects()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
