@@ -41,6 +41,7 @@ from ._core import motion_step as motion_step
 from ._core import multiply_blocks as multiply_blocks
 from ._core import normal_blocks as normal_blocks
 from ._core import orthonormalise as orthonormalise
+from ._core import point_marginals as point_marginals
 from ._core import polynomial_rows as polynomial_rows
 from ._core import pose_exp as pose_exp
 from ._core import pose_log as pose_log

@@ -196,3 +196,24 @@ def eliminate_points(
     roots (P, 3, 3) of the covariances of points given the others, and rootsᵀ times what couples points to these
     (P, 3, 6F + k). Raises LinAlgError where information is not definite.
     """
+
+def point_marginals(
+    ref_from_anchor: Array,
+    q: Array,
+    finite: Mask,
+    qq: Array,
+    qx: Array,
+    qw: Array,
+    xx: Array,
+    ww: Array,
+    q_by_rig: Array,
+    x_by_rig: Array,
+    world_from_ref: Array,
+    cam_from_ref: Array,
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return points in the newest camera and in the world, each with covariances, eqs. (37) to (41).
+
+    Points q (P, 3) in anchors (P, 4, 4), `finite` (P,): in metres; blocks of the covariance as in `JointCovariance`,
+    without that between pose and world; poses (4, 4). Returns q in the camera (P, 3), its covariance (P, 3, 3) given
+    the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3).
+    """

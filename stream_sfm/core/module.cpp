@@ -202,4 +202,16 @@ NB_MODULE(_core, m) {
         return nb::make_tuple(numpy(std::move(r.d_inverse)), numpy(std::move(r.pull)), numpy(std::move(r.std_given)),
                               numpy(std::move(r.reach)));
     });
+    m.def("point_marginals", [](const Blocks& anchors, const Floats& q, const In<bool, 1>& finite, const Blocks& qq, const Blocks& qx,
+                                const Blocks& qw, const Floats& xx, const Floats& ww, const Blocks& q_by_rig, const Floats& x_by_rig,
+                                const Floats& world_from_ref, const Floats& cam_from_ref) {
+        auto r = unlocked([&] {
+            return point_marginals({view(anchors), view(q), view(finite)},
+                                   {view(qq), view(qx), view(qw), view(q_by_rig), view(xx), view(ww), view(x_by_rig)},
+                                   view(world_from_ref), view(cam_from_ref));
+        });
+        return nb::make_tuple(numpy(std::move(r.q_in_cam)), numpy(std::move(r.cov_q_in_cam)), numpy(std::move(r.points_in_cam)),
+                              numpy(std::move(r.cov_points)), numpy(std::move(r.points_in_world)),
+                              numpy(std::move(r.cov_points_in_world)));
+    });
 }

@@ -104,11 +104,32 @@ Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<
                                const View<double, 2>& q, const Indices& frame, const Indices& point);
 Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+struct WindowPoints {
+    View<double, 3> ref_from_anchor;
+    View<double, 2> q;
+    View<bool, 1> finite;
+};
 struct EliminatedPoints {
     Array<double, 3> d_inverse, pull, std_given, reach;
     bool definite;
 };
 EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w, const View<double, 3>& by_rig,
                                   const Indices& known, const View<double, 3>& cov, const View<double, 3>& modes);
+
+// marginals.cpp
+struct PointCovariances {
+    View<double, 3> qq, qx, qw, q_by_rig;
+    View<double, 2> xx, ww, x_by_rig;
+};
+struct PointMarginals {
+    Array<double, 2> q_in_cam;
+    Array<double, 3> cov_q_in_cam;
+    Array<double, 2> points_in_cam;
+    Array<double, 3> cov_points;
+    Array<double, 2> points_in_world;
+    Array<double, 3> cov_points_in_world;
+};
+PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& cov, const View<double, 2>& world_from_ref,
+                               const View<double, 2>& cam_from_ref);
 
 }  // namespace core

@@ -44,6 +44,10 @@ CALLS = {
     "orthonormalise": (MOTIONS,),
     "multiply_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "invert_triangle": (np.eye(6),),
+    "point_marginals": (
+        *(MOTIONS, POINTS[:, :3], np.ones(N, bool), COV[:, :3, :3], np.zeros((N, 3, 6)), np.zeros((N, 3, 6))),
+        *(np.eye(6), np.eye(6), SHARED[:, :3], np.ones((6, 2)), np.eye(4), np.eye(4)),
+    ),
     "window_points": (*STATE[:3], *SEEN[:2]),
     "window_residuals": (PINHOLES, *STATE, *SEEN),
     "normal_blocks": (PINHOLES, *STATE, *SEEN),
