@@ -72,9 +72,9 @@ class RelativeRecord:
                 span, end = span - piece, end - piece
         return motion
 
-    def motions(self, span: int, frames: int | None = None) -> Motions:
-        """Return the motions over a span among the first `frames` frames (None: all)."""
-        numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)[:frames]
+    def motions(self, span: int) -> Motions:
+        """Return the motions over a span."""
+        numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)
         rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
         cov = np.zeros((len(rows), 6, 6))
         cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[rows, 6:]
@@ -92,17 +92,17 @@ class RelativeRecord:
 
 
 def against_truth(
-    record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float], frames: int | None = None
+    record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float]
 ) -> list[dict[str, Any]]:
     """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
-    stamps_ns, indices = record.stamps_ns[:frames], record.frame_indices[:frames]
+    stamps_ns, indices = record.stamps_ns, record.frame_indices
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
     at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth, by the index of the frame
     at[indices[rows]] = np.arange(len(rows))
     cov_truth = 2 * np.diag(np.repeat(np.square(std_truth), 3))
     result = []
     for span in SPANS:
-        motions = record.motions(span, frames)
+        motions = record.motions(span)
         known = (at[motions.ends] >= 0) & (at[motions.ends - span] >= 0)
         if not known.any():
             continue

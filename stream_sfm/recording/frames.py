@@ -28,14 +28,14 @@ class RecordedFrame(StereoFrame):
     recorded: StereoPair = field(kw_only=True)
 
 
-def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]], stamp_ns: int | None = None) -> RecordedFrame:
-    """Make the frame of a pair and its decoded images, at the pair's stamp unless another one is given.
+def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> RecordedFrame:
+    """Make the frame of a pair and its decoded images.
 
     A viewer gets compressed images as they were recorded, and the decoded grey values of raw ones.
     """
     left, right = images[0], images[-1]
     pictures = _picture(pair.left, left), _picture(pair.right, right)
-    return RecordedFrame(pair.stamp_ns if stamp_ns is None else stamp_ns, left, right, pictures, recorded=pair)
+    return RecordedFrame(pair.stamp_ns, left, right, pictures, recorded=pair)
 
 
 def _picture(message: ImageMessage, decoded: NDArray[np.uint8]) -> Picture:

@@ -12,7 +12,7 @@ from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import FrameError
-from ..evaluation import path_length_m
+from ..evaluation.drift import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..geometry.se3 import Array

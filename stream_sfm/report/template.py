@@ -32,11 +32,11 @@ def _environment() -> Environment:
     return environment
 
 
-def num(value: float | None, digits: int = 2, factor: float = 1.0) -> str:
+def num(value: float | None, digits: int = 2) -> str:
     """A number with fixed digits after the point; a dash for None."""
     if value is None:
         return _UNKNOWN
-    text = f"{factor * value:.{digits}f}"
+    text = f"{value:.{digits}f}"
     return text.replace("-", "−" if float(text) else "")
 
 

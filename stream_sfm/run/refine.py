@@ -77,9 +77,9 @@ def calibrate(
     return RefinedRig(replace(rig, refinement=refinement, timing=timing_of(known, config)), estimates)
 
 
-def first_look(log: StereoLog, config: Config | None = None) -> dict[str, Any] | None:
+def first_look(log: StereoLog) -> dict[str, Any] | None:
     """What the first frames of a log tell about the errors of its rig, as `rig` of summary.json; None: nothing."""
-    estimate = _learn(log, log.stereo_rig, config or Config(), Selection(max_frames=_LOOK_FRAMES)).latest
+    estimate = _learn(log, log.stereo_rig, Config(), Selection(max_frames=_LOOK_FRAMES)).latest
     return None if estimate is None else describe(Rectifier(log.stereo_rig).projection, estimate)
 
 

@@ -10,8 +10,8 @@ from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..errors import InputError
-from ..evaluation import evaluate
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
+from ..evaluation.summary import evaluate
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting

@@ -11,10 +11,9 @@ _RESAMPLES = 2000  # closed form: the ends of an interval then have a σ of 1.5 
 _PERCENTILES = [2.5, 97.5]
 
 
-def _bootstrap(statistic: Callable[[Array], Array], weights_of: int, seed: int = 0) -> Interval:
-    """Bootstrap a `statistic` that takes weights (r, trials), whose rows sum to the trials, and returns (r,)."""
-    rng = np.random.default_rng(seed)
-    n = weights_of
+def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:
+    """Bootstrap a `statistic` that takes weights (r, n) of n trials, whose rows sum to n, and returns (r,)."""
+    rng = np.random.default_rng(0)
     weights = rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES).astype(float)
     value = float(statistic(np.ones((1, n)))[0])
     if n < 2:

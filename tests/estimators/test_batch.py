@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.baselines.full_batch import batch_adjust, cramer_rao_bound
+from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound
 from stream_sfm.geometry import se3
+from tests.helpers.full_batch import batch_adjust
 
 
 def disturbed_start(sequence):

@@ -6,7 +6,7 @@ import pytest
 
 from stream_sfm.config import Config, RobustConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.baselines.full_batch import batch_adjust
+from tests.helpers.full_batch import batch_adjust
 
 # Nothing is gated away, so that all solve the same problem.
 CONFIG = Config(window=WindowConfig(frames=16, max_iterations=30), robust=RobustConfig(gate_probability=1 - 1e-9))

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from stream_sfm import evaluation as ev
 from stream_sfm.evaluation.alignment import umeyama
-from stream_sfm.evaluation.segments import lengths_for_path
+from stream_sfm.evaluation.association import matched
+from stream_sfm.evaluation.ate import ate_rmse_aligned_m, ate_rmse_m
+from stream_sfm.evaluation.consistency import nees_pose, nees_pose_mean
+from stream_sfm.evaluation.drift import final_drift_percent, path_length_m, scale_error_percent
+from stream_sfm.evaluation.segments import lengths_for_path, segment_errors
+from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.geometry import se3
 from stream_sfm.types import Trajectory
 
@@ -35,7 +39,7 @@ def test_a_perfect_trajectory_has_no_error_in_any_world():
     estimate = se3.inverse(truth[0]) @ truth
     cov = np.tile(np.eye(6) * 1e-4, (len(truth), 1, 1))
     cov[0] = 0
-    figures = ev.evaluate(trajectory(estimate, cov), trajectory(truth))
+    figures = evaluate(trajectory(estimate, cov), trajectory(truth))
     for key in (
         "ate_rmse_m",
         "ate_rmse_aligned_m",
@@ -53,10 +57,10 @@ def test_a_perfect_trajectory_has_no_error_in_any_world():
 def test_a_rigid_offset_vanishes_by_alignment_and_an_error_of_the_first_pose_does_not():
     truth = winding_path()
     moved = se3.exp([1.0, -2.0, 3.0, 0.4, 0.5, -0.6]) @ truth
-    assert max(ev.ate_rmse_aligned_m(moved, truth), ev.ate_rmse_m(moved, truth)) < 1e-12
+    assert max(ate_rmse_aligned_m(moved, truth), ate_rmse_m(moved, truth)) < 1e-12
     estimate = truth.copy()
     estimate[0] = estimate[0] @ se3.exp([0, 0, 0, 0.05, 0, 0])
-    assert ev.ate_rmse_aligned_m(estimate, truth) < 1e-9 < 0.1 < ev.ate_rmse_m(estimate, truth)  # 0.05 rad at 60 m
+    assert ate_rmse_aligned_m(estimate, truth) < 1e-9 < 0.1 < ate_rmse_m(estimate, truth)  # 0.05 rad at 60 m
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.04])
@@ -64,10 +68,10 @@ def test_a_known_scale_is_found_and_never_aligned_away(scale: float):
     truth = winding_path()
     estimate = truth.copy()
     estimate[:, :3, 3] *= scale
-    assert ev.scale_error_percent(estimate, truth) == pytest.approx(100 * (scale - 1), abs=1e-9)
-    assert ev.ate_rmse_aligned_m(estimate, truth) > 0.1  # a few per cent of a path of 60 m
-    chord = np.linalg.norm(truth[-1, :3, 3] - truth[0, :3, 3]) / ev.path_length_m(truth)
-    assert ev.final_drift_percent(estimate, truth) == pytest.approx(100 * abs(scale - 1) * chord)
+    assert scale_error_percent(estimate, truth) == pytest.approx(100 * (scale - 1), abs=1e-9)
+    assert ate_rmse_aligned_m(estimate, truth) > 0.1  # a few per cent of a path of 60 m
+    chord = np.linalg.norm(truth[-1, :3, 3] - truth[0, :3, 3]) / path_length_m(truth)
+    assert final_drift_percent(estimate, truth) == pytest.approx(100 * abs(scale - 1) * chord)
 
 
 def test_segments_of_a_scaled_straight_line_are_off_by_the_scale():
@@ -75,7 +79,7 @@ def test_segments_of_a_scaled_straight_line_are_off_by_the_scale():
     truth[:, 2, 3] = np.arange(300)
     estimate = truth.copy()
     estimate[:, :3, 3] *= 1.02
-    found = ev.segment_errors(estimate, truth)
+    found = segment_errors(estimate, truth)
     assert found.lengths_m == (100.0, 200.0)
     # the first frame beyond 100 m is at 101 m, the one beyond 200 m at 201 m; ten and twenty starts
     starts = {100: len(range(0, 300 - 101, 10)), 200: len(range(0, 300 - 201, 10))}
@@ -90,7 +94,7 @@ def test_a_constant_turning_error_is_measured_in_degrees_per_100_m():
     truth[:, 2, 3] = np.arange(101)
     xi = np.zeros((101, 6))
     xi[:, 4] = np.radians(0.01) * np.arange(101)  # 0.01 degrees a metre
-    found = ev.segment_errors(truth @ se3.exp(xi), truth, lengths_m=(10.0,), step=1)
+    found = segment_errors(truth @ se3.exp(xi), truth, lengths_m=(10.0,), step=1)
     assert found.r_rel_deg_per_100m == pytest.approx(1.1)  # 11 m lie in each "first frame beyond 10 m"
 
 
@@ -107,7 +111,7 @@ def test_truth_is_interpolated_at_the_stamps_of_the_estimate():
     truth = Trajectory(fine, se3.exp(xi * fine[:, None] * 1e-9))
     stamps = np.array([-1, 0, 12_345_678, 50_000_000, 1_234_567_891, 1_950_000_000, 1_950_900_000, 3_000_000_000])
     estimate = Trajectory(stamps, se3.exp(xi * stamps[:, None] * 1e-9))
-    rows, true = ev.matched(estimate, truth)
+    rows, true = matched(estimate, truth)
     assert rows.tolist() == [0, 1, 2, 3, 4, 5, 6]
     assert np.allclose(true.world_from_cam[1:6], estimate.world_from_cam[1:6], atol=1e-12)
     assert (true.stamps_ns == stamps[rows]).all()
@@ -116,19 +120,19 @@ def test_truth_is_interpolated_at_the_stamps_of_the_estimate():
 def test_sparse_truth_is_not_interpolated():
     truth = Trajectory(np.array([0, 1_000_000_000]), np.tile(np.eye(4), (2, 1, 1)))
     estimate = Trajectory(np.array([0, 500_000_000, 1_000_000_000]), np.tile(np.eye(4), (3, 1, 1)))
-    assert ev.matched(estimate, truth)[0].tolist() == [0, 2]
+    assert matched(estimate, truth)[0].tolist() == [0, 2]
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_hardly_any_truth_gives_figures_without_values(n: int):
-    figures = ev.evaluate(trajectory(winding_path(5)), trajectory(winding_path(5)[:n]))
+    figures = evaluate(trajectory(winding_path(5)), trajectory(winding_path(5)[:n]))
     assert figures["frames_compared"] == n
     assert (figures["ate_rmse_m"] is None) == (n < 2)
 
 
 def test_standing_still_defines_no_percentages():
     still = np.tile(np.eye(4), (50, 1, 1))
-    figures = ev.evaluate(trajectory(disturbed(still, 1e-3)), trajectory(still))
+    figures = evaluate(trajectory(disturbed(still, 1e-3)), trajectory(still))
     assert figures["final_drift_percent"] is None
     assert figures["scale_error_percent"] is None
     assert figures["t_rel_percent"] is None
@@ -145,8 +149,8 @@ def test_nees_of_errors_drawn_from_the_covariance_is_six():
     noise[0] = 0
     estimate = truth @ se3.exp(-noise)  # truth = estimate·Exp(noise)
     standard_error = np.sqrt(2 * 6 / 2000)
-    assert ev.nees_pose_mean(estimate, cov, truth) == pytest.approx(6, abs=4 * standard_error)
-    assert np.isnan(ev.nees_pose(estimate, cov, truth)[0])
+    assert nees_pose_mean(estimate, cov, truth) == pytest.approx(6, abs=4 * standard_error)
+    assert np.isnan(nees_pose(estimate, cov, truth)[0])
 
 
 def test_nees_of_a_false_covariance_is_not_a_plausible_number():
@@ -155,7 +159,7 @@ def test_nees_of_a_false_covariance_is_not_a_plausible_number():
     cov[1] = np.diag([1, 1, 1, 1, 1, -1.0])
     cov[2] = np.full((6, 6), np.nan)
     cov[3] = np.eye(6) - 0.5  # indefinite
-    values = ev.nees_pose(poses, cov, poses)
+    values = nees_pose(poses, cov, poses)
     assert np.isnan(values[[0, 2]]).all() and np.isinf(values[[1, 3]]).all()
 
 
@@ -163,7 +167,7 @@ def test_umeyama_of_points_on_a_line_and_in_a_place():
     line = np.outer(np.arange(5.0), [1, 2, 2])
     _, pose = umeyama(line @ se3.exp_so3([0.1, 0.2, 0.3]).T, line)
     assert np.isclose(np.linalg.det(pose[:3, :3]), 1)
-    assert ev.ate_rmse_aligned_m(winding_path(1), winding_path(1, seed=3)) < 1e-12
+    assert ate_rmse_aligned_m(winding_path(1), winding_path(1, seed=3)) < 1e-12
 
 
 class TestAgainstEvo:
@@ -187,16 +191,16 @@ class TestAgainstEvo:
         ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
         estimate = self.path(self.estimate)
         estimate.align(self.path(self.truth))
-        assert ev.ate_rmse_aligned_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
+        assert ate_rmse_aligned_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
         estimate = self.path(self.estimate)
         estimate.align_origin(self.path(self.truth))
-        assert ev.ate_rmse_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
+        assert ate_rmse_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
         _, _, scale = self.path(self.estimate).align(self.path(self.truth), correct_scale=True)
-        found = ev.scale_error_percent(self.estimate, self.truth)
+        found = scale_error_percent(self.estimate, self.truth)
         assert found == pytest.approx(100 * (1 / scale - 1), rel=1e-9)
 
     def test_relative_errors_over_one_length(self):
-        found = ev.segment_errors(self.estimate, self.truth, lengths_m=(10.0,), step=1)
+        found = segment_errors(self.estimate, self.truth, lengths_m=(10.0,), step=1)
         along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.truth[:, :3, 3], axis=0), axis=1))])
         pairs = [(i, int(np.argmax(along > along[i] + 10.0))) for i in range(150) if (along > along[i] + 10).any()]
         metrics, errors = self.metrics, []

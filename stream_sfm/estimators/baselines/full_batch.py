@@ -1,4 +1,4 @@
-"""All frames and all points at once: the maximum-likelihood adjustment, and the bound on every estimator.
+"""The bound on every estimator, from all frames and all points at once.
 
 The Cramér–Rao bound, eq. (46), is the inverse Fisher information at the truth with the first camera fixed; for
 Gaussian noise it is the adjustment's own covariance evaluated at the truth.
@@ -14,10 +14,7 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations
-from .bundle_adjustment import Adjustment, Covariances, NormalEquations, WeightedViews, adjust
-
-# Relative decrease of the sum of squares. Trades a few iterations for figures that agree with other solvers to 1e-7.
-_TOLERANCE = 1e-14
+from .bundle_adjustment import Covariances, NormalEquations, WeightedViews
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +31,6 @@ class Bound:
     cov_points_in_cam: Array
 
 
-@dataclass(frozen=True, slots=True)
-class BatchResult:
-    """The full adjustment: `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) m of `track_ids` (p,), covariances."""
-
-    world_from_cam: Array
-    track_ids: NDArray[np.int64]
-    points_in_world: Array
-    cov_poses: Array
-    cov_points_in_world: Array
-    chi2: float
-    iterations: int
-    converged: bool
-
-
 def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64], WeightedViews]:
     """Return the ascending track ids of a sequence and its views as rows, whose point index is the row of the id."""
     ids = np.concatenate([o.track_ids for o in observations])
@@ -56,36 +39,6 @@ def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64
     cov = np.concatenate([o.cov_px for o in observations])
     unique, point = np.unique(ids, return_inverse=True)
     return unique, WeightedViews.sorted_by_point(frame, point, z, cov)
-
-
-def batch_adjust(
-    projection: StereoProjection,
-    observations: Sequence[Observations],
-    world_from_cam_start: Array,
-    points_start: Array,
-    max_iterations: int = 50,
-) -> BatchResult:
-    """Minimise least squares over all views, with the first camera held and no outlier test.
-
-    `world_from_cam_start` (n, 4, 4); `points_start` (p, 3) in the world, by ascending track id.
-    """
-    ids, views = gather_views(observations)
-    free = _all_but_first(len(observations))
-    result: Adjustment = adjust(
-        projection, world_from_cam_start, points_start, views, free, None, max_iterations, tolerance=_TOLERANCE
-    )
-    normal = NormalEquations.build(projection, result.ref_from_cam, result.points, views)
-    covariances = Covariances.of(normal.eliminate_points(free), free)
-    return BatchResult(
-        world_from_cam=result.ref_from_cam,
-        track_ids=ids,
-        points_in_world=result.points,
-        cov_poses=_pose_blocks(covariances),
-        cov_points_in_world=covariances.cov_points,
-        chi2=result.cost,
-        iterations=result.iterations,
-        converged=result.converged,
-    )
 
 
 def cramer_rao_bound(
@@ -101,23 +54,15 @@ def cramer_rao_bound(
     """
     last = len(observations) - 1 if frame is None else frame
     ids, views = gather_views(observations[: last + 1])
-    free = _all_but_first(last + 1)
+    free = np.arange(last + 1) > 0
     points = points_in_world[ids]
     normal = NormalEquations.build(projection, world_from_cam[: last + 1], points, views)
     now = np.flatnonzero(np.isin(ids, observations[last].track_ids))
     covariances = Covariances.of(normal.eliminate_points(free), free, now)
     in_cam = se3.transform(se3.inverse(world_from_cam[last]), points[now])
     return Bound(
-        cov_poses=_pose_blocks(covariances),
+        cov_poses=np.stack([covariances.cov_pose(k) for k in range(last + 1)]),
         track_ids=ids[now],
         cov_points_in_world=covariances.cov_points,
         cov_points_in_cam=covariances.cov_points_in_cam(last, world_from_cam[last], in_cam),
     )
-
-
-def _all_but_first(n: int) -> NDArray[np.bool_]:
-    return np.arange(n) > 0
-
-
-def _pose_blocks(covariances: Covariances) -> Array:
-    return np.stack([covariances.cov_pose(k) for k in range(len(covariances.free))])
