@@ -53,8 +53,9 @@ def rewritten(words: Sequence[str]) -> list[str]:
     for old, new in _OLD_COMMANDS.items():
         if tuple(words[: len(old)]) == old:
             words[: len(old)] = new
-    if words[:2] == ["import", "images"] and words[-1].endswith(".mcap"):
-        words[2:2] = [words.pop()]  # OUT at the end, where --left or --right would take it as one more image
+    if words[:2] == ["import", "images"] and (out := next((w for w in words if w.endswith(".mcap")), None)):
+        words.remove(out)  # which --left or --right before it would take as one more image
+        words.insert(2, out)
     found: list[str] = []
     for at, word in enumerate(words):
         after_one = at >= 2 and words[at - 2] == _PAIR and not word.startswith("-")

@@ -67,7 +67,7 @@ class CameraSource(Source):
         grabber = _Grabber(self._device, encoder, self._recorder)
         try:
             while (messages := grabber.next()) is not None:
-                yield from messages
+                yield from (m for m in messages if topics is None or m.channel.topic in topics)
         finally:
             grabber.stop()
             if grabber.left_out:

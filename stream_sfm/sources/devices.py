@@ -61,8 +61,10 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
 
     def grab() -> tuple[int, Image, Image] | None:
         grabbed, stamp_ns = [capture.grab() for capture in captures], time.time_ns()
+        if not all(grabbed):
+            return None
         images = [np.asarray(image, np.uint8) for good, image in (c.retrieve() for c in captures) if good]
-        if not all(grabbed) or len(images) < len(captures):
+        if len(images) < len(captures):
             return None
         left, right = images if len(images) == 2 else halves(images[0], rig, " ".join(names))
         return stamp_ns, left, right
