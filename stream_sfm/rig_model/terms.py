@@ -9,6 +9,8 @@ axes by δ/f: no view shows that (`camera/unseen_errors.py`). What is left of it
 is a term here.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from .. import core
@@ -56,6 +58,7 @@ def columns(
     return core.rig_columns(projection.pinholes, projection.width, projection.height, z_px, velocity_px_s, row, age)
 
 
+@lru_cache(maxsize=8)
 def terms_of_turn(projection: StereoProjection) -> Array:
     """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""
     u, v = np.linspace(0, projection.width - 1, 5), np.linspace(0, projection.height - 1, 5)
@@ -64,6 +67,7 @@ def terms_of_turn(projection: StereoProjection) -> Array:
     by_term = columns(projection, np.tile(places_px, 2), None, None)[:, 2, DISPARITY]
     terms = np.zeros((len(TERMS), 3))
     terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]
+    terms.flags.writeable = False  # all who ask get the same
     return terms
 
 
