@@ -13,7 +13,6 @@ from .errors import OutputError
 RESULTS = (
     "estimates.mcap", "trajectory.tum", "trajectory.kitti", "trajectory.csv", "summary.json", "config.toml",
     "metadata.yaml",
-    "report.html",
 )  # fmt: skip
 MAP_TRAJECTORY = "trajectory_map.tum"  # and of a replay with loops
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file

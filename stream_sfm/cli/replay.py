@@ -40,7 +40,7 @@ def replay(
 
     Estimates the pose of the left camera and the 3-D structure in front of it, with covariances, for every frame of a
     stereo log. Writes estimates.mcap (with metadata.yaml a ROS 2 bag), trajectory.tum, trajectory.kitti,
-    trajectory.csv, summary.json, report.html and config.toml.
+    trajectory.csv, summary.json and config.toml.
 
     Args:
         log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders

@@ -44,9 +44,7 @@ def _grey_first(series: Iterable[Series]) -> list[Series]:
     return sorted(series, key=lambda s: not s.quiet)
 
 
-def path(
-    poses: Mapping[str, Array], traces: Traces, unit: LengthUnit, length: str = "m", looks: Looks = of_method
-) -> Markup:
+def path(poses: Mapping[str, Array], traces: Traces, unit: LengthUnit, looks: Looks = of_method) -> Markup:
     """The path seen from above: the true one, else the first method's, and the others where they do not coincide."""
     found = {name: traces[name].estimate if name in traces else of_run for name, of_run in poses.items()}
     series = [_line(looks(name), shown[:, 0, 3], shown[:, 2, 3]) for name, shown in found.items()]
@@ -62,7 +60,7 @@ def path(
     note = "from above"
     if coincide := len(series) > 1 and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
         note += f"; all estimates are within {unit.per_m * apart_m:.2g} {unit.name}"
-    labels = (f"x, {length} (right)", f"z, {length} (forward)")
+    labels = ("x, m (right)", "z, m (forward)")
     return draw(Chart("Path", *labels, series[:1] if coincide else series, note=note, path=True))
 
 
@@ -155,37 +153,6 @@ def structure(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
         return _over_frames(title, "RMS error / RMS σ", series, note, log_y=True)
     series = [_per_frame(run.name, unit.per_m * run.column("sigma_local_m")) for run in runs]
     return _over_frames("σ of local points", f"along the ray, {unit.name}", series, "median", log_y=True)
-
-
-def error_and_sigma(estimate: Any, found: Trace | None, method: str, unit: LengthUnit) -> list[Markup]:
-    """σ of position and rotation of one run over the frames, beside the error where the truth is known."""
-    charts = []
-    for what, part, scale, name in (
-        ("Position", slice(0, 3), unit.per_m, unit.name),
-        ("Rotation", slice(3, 6), np.degrees(1.0), "degrees"),
-    ):
-        series = []
-        if found is not None:
-            error = unit.per_m * found.position_m if what == "Position" else found.rotation_deg
-            series.append(Series("error", *_pair(broken(found.frames, error)), style(method)))
-        if estimate.cov_pose is not None:
-            variance = np.trace(estimate.cov_pose[:, part, part], axis1=1, axis2=2)
-            sigma = scale * np.sqrt(np.maximum(variance, 0))
-            series.append(Series("σ", np.arange(len(sigma)), sigma, "m-truth"))
-        title = f"{what} error and σ" if found is not None else f"Estimated σ of the {what.lower()}"
-        note = "first poses aligned" if found is not None else "relative to the first frame"
-        charts.append(_over_frames(title, name, series, note, zero=True))
-    return charts
-
-
-def columns(run: RunRecord, title: str, unit: str, names: dict[str, str], smooth: bool = False) -> Markup:
-    """Columns of a record over the frames; `names`: of the columns, with their styles."""
-    n = np.arange(len(run))
-    series = [
-        Series(name, n, smoothed(run.column(name)) if smooth else run.column(name), colour)
-        for name, colour in names.items()
-    ]
-    return _over_frames(title, unit, series, SMOOTHED if smooth else "", zero=True)
 
 
 def _per_frame(name: str, y: Array) -> Series:

@@ -21,7 +21,7 @@ class LengthUnit(NamedTuple):
         return [replace(s, y=self.per_m * s.y) for s in series]
 
 
-METRES, MILLIMETRES, UNSCALED = LengthUnit("m", 1.0), LengthUnit("mm", 1e3), LengthUnit("units", 1.0)
+METRES, MILLIMETRES = LengthUnit("m", 1.0), LengthUnit("mm", 1e3)
 
 
 def unit_for(*lengths_m: ArrayLike | None) -> LengthUnit:

@@ -23,8 +23,7 @@ from .front_record import FrontRecord
 from .view import View
 
 STAGES = ("decode", "frontend", "estimator", "total")
-COUNTS = ("tracked", "new", "used", "rejected")
-_NUMBERS = (*STAGES, *COUNTS, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
+_NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
 _STATUSES = list(Status)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
@@ -71,9 +70,8 @@ class RunRecord:
         self.reasons.append(estimate.reason)
         t = estimate.timings_ms
         times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
-        counts = [estimate.counts[name] for name in COUNTS]
         last = (estimate.nis, estimate.nis_dof, _median_sigma(estimate), reprojection_px)
-        self._numbers.extend((*times_ms, total_ms, *counts, *last))
+        self._numbers.extend((*times_ms, total_ms, *last))
         self.relative.add(estimate)
         self.rig = estimate.rig or self.rig
         if estimate.rig_change is not None:
@@ -105,7 +103,7 @@ class RunRecord:
         return [_STATUSES[k] for k in self._statuses]
 
     def column(self, name: str) -> Array:
-        """One of the numbers of each frame (n,): a stage in ms, a count, nis, nis_dof, sigma_local_m (median estimated
+        """One of the numbers of each frame (n,): a stage in ms, nis, nis_dof, sigma_local_m (median estimated
         σ of the points along their rays), or reprojection_px (RMS over the views used)."""
         return np.array(self._numbers).reshape(-1, len(_NUMBERS))[:, _NUMBERS.index(name)]
 

@@ -62,12 +62,6 @@ class ResultFolder:
             with only_writer(self.path):
                 write_whole(self.path / "summary.json", json_bytes(summary))
 
-    def write_page(self, html: str) -> None:
-        """Write report.html, if there was an estimate."""
-        if self._files:
-            with only_writer(self.path):
-                write_whole(self.path / "report.html", html.encode())
-
     def write_corrected(self, trajectory: Trajectory) -> None:
         """Write trajectory_map.tum, the poses in the world of a map."""
         if self._files:

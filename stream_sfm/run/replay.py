@@ -1,4 +1,4 @@
-"""Replays a log: a run with one lane, its summary and its page. What was computed is never lost."""
+"""Replays a log: a run with one lane, and its summary. What was computed is never lost."""
 
 import time
 from collections.abc import Sequence
@@ -16,10 +16,8 @@ from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording import StereoLog, open_log
-from ..report.calibration_field import calibration_error
+from ..report.calibration_field import describe
 from ..report.records import Truth
-from ..report.run_page import render_run
-from ..report.view import View
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
 from .depth import TrueDepth
@@ -135,12 +133,11 @@ class _Replay:
             self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
         self._calibration = None if config.mono else CalibrationSink(log)
-        self._view = View(rig.left)
         self._places = _places(rig, config) if loops else None
-        self.sinks: list[Sink] = [s for s in (self._calibration, self._view, self._places) if s is not None]
+        self.sinks: list[Sink] = [s for s in (self._calibration, self._places) if s is not None]
 
     def result(self, course: Course, truth: Truth) -> ReplayResult:
-        """Write summary and page; a failure of these is the error of the course unless there is one already."""
+        """Write the summary; a failure of this is the error of the course unless there is one already."""
         record = self.lane.record
         if self.lane.error is not None:
             course.end(self.lane.error)
@@ -152,9 +149,8 @@ class _Replay:
             "peak_rss_mib": peak_rss_mib(),
             "problems": (self._calibration.problems if self._calibration is not None else []) or problems,
         }
-        calibration = calibration_error(self.lane.observer.projection, record.rig)
-        if calibration is not None:
-            further["rig"] = calibration.numbers
+        if record.rig is not None:
+            further["rig"] = describe(self.lane.observer.projection, record.rig)
         for test in self.checks:
             further["self_test"] = test.result()
         corrected = None
@@ -176,8 +172,6 @@ class _Replay:
                 folder.write_summary(summary)
                 if corrected is not None:
                     folder.write_corrected(corrected)
-                poses = None if self._config.mono else truth.poses
-                folder.write_page(render_run(summary, record, poses, calibration, self._view))
             except Exception as error:
                 course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())

@@ -37,11 +37,7 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     shown = page.replace("<wbr>", "")
     assert found["corrupt"]["reason"] in shown and found["victim"]["reason"] in shown
     assert page.count('class="chart"') == len(GOOD)
-    linked = set(re.findall(r'<a href="([^"]*)"', page))
-    assert linked == {f"{name}/report.html" for name in [*GOOD, *(n for n in found if found[n]["summary"])]}
-    assert all((out / link).is_file() for link in linked)
-    loaded = re.sub(r'<a href="[^"]*"', "", page)
-    assert not re.findall(r'(?:src|href)="(?!data:|#)|url\(|@import|https?://(?!www\.w3\.org/2000/svg)', loaded)
+    assert not re.findall(r'(?:src|href)="(?!data:|#)|url\(|@import|https?://(?!www\.w3\.org/2000/svg)', page)
 
 
 def test_results_are_those_of_a_replay(first: Any, logs: Path, tmp_path: Path, cli) -> None:

@@ -28,7 +28,7 @@ FAST = sfm.Config(method="frame-to-frame")
 FRAMES = 60
 IN_A_SECOND = 20
 FILES = (
-    "config.toml", "estimates.mcap", "report.html", "summary.json",
+    "config.toml", "estimates.mcap", "summary.json",
     "metadata.yaml", "trajectory.csv", "trajectory.kitti", "trajectory.tum",
 )  # fmt: skip
 

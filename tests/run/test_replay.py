@@ -24,7 +24,7 @@ from tests.helpers.trajectories import read_trajectory
 from tests.helpers.wall import PERIOD_NS
 from tests.helpers.wall_log import START_NS, write_wall_log
 
-FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml", "report.html"} | {
+FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
     f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")
 }
 FAST = sfm.Config(method="frame-to-frame")
