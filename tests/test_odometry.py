@@ -97,8 +97,10 @@ def test_its_covariance_and_that_of_the_velocity_are_those_of_its_errors() -> No
 
 @pytest.fixture(scope="module")
 def replayed() -> tuple[list[Odometry], sfm.Trajectory]:
+    """With the calibration taken for what it is in a rendered log, exact: else σ is of errors that are not there."""
     log = sfm.open_log(ROOM)
-    engine, truth = sfm.Engine(log.rig), log.ground_truth()
+    engine = sfm.Engine(log.rig, sfm.Config(rig=sfm.RigConfig(exact=True)))
+    truth = log.ground_truth()
     assert truth is not None
     return run([engine.step(f) for f in log.frames(sfm.Selection(max_frames=25))]), truth
 
