@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.dense.surface import surface_of_frame
+from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.ate import ate_rmse_sim3_m
 from stream_sfm.evaluation.drift import path_length_m
 from stream_sfm.evaluation.structure import structure_errors
@@ -142,7 +142,7 @@ def test_what_needs_two_cameras_refuses_one(frames, tmp_path, cli) -> None:
     with pytest.raises(sfm.ConfigError, match="compare needs two cameras"):
         compare(pair, config=MONO)
     with pytest.raises(sfm.ConfigError, match="a surface needs two cameras"):
-        surface_of_frame(pair, 0, MONO)
+        surface(pair, 0, MONO)
     with pytest.raises(sfm.ConfigError, match="opened for one camera"):
         _ = one.stereo_rig
     cli("batch", ROOM, "--out", tmp_path / "b", "--set", "mono=true", code=2)

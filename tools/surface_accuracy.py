@@ -22,7 +22,7 @@ from stream_sfm.camera.lens import project_into_image
 from stream_sfm.camera.models import Camera
 from stream_sfm.config import Config
 from stream_sfm.dense.mesh import Mesh
-from stream_sfm.dense.surface import surface_of_frame, surface_of_log
+from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.recording import StereoLog
@@ -107,10 +107,10 @@ def measure(path: Path, whole: bool, config: Config) -> None:
     """One log."""
     log = open_log(path)
     began_s = time.process_time()
-    surface = surface_of_log(log, config) if whole else surface_of_frame(log, 0, config)
-    mesh = surface.mesh
+    reconstructed = surface(log, None if whole else 0, config)
+    mesh = reconstructed.mesh
     cpu_s = time.process_time() - began_s
-    print(f"{path.name}: {len(mesh.vertices)} vertices of {surface.used} frames, {cpu_s:.1f} s CPU")
+    print(f"{path.name}: {len(mesh.vertices)} vertices of {reconstructed.used} frames, {cpu_s:.1f} s CPU")
     if not whole:
         stamp_ns, depth = next(log.depths())
         frame = next(f for f in itertools.islice(log.frames(), 1))

@@ -128,26 +128,22 @@ def surface(
     """Reconstruct the dense surface of one frame of a log, or of all frames fused (`frame=None`).
 
     `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
-    `left`, `right`, `calibration`: as in `open_log`. `sinks` are given each estimate of a fused surface. Raises
-    ConfigError, and LogError where the log shows no surface.
+    `left`, `right`, `calibration`: as in `open_log`. `sinks` are given each estimate of a fused surface and are closed
+    at the end. Frames whose pose is lost are left out; where the log breaks off, or on Ctrl-C, the surface consists of
+    the frames so far. Raises ConfigError where there is no such frame, LogError where no frame could be read or none
+    shows a surface.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
-    if frame is None:
-        return surface_of_log(log, config, selection, sinks)
-    return surface_of_frame(log, frame, config, selection)
-
-
-def surface_of_frame(
-    log: StereoLog, number: int, config: Config | None = None, selection: Selection | None = None
-) -> Surface:
-    """Reconstruct the surface that one frame shows, in the axes of its physical left camera.
-
-    `number` counts the selected frames from 0. Raises ConfigError where there is no such frame, LogError where it
-    shows no surface or could not be read.
-    """
     config = config or Config()
     config.needs_scale("a surface")
+    if frame is None:
+        return _of_all_frames(log, config, selection, sinks)
+    return _of_one_frame(log, frame, config, selection)
+
+
+def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
+    """The surface that one frame shows, in the axes of its physical left camera."""
     frame, read = _frame(log, number, selection)
     rectifier = Rectifier(log.stereo_rig)
     view = DenseView(rectifier, config)
@@ -178,17 +174,8 @@ def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[Re
     raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
 
 
-def surface_of_log(
-    log: StereoLog, config: Config | None = None, selection: Selection | None = None, sinks: Sequence[Sink] = ()
-) -> Surface:
-    """Reconstruct the surface that all selected frames show, in the world frame (the first left camera).
-
-    Frames whose pose is lost are left out. Where the log breaks off, or on Ctrl-C, the surface consists of the frames
-    so far. `sinks` are given each estimate and are closed at the end. Raises LogError where no frame can be read or
-    none shows a surface.
-    """
-    config = config or Config()
-    config.needs_scale("a surface")
+def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:
+    """The surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
     fused = _FusedFrames(log, config, sinks)
     problems: list[str] = []
     with deferred_interrupts() as interruption:

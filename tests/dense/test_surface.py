@@ -18,7 +18,7 @@ from stream_sfm.dense.isosurface import isosurface
 from stream_sfm.dense.mesh import Mesh, mesh_of_frame
 from stream_sfm.dense.ply import write_ply
 from stream_sfm.dense.refine import refine
-from stream_sfm.dense.surface import surface_of_frame
+from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
@@ -204,7 +204,7 @@ def test_a_name_cannot_add_lines_to_the_header(tmp_path: Path):
 
 def test_room_against_its_depth():
     log = open_log(ROOM)
-    mesh = surface_of_frame(log, 0).mesh
+    mesh = surface(log, 0).mesh
     points = mesh.vertices.astype(float)
     ray = points / np.linalg.norm(points, axis=1, keepdims=True)
     cov = mesh.std_m.astype(float)[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
@@ -236,7 +236,7 @@ def test_colours_are_those_of_the_camera(tmp_path: Path):
     grey = np.clip(texture(120, 160, 11), 0, 255)
     orange = np.stack([0.1 * grey, 0.5 * grey, grey], axis=-1).astype(np.uint8)  # blue, green, red
     log = open_log(colour_log(tmp_path / "c.mcap", orange))
-    red, green, blue = surface_of_frame(log, 0).mesh.colours.mean(axis=0)
+    red, green, blue = surface(log, 0).mesh.colours.mean(axis=0)
     assert green == pytest.approx(0.5 * red, rel=0.03) and blue == pytest.approx(0.1 * red, rel=0.1)  # whole levels
 
 
