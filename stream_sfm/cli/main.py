@@ -103,7 +103,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # One thread for small matrices and some hundred small patches: waiting threads cost more than they save, and the
     # numbers are the same on every machine. Left and right are decoded in threads of their own.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        os.environ.setdefault(variable, "1")
+        if not os.environ.get(variable, "").isdecimal():  # OpenCV refuses to work with anything else
+            os.environ[variable] = "1"
+    if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
+        del os.environ["SOURCE_DATE_EPOCH"]
     gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
     _open_missing_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -194,6 +197,10 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         )
         return failed(error, ExitCode.USAGE, text)
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            return failed(
+                error, ExitCode.USAGE, "too many open files; raise the limit, for example by ulimit -n 256"
+            )
         if error.errno not in _REFUSED_BY_THE_DISK:
             return defect(error)
         _discard(sys.stdout)

@@ -112,7 +112,7 @@ def print_result(result: "ReplayResult", json: bool, quiet: bool, verbose: bool)
     from .printing import print_json, print_notes
     from .summaries import print_summary
 
-    if not quiet:
+    if not quiet or not result.summary["complete"]:
         print_notes("warning", result.summary["warnings"])
     if json:
         print_json({**result.summary, "out": str(result.out_dir)})

@@ -1,6 +1,8 @@
 """The commands as a user types them: exit codes, messages, one JSON object and nothing else."""
 
+import errno
 import json
+import os
 import re
 import signal
 import subprocess
@@ -27,6 +29,26 @@ from tests.helpers.wall_log import write_wall_log
 FAST = ["--method", "frame-to-frame"]
 METHODS = get_args(Method)
 LINES = [*COMMANDS, "batch compare", *(f"import {kind}" for kind in ("kitti", "euroc", "images", "video"))]
+
+
+def test_an_environment_that_other_packages_trip_over_is_put_right(monkeypatch, cli):
+    monkeypatch.setenv("OPENCV_FOR_THREADS_NUM", "abc")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "x")
+    cli("config")
+    assert os.environ["OPENCV_FOR_THREADS_NUM"] == "1"
+    assert "SOURCE_DATE_EPOCH" not in os.environ
+
+
+def test_too_many_open_files_is_no_defect(monkeypatch, capsys):
+    def refused(*_: object) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("stream_sfm.cli.main.termination_as_interrupt", refused)
+    assert main(["config"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "stream-sfm: too many open files; raise the limit, for example by ulimit -n 256\n"
+    )
 
 
 @pytest.mark.parametrize("command", ["", *LINES])
@@ -79,7 +101,7 @@ def test_wrong_use_is_2_with_a_message(words, says, cli):
     [
         ("replya x.mcap", "unknown command 'replya'; did you mean replay?"),
         ("replay x.mcap --max-frame=3", "unknown option '--max-frame'; did you mean --max-frames?"),
-        ("fly", "unknown command 'fly'; known are replay, evaluate, "),
+        ("fly", "unknown command 'fly'; known are replay, live, "),
         ("import kiti d o.mcap", "unknown command 'kiti'; did you mean kitti?"),
         ("import kitti d o.mcap --pose-s=x", "unknown option '--pose-s'; did you mean --poses?"),
         ("simulate effciency", "unknown experiment 'effciency'; did you mean efficiency?"),
