@@ -127,6 +127,7 @@ Folder = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar=
 MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
 OutFile = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="FILE")]
 MaybeOutFile = Annotated[str | None, Parameter(group=RESULTS, metavar="FILE")]
+MaybeInFile = Annotated[str | None, Parameter(group=RESULTS, metavar="FILE")]
 MaybeFile = Annotated[str | None, Parameter(metavar="FILE")]
 MaybeTopic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Names = Annotated[str, Parameter(group=RESULTS, metavar="NAME,…")]

@@ -26,6 +26,8 @@ def replay(
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
     loops: options.ResultFlag = False,
+    map: options.MaybeInFile = None,
+    save_map: options.MaybeOutFile = None,
     cameras: options.Cameras = options.Cameras(),
     mono: options.CameraFlag = False,
     two_pass: options.CameraFlag = False,
@@ -50,6 +52,8 @@ def replay(
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
+        map: go on in the world of a map that --save-map wrote; with the effect of --loops
+        save_map: write the map at the end, which may be the one that was read; with the effect of --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
         two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
         verbose: report every change of status, and the time per stage
@@ -68,7 +72,9 @@ def replay(
         truth.ground_truth,
         settings.config,
         cameras.calibration,
+        map,
     )
+    options.protect([save_map], log, truth.ground_truth, settings.config, cameras.calibration)
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
     shown = viewers(recording, config.mono, rrd, view)
     total = selection.count(recording.expected_frames)
@@ -84,6 +90,8 @@ def replay(
                 calibrate=two_pass,
                 self_test=self_test,
                 loops=loops,
+                known_map=map,
+                save_map=save_map,
                 std_truth=truth.ground_truth_std,
                 sinks=[*shown, progress],
             )

@@ -109,10 +109,23 @@ def smoothed(image: Image) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _SMOOTHING_PX), np.float32)
 
 
+def are_patches(jpeg: bytes, count: int) -> bool:
+    """Whether this is a mosaic of `count` patches."""
+    shape = max(1, -(-count // _COLUMNS)) * _SIDE_PX, _COLUMNS * _SIDE_PX
+    return count <= MAX_POINTS and bool(jpeg) and getattr(_decoded(jpeg), "shape", None) == shape
+
+
+def _decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
+    return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)  # type: ignore[return-value]
+
+
 def templates(keyframe: Keyframe) -> TemplateAtlas:
     """The patches around the points, ready to be warped."""
-    mosaic = cv2.imdecode(np.frombuffer(keyframe.patches, np.uint8), cv2.IMREAD_GRAYSCALE)
-    grey = np.asarray(mosaic, np.float32).reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX).transpose(0, 2, 1, 3)
+    grey = (
+        np.asarray(_decoded(keyframe.patches), np.float32)
+        .reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX)
+        .transpose(0, 2, 1, 3)
+    )
     return TemplateAtlas(RADIUS_PX, np.ascontiguousarray(grey.reshape(-1, _SIDE_PX, _SIDE_PX)))
 
 

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -32,6 +33,7 @@ from .chain import UNSEEN, Chain, Link
 from .finding import Words, near
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
+from .map_file import load_map, save_map
 from .verifying import Seen, Verifier
 
 MAX_KEYFRAMES = 1000  # some 60 MB
@@ -78,7 +80,8 @@ class PlaceMap:
     The work is done in a thread of its own. With `wait`, as in a replay, the result does not depend on its speed: each
     keyframe is finished before the next one is taken. Without it, as live, a keyframe that comes while two are waiting
     is taken later. At most `max_keyframes` are kept, of which those go first that lie closest to others. `config`: that
-    of the engine. Raises ConfigError where GTSAM is not installed, or for one camera.
+    of the engine. `known`: a file of `save`: the camera is looked for in its world, and this run goes on with it.
+    Raises ConfigError where GTSAM is not installed, or for one camera; InputError where `known` is no map of this rig.
 
     `problem`: why the map has ended before the run, as where GTSAM has given up; empty where it has not.
     """
@@ -90,6 +93,7 @@ class PlaceMap:
         *,
         wait: bool = False,
         max_keyframes: int = MAX_KEYFRAMES,
+        known: str | Path | None = None,
     ) -> None:
         if not isinstance(rig, StereoRig) or (config is not None and config.mono):
             raise ConfigError("maps need a pair of cameras: with one camera a motion has no length")
@@ -109,8 +113,14 @@ class PlaceMap:
         self._chain, self._words = Chain(), Words()
         self._path_m, self._before = 0.0, np.eye(4)
         self._pending: list[Loop] = []
-        self._number = 0
         self._wait = wait
+        if known is not None:
+            keyframes, state = load_map(known, self._rectifier.projection, self._rectifier.rect_from_cam)
+            self._graph.restore(state)
+            for number, keyframe in zip(state.numbers, keyframes, strict=True):
+                self._nodes[number] = _Node(keyframe, -np.inf, np.array([-1]))
+                self._words.add(number, keyframe.descriptors)
+        self._number = self._first = max(self._nodes, default=-1) + 1
         self._lock = threading.Lock()
         self._world_from_odom, self._located = np.eye(4), False
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
@@ -134,9 +144,10 @@ class PlaceMap:
 
     @property
     def loops(self) -> list[tuple[int, int]]:
-        """Stamps of the keyframes that the loops in use join: first the older one."""
-        nodes = self._nodes
-        return [(nodes[p.old].keyframe.stamp_ns, nodes[p.new].keyframe.stamp_ns) for p in self._graph.loops]
+        """Stamps of the keyframes that this run's loops in use join: first the older one."""
+        nodes, loops = self._nodes, self._graph.loops
+        found = [loop for loop in loops if max(loop.old, loop.new) >= self._first]
+        return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
@@ -163,21 +174,26 @@ class PlaceMap:
         self._settle(True)
         self._pool.shutdown()
 
+    def save(self, path: str | Path) -> None:
+        """Write the map to a file, from which a later run goes on; after `close`. Raises OutputError."""
+        keyframes = [self._nodes[number].keyframe for number in self._graph.numbers]
+        save_map(path, self._rectifier.projection, self._rectifier.rect_from_cam, keyframes, self._graph.state())
+
     def poses(self) -> Trajectory:
-        """The poses of all keyframes in the world of the map, with their covariances; after `close`."""
-        stamps_ns = [self._nodes[number].keyframe.stamp_ns for number in self._graph.numbers]
-        poses = self._graph.poses.copy()
+        """The poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
+        stamps_ns, poses, rows = self._own()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
-        covs = self._graph.covariances() + self._axes.cov_pose(self._unseen.of_pose(in_rect))
-        return Trajectory(np.array(stamps_ns, np.int64), poses, covs)
+        covs = self._graph.covariances()[rows] + self._axes.cov_pose(self._unseen.of_pose(in_rect))
+        return Trajectory(stamps_ns, poses, covs)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
         """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`."""
-        stamps_ns = np.array([self._nodes[number].keyframe.stamp_ns for number in self._graph.numbers], np.int64)
-        if not self._graph.loops:
+        if not self.loops:
             return trajectory
-        odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in self._graph.numbers])
-        corrections = self._graph.poses @ se3.inverse(odom_from_cam)
+        stamps_ns, poses, rows = self._own()
+        numbers = self._graph.numbers[rows]
+        odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in numbers])
+        corrections = poses @ se3.inverse(odom_from_cam)
         after = np.clip(np.searchsorted(stamps_ns, trajectory.stamps_ns), 1, max(1, len(stamps_ns) - 1))
         before, after = after - 1, np.minimum(after, len(stamps_ns) - 1)
         span = np.maximum(stamps_ns[after] - stamps_ns[before], 1)
@@ -185,6 +201,13 @@ class PlaceMap:
         change = se3.log(se3.inverse(corrections[before]) @ corrections[after])
         correction = corrections[before] @ se3.exp(share[:, None] * change)
         return Trajectory(trajectory.stamps_ns, se3.orthonormalise(correction @ trajectory.world_from_cam))
+
+    def _own(self) -> tuple[NDArray[np.int64], Array, slice]:
+        """Stamps (n,) and poses (n, 4, 4) of this run's keyframes, and their rows among all."""
+        numbers = self._graph.numbers
+        rows = slice(sum(number < self._first for number in numbers), None)
+        stamps_ns = np.array([self._nodes[number].keyframe.stamp_ns for number in numbers[rows]], np.int64)
+        return stamps_ns, self._graph.poses[rows].copy(), rows
 
     def _settle(self, everything: bool) -> None:
         """Forget jobs that are finished; wait for all if `everything` is to be."""
@@ -218,7 +241,7 @@ class PlaceMap:
         if len(self._nodes) > self._max_keyframes:
             self._thin()
         corrected = np.eye(4)
-        if self._graph.loops:  # before there are any the engine's own poses are at least as good
+        if self.loops:  # before there are any the engine's own poses are at least as good
             corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
         with self._lock:
             self._world_from_odom = se3.orthonormalise(corrected)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
-from ..errors import InputError
+from ..errors import InputError, OutputError
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..interrupts import deferred_interrupts
@@ -70,6 +70,8 @@ def replay(
     calibrate: bool = False,
     self_test: bool = False,
     loops: bool = False,
+    known_map: str | Path | None = None,
+    save_map: str | Path | None = None,
     std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
@@ -79,7 +81,8 @@ def replay(
     run whose ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how
     the calibration errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from
     disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `loops`: find
-    places again beside the engine, and write the poses that follow, trajectory_map.tum. `std_truth`: σ of the
+    places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
+    whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
     ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
     been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the
     log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
@@ -93,8 +96,12 @@ def replay(
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
         refuse_overwriting([folder / name for name in (*RESULTS, MAP_TRAJECTORY)], [log.path])
+    if save_map is not None:
+        refuse_overwriting([Path(save_map)], [log.path])
     rig = refined_for_itself(log, config, selection) if calibrate else log.rig
-    replayed = _Replay(log, rig, config, selection, folder, self_test, loops)
+    replayed = _Replay(log, rig, config, selection, folder, self_test)
+    if loops or known_map is not None or save_map is not None:
+        replayed.find_places(rig, known_map, None if save_map is None else Path(save_map))
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -123,7 +130,6 @@ class _Replay:
         selection: Selection,
         folder: Path | None,
         self_test: bool,
-        loops: bool,
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
@@ -133,8 +139,16 @@ class _Replay:
             self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
         self._calibration = None if config.mono else CalibrationSink(log)
-        self._places = _places(rig, config) if loops else None
-        self.sinks: list[Sink] = [s for s in (self._calibration, self._places) if s is not None]
+        self._places: PlaceMap | None = None
+        self._save_map: Path | None = None
+        self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
+
+    def find_places(self, rig: StereoRig | MonoRig, known: str | Path | None, save: Path | None) -> None:
+        """Make a map beside the estimates, from that of a file if one is `known`."""
+        from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
+
+        self._places, self._save_map = PlaceMap(rig, self._config, wait=True, known=known), save
+        self.sinks.append(self._places)
 
     def result(self, course: Course, truth: Truth) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""
@@ -174,6 +188,11 @@ class _Replay:
                     folder.write_corrected(corrected)
             except Exception as error:
                 course.error = course.error or error
+        if self._places is not None and self._save_map is not None and corrected is not None:
+            try:
+                self._places.save(self._save_map)
+            except OutputError as error:  # the run's own files are complete
+                course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
 
     def _corrected(
@@ -204,10 +223,3 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
-
-
-def _places(rig: StereoRig | MonoRig, config: Config) -> "PlaceMap":
-    """The map of a replay. Raises ConfigError where there cannot be one."""
-    from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
-
-    return PlaceMap(rig, config, wait=True)

@@ -7,7 +7,6 @@ from stream_sfm.geometry import se3
 from stream_sfm.places.chain import Link
 
 gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: the extra [map]")
-from stream_sfm.places import graph as room  # noqa: E402
 from stream_sfm.places.graph import Loop, PoseGraph  # noqa: E402
 
 STD = np.array([2e-3, 2e-3, 2e-3, 1e-3, 1e-3, 1e-3])
@@ -37,37 +36,6 @@ def test_motions_with_common_errors_compose_as_their_sum_says() -> None:
         both = a.given(c) @ b.given(c)
         assert np.allclose(se3.log(se3.inverse(a.then(b).given(c)) @ both), 0, atol=1e-10)
         assert np.allclose(se3.log(se3.inverse(a.back().given(c)) @ se3.inverse(a.given(c))), 0, atol=1e-10)
-
-
-def test_jacobians_of_odometry_are_numerical_ones() -> None:
-    rng = np.random.default_rng(2)
-    link = Link(se3.exp(rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), rng.normal(size=COMMON))
-    factor = room._odometry(0, 1, link)
-    poses = [gtsam.Pose3(se3.exp(rng.normal(size=6))) for _ in range(2)]
-    poses[1] = poses[0] * gtsam.Pose3(link.first_from_second) * gtsam.Pose3(se3.exp(0.1 * rng.normal(size=6)))
-    common = rng.normal(size=COMMON)
-
-    def error(steps: list[np.ndarray]) -> np.ndarray:
-        values = gtsam.Values()
-        for key in (0, 1):
-            values.insert(key, poses[key].retract(steps[key]))
-        values.insert(room._COMMON, common + steps[2])
-        return np.asarray(factor.unwhitenedError(values))
-
-    values = gtsam.Values()
-    for key in (0, 1):
-        values.insert(key, poses[key])
-    values.insert(room._COMMON, common)
-    jacobians = factor.linearize(values).jacobian()[0]
-    zero = [np.zeros(6), np.zeros(6), np.zeros(COMMON)]
-    column = 0
-    for part, size in enumerate((6, 6, COMMON)):
-        for axis in range(size):
-            ahead, behind = ([z.copy() for z in zero] for _ in "ab")
-            ahead[part][axis], behind[part][axis] = 1e-6, -1e-6
-            numerical = (error(ahead) - error(behind)) / 2e-6
-            assert np.allclose(jacobians[:, column], numerical, atol=1e-5)
-            column += 1
 
 
 def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndarray, list[Loop]]:

@@ -11,12 +11,15 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.geometry import se3
+from stream_sfm.places.chain import Link
 from stream_sfm.places.place_map import PlaceMap
 from stream_sfm.types import FrameEstimate, StereoFrame
 from tests.helpers.places import ROOM
 from tests.helpers.wall import rig
 
 gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: the extra [map]")
+from stream_sfm.places.map_file import load_map, save_map  # noqa: E402
+
 PERIOD_NS = 100_000_000
 SET_DOWN, AGAIN = 20, 14  # the frame of the room where a second engine begins, and how many it gets
 Run = list[tuple[FrameEstimate, StereoFrame]]
@@ -167,6 +170,83 @@ def test_memory_is_bounded(room: Room) -> None:
     assert np.isfinite(places.poses().world_from_cam).all()
 
 
+def test_a_second_run_goes_on_in_a_saved_map(room: Room, tmp_path: Path) -> None:
+    first = mapped(room)
+    first.save(tmp_path / "room.mcap")
+    places, located = PlaceMap(room.rig, wait=True, known=tmp_path / "room.mcap"), []
+    assert len(places) == len(first)
+    for estimate, frame in room.again:
+        places.write(estimate, frame)
+        places._settle(True)
+        located.append(places.located)
+    places.close()
+    assert not places.problem and not located[0] and located[10] and places.loops
+    run = sfm.Trajectory(
+        np.array([e.stamp_ns for e, _ in room.again]), np.array([e.world_from_cam for e, _ in room.again])
+    )
+    error = se3.log(se3.inverse(places.corrected(run).world_from_cam) @ room.truth_again)
+    assert np.linalg.norm(error[:, :3], axis=1).max() < 0.01
+    assert len(places.poses()) == len(places) - len(first)
+    places.save(tmp_path / "room.mcap")  # extended, in place
+    assert len(PlaceMap(room.rig, known=tmp_path / "room.mcap")) == len(places)
+
+
+def test_a_map_of_nothing_known_goes_on_as_any_other(room: Room, tmp_path: Path) -> None:
+    """What is kept says the same as what was saved, to the bit."""
+    first = mapped(room, room.run[:30])
+    first.save(tmp_path / "a.mcap")
+    PlaceMap(room.rig, known=tmp_path / "a.mcap").save(tmp_path / "b.mcap")
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_files_that_are_no_map_are_refused(room: Room, tmp_path: Path) -> None:
+    path = tmp_path / "room.mcap"
+    mapped(room, room.run[:12]).save(path)
+    whole = path.read_bytes()
+    with pytest.raises(sfm.InputError, match="another calibration"):
+        PlaceMap(rig(), known=path)
+    with pytest.raises(sfm.InputError, match="No such file"):
+        PlaceMap(room.rig, known=tmp_path / "none.mcap")
+    with pytest.raises(sfm.InputError, match=r"not a file that PlaceMap\.save has written"):
+        PlaceMap(room.rig, known=ROOM)
+    rng = np.random.default_rng(0)
+    for k in range(40):
+        damaged = bytearray(whole)
+        if k % 2:
+            del damaged[int(rng.integers(1, len(whole))) :]
+        else:
+            damaged[int(rng.integers(len(whole)))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:  # what a file's index says twice may go
+            assert len(PlaceMap(room.rig, known=path)) >= 1
+        except sfm.InputError as error:
+            assert "room.mcap" in str(error)
+
+
+def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path) -> None:
+    mapped(room, room.run[:12]).save(tmp_path / "room.mcap")
+    places = PlaceMap(room.rig)
+    rectifier = places._rectifier
+    keyframes, state = load_map(tmp_path / "room.mcap", rectifier.projection, rectifier.rect_from_cam)
+    assert len(keyframes) > 1
+    numbers, wrong = state.numbers, np.full((4, 4), np.nan)
+    cases = [
+        (keyframes, replace(state, poses=np.full_like(state.poses, np.nan)), "not finite"),
+        (keyframes, replace(state, poses=2 * state.poses), "no motion"),
+        (keyframes, replace(state, covs=-np.ones_like(state.covs)), "a covariance that is none"),
+        (keyframes, replace(state, numbers=numbers[::-1]), "not in order"),
+        (keyframes, replace(state, homes=[9] * len(numbers)), "no segment"),
+        (keyframes, replace(state, links={(0, 99): Link(np.eye(4), np.eye(6))}), "which are not two keyframes"),
+        ([replace(keyframes[0], patches=b"x"), *keyframes[1:]], state, "keyframe 0 does not fit together"),
+        ([replace(keyframes[0], points=keyframes[0].points[1:]), *keyframes[1:]], state, "does not fit together"),
+        ([replace(keyframes[0], odom_from_cam=wrong), *keyframes[1:]], state, "not finite"),
+    ]
+    for frames, graph, reason in cases:
+        save_map(tmp_path / "wrong.mcap", rectifier.projection, rectifier.rect_from_cam, frames, graph)
+        with pytest.raises(sfm.InputError, match=reason):
+            PlaceMap(room.rig, known=tmp_path / "wrong.mcap")
+
+
 def test_where_gtsam_gives_up_the_run_goes_on(
     room: Room, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -196,6 +276,14 @@ def test_a_replay_writes_what_follows_from_its_loops(room: Room, tmp_path: Path)
     assert [line.split()[0] for line in lines] == [line.split()[0] for line in same]
     assert (plain.out_dir / "trajectory.tum").read_text().splitlines() == same  # the engine does not know the map
     assert "map" not in plain.summary and not (plain.out_dir / "trajectory_map.tum").exists()
+
+
+def test_a_map_that_cannot_be_written_costs_no_results(room: Room, tmp_path: Path) -> None:
+    few, nowhere = sfm.Selection(max_frames=6), tmp_path / "none" / "map.mcap"
+    with pytest.raises(sfm.OutputError, match=r"map\.mcap"):
+        sfm.replay(ROOM, tmp_path / "out", selection=few, save_map=nowhere)
+    results = sfm.read_results(tmp_path / "out")
+    assert len(results.trajectory) == 6 and (tmp_path / "out" / "summary.json").exists()
 
 
 def test_what_a_map_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,230 @@
+"""A map in a file: keyframes, and the motions between them, so that a later run can go on in its world.
+
+MCAP with messages in MessagePack, described by a JSON schema; arrays are the bytes of little-endian numbers, row by
+row. Topics: `/places/map`, once, and first; then `/places/keyframe` and `/places/motion` (docs/maps.md).
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from .. import __version__
+from ..errors import InputError
+from ..geometry.stereo import StereoProjection
+from ..mcap_file.damage import Damage
+from ..mcap_file.log_file import LogFile
+from ..recording.log_writer import MessageWriter
+from ..sources.source import Channel, Message
+from .chain import Link
+from .graph import GraphState, Loop
+from .keyframes import Keyframe, are_patches
+
+SCHEMA_VERSION = 1
+_SAME_RIG = 1e-9  # px, m and rad: the calibration is the same, but for rounding
+_MAX_NUMBER = 2**53  # of a keyframe
+
+
+class MapRecord(msgspec.Struct):
+    """What the whole file is: its numbers of messages, and the rectified pair that pixels and patches are of."""
+
+    schema_version: int
+    software_version: str
+    keyframes: int
+    motions: int
+    rectified: list[float]  # f, cx left, cx right, cy (px), baseline (m), width, height
+    rect_from_cam: list[float]  # 3 × 3
+
+
+class KeyframeRecord(msgspec.Struct):
+    """One keyframe; segments are pieces of way without a loss, and `home` is the one in whose world the pose is."""
+
+    number: int
+    segment: int
+    home: int
+    frame_index: int
+    stamp_ns: int
+    depth_m: float  # median
+    world_from_cam: bytes  # 4 × 4 float64
+    cov_odometry: bytes  # 6 × 6 float64, since the segment's beginning: m, rad
+    odom_from_cam: bytes  # 4 × 4 float64
+    points: bytes  # n × 3 float32, m, rectified axes
+    cov_points: bytes  # n × 3 × 3 float32
+    patches: bytes  # JPEG: a mosaic
+    feature_px: bytes  # m × 2 float32
+    feature_points: bytes  # m × 3 float32
+    descriptors: bytes  # m × 32 uint8: ORB
+
+
+class MotionRecord(msgspec.Struct):
+    """The motion between two keyframes, by odometry or as a loop."""
+
+    first: int
+    second: int
+    loop: bool
+    first_from_second: bytes  # 4 × 4 float64
+    cov: bytes  # 6 × 6 float64, of the perturbation on the right, translation first
+
+
+Record = MapRecord | KeyframeRecord | MotionRecord
+_TOPICS: dict[str, type[Record]] = {
+    "/places/map": MapRecord,
+    "/places/keyframe": KeyframeRecord,
+    "/places/motion": MotionRecord,
+}
+_CHANNELS = {
+    kind: Channel(topic, "msgpack", kind.__name__, "jsonschema", json.dumps(msgspec.json.schema(kind)).encode())
+    for topic, kind in _TOPICS.items()
+}
+
+
+def save_map(
+    path: str | Path,
+    projection: StereoProjection,
+    rect_from_cam: NDArray[np.float64],
+    keyframes: list[Keyframe],
+    state: GraphState,
+) -> None:
+    """Write a map; the file appears when it is complete. Raises OutputError."""
+    motions = [*((*pair, False, link) for pair, link in state.links.items())]
+    motions += [(loop.old, loop.new, True, loop.motion) for loop in state.loops]
+    with MessageWriter(path, compressed=True) as file:
+
+        def write(record: Record, stamp_ns: int = 0) -> None:
+            file.write(Message(_CHANNELS[type(record)], stamp_ns, msgspec.msgpack.encode(record)))
+
+        rig = _numbers(projection), rect_from_cam.ravel().tolist()
+        write(MapRecord(SCHEMA_VERSION, __version__, len(keyframes), len(motions), *rig))
+        for k, frame in enumerate(keyframes):
+            write(
+                KeyframeRecord(
+                    state.numbers[k],
+                    state.segments[k],
+                    state.homes[k],
+                    frame.frame_index,
+                    frame.stamp_ns,
+                    frame.depth_m,
+                    state.poses[k].tobytes(),
+                    state.covs[k].tobytes(),
+                    frame.odom_from_cam.tobytes(),
+                    frame.points.tobytes(),
+                    frame.cov_points.tobytes(),
+                    frame.patches,
+                    frame.feature_px.tobytes(),
+                    frame.feature_points.tobytes(),
+                    frame.descriptors.tobytes(),
+                ),
+                frame.stamp_ns,
+            )
+        for first, second, is_loop, link in motions:
+            write(MotionRecord(first, second, is_loop, link.first_from_second.tobytes(), link.cov.tobytes()))
+
+
+def load_map(
+    path: str | Path, projection: StereoProjection, rect_from_cam: NDArray[np.float64]
+) -> tuple[list[Keyframe], GraphState]:
+    """Read a map of this rig. Raises InputError for any other file, and for one that is damaged."""
+    try:
+        return _loaded(list(_records(Path(path))), projection, rect_from_cam)
+    except (ValueError, msgspec.MsgspecError) as error:
+        raise InputError(f"{path} cannot be used as a map: {error}") from None
+
+
+def _records(path: Path) -> Iterator[Record]:
+    damage = Damage()
+    for stored in LogFile(path).messages(damage, frozenset(_TOPICS)):
+        kind = _TOPICS[stored.channel.topic]
+        if stored.channel.message_encoding != "msgpack":
+            raise ValueError(f"{stored.channel.topic} is not of a map that PlaceMap.save has written")
+        if kind is MapRecord:
+            version = msgspec.msgpack.decode(stored.data).get("schema_version")
+            if version != SCHEMA_VERSION:
+                raise ValueError(f"it is of version {version!r}, and this stream_sfm reads {SCHEMA_VERSION}")
+        yield msgspec.msgpack.decode(stored.data, type=kind)
+    if not damage.complete:
+        raise ValueError("it is damaged: " + "; ".join(damage.notes))
+
+
+def _loaded(
+    records: list[Record], projection: StereoProjection, rect_from_cam: NDArray[np.float64]
+) -> tuple[list[Keyframe], GraphState]:
+    heads = [record for record in records if isinstance(record, MapRecord)]
+    frames = [record for record in records if isinstance(record, KeyframeRecord)]
+    motions = [record for record in records if isinstance(record, MotionRecord)]
+    if len(heads) != 1:
+        raise ValueError("it is not a file that PlaceMap.save has written")
+    rig = [*heads[0].rectified, *heads[0].rect_from_cam]
+    ours = [*_numbers(projection), *rect_from_cam.ravel()]
+    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=_SAME_RIG):
+        raise ValueError("it was made with another calibration; use the one it was made with")
+    if (len(frames), len(motions)) != (heads[0].keyframes, heads[0].motions) or not frames:
+        raise ValueError("it is not complete")
+    numbers = [record.number for record in frames]
+    if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < _MAX_NUMBER:
+        raise ValueError("the numbers of its keyframes are not in order")
+    segments, homes = [r.segment for r in frames], [r.home for r in frames]
+    if min(segments + homes) < 0 or max(segments + homes) >= _MAX_NUMBER or not set(homes) <= set(segments):
+        raise ValueError("it has a keyframe of no segment")
+    known = set(numbers)
+    links: dict[tuple[int, int], Link] = {}
+    loops: list[Loop] = []
+    for record in motions:
+        if record.first == record.second or not {record.first, record.second} <= known:
+            raise ValueError(f"it has a motion from {record.first} to {record.second}, which are not two keyframes")
+        link = Link(_pose(record.first_from_second), _cov(record.cov))
+        if record.loop:
+            loops.append(Loop(record.first, record.second, link))
+        else:
+            links[record.first, record.second] = link
+    poses = np.array([_pose(record.world_from_cam) for record in frames])
+    covs = np.array([_cov(record.cov_odometry) for record in frames])
+    return [_keyframe(r) for r in frames], GraphState(numbers, segments, homes, poses, covs, links, loops)
+
+
+def _keyframe(record: KeyframeRecord) -> Keyframe:
+    found = Keyframe(
+        record.frame_index,
+        record.stamp_ns,
+        _pose(record.odom_from_cam),
+        _array(record.points, np.float32, 3),
+        _array(record.cov_points, np.float32, 3, 3),
+        record.patches,
+        _array(record.feature_px, np.float32, 2),
+        _array(record.feature_points, np.float32, 3),
+        _array(record.descriptors, np.uint8, 32),
+        record.depth_m,
+    )
+    features = {len(found.feature_px), len(found.feature_points), len(found.descriptors)}
+    sound = len(found.points) == len(found.cov_points) and len(features) == 1 and 0 < record.depth_m < np.inf
+    if not sound or abs(record.stamp_ns) >= 2**63 or not are_patches(record.patches, len(found.points)):
+        raise ValueError(f"the content of keyframe {record.number} does not fit together")
+    return found
+
+
+def _numbers(p: StereoProjection) -> list[float]:
+    return [float(x) for x in (p.f_px, p.cx_left_px, p.cx_right_px, p.cy_px, p.baseline_m, p.width, p.height)]
+
+
+def _array(data: bytes, kind: DTypeLike, *row: int) -> NDArray[Any]:
+    array = np.frombuffer(data, kind).reshape(-1, *row)
+    if not np.isfinite(array).all():
+        raise ValueError("it holds numbers that are not finite")
+    return array
+
+
+def _pose(data: bytes) -> NDArray[np.float64]:
+    (pose,) = _array(data, np.float64, 4, 4)
+    if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-6) or (pose[3] != (0, 0, 0, 1)).any():
+        raise ValueError("it holds a pose that is no motion")
+    return pose.astype(float)
+
+
+def _cov(data: bytes) -> NDArray[np.float64]:
+    (cov,) = _array(data, np.float64, 6, 6)
+    if not np.allclose(cov, cov.T, rtol=1e-6) or np.linalg.eigvalsh(cov)[0] < -1e-9 * np.trace(cov):
+        raise ValueError("it holds a covariance that is none")
+    return cov.astype(float)
