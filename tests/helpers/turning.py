@@ -42,14 +42,16 @@ class Corner(Wall):
     def image(self, camera: Camera, world_from_cam: np.ndarray, noise: float = 1.0) -> np.ndarray:
         """What the camera sees (h, w) uint8: of each pixel the nearest plane."""
         v, u = np.mgrid[: camera.height, : camera.width]
-        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T @ world_from_cam[:3, :3].T
+        pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=-1)
+        rays = (pixels @ (np.linalg.inv(camera.K).T @ world_from_cam[:3, :3].T)).reshape(*u.shape, 3)
         depth, seen = np.full(u.shape, np.inf), np.zeros(u.shape)
         for plane in self.planes:
             normal, point = plane.world_from_wall[:3, 2], plane.world_from_wall[:3, 3]
             with np.errstate(divide="ignore"):
                 own = (normal @ (point - world_from_cam[:3, 3])) / (rays @ normal)
             nearer = (own > 0) & (own < depth)
-            depth[nearer] = own[nearer]
-            seen[nearer] = plane.image(camera, world_from_cam, noise=0)[nearer]
+            if nearer.any():
+                depth[nearer] = own[nearer]
+                seen[nearer] = plane.image(camera, world_from_cam, noise=0)[nearer]
         noisy = seen + self.rng.normal(size=seen.shape) * noise
         return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -62,7 +62,9 @@ class Wall:
         size = (2 * camera.width, 2 * camera.height)
         big = cv2.warpPerspective(self.texture, scale @ pixel_from_texel, size, flags=cv2.INTER_AREA)
         small = cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA).astype(float)
-        return np.clip(np.rint(small + self.rng.normal(size=small.shape) * noise), 0, 255).astype(np.uint8)
+        if noise:
+            small += self.rng.normal(size=small.shape) * noise
+        return np.clip(np.rint(small), 0, 255).astype(np.uint8)
 
     def frame(self, stereo: StereoRig, world_from_cam: np.ndarray, index: int) -> StereoFrame:
         """The stereo frame of that index from that pose of the left camera."""
