@@ -85,13 +85,13 @@ def test_backing_away_keeps_points_that_the_window_has_left_behind() -> None:
 
 
 def test_something_else_moving_in_a_third_of_the_image_does_little_harm() -> None:
-    """Three tenths of both images show another wall that moves on its own; RMS position error over three runs."""
+    """Three tenths of both images show another wall that moves on its own; RMS position error over two runs."""
     stereo, poses = rig(), camera_path(16)
     other = np.stack([se3.exp([-0.03 * n, 0.02 * n, 0, 0, 0, 0]) for n in range(16)])
     patch = np.zeros((240, 320), bool)
     patch[55:185, 70:247] = True  # 0.30 of the image
     squares: dict[bool, list[float]] = {False: [], True: []}
-    for seed in (7, 8, 9):
+    for seed in (7, 8):
         wall, mover = Wall(seed), Wall(seed + 10)
         engines = {moving: sfm.Engine(stereo, sfm.Config()) for moving in squares}
         for n in range(16):
@@ -217,13 +217,18 @@ FORMS = {
 }
 
 
+@pytest.fixture(scope="module")
+def of_plain_images(frames) -> list[bytes]:
+    engine = sfm.Engine(rig(0.03), sfm.Config())
+    return [_bytes(engine.step(frame)) for frame in frames[:3]]
+
+
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-def test_images_are_taken_in_the_forms_in_which_logs_have_them(frames, engine, form) -> None:
+def test_images_are_taken_in_the_forms_in_which_logs_have_them(frames, engine, of_plain_images, form) -> None:
     """The same pixels give the same estimates."""
-    plain = sfm.Engine(rig(0.03), sfm.Config())
-    for frame in frames[:4]:
+    for frame, expected in zip(frames, of_plain_images, strict=False):
         other = sfm.StereoFrame(frame.stamp_ns, form(frame.left), form(frame.right))
-        assert _bytes(engine.step(other, engine.prepare(other))) == _bytes(plain.step(frame))
+        assert _bytes(engine.step(other, engine.prepare(other))) == expected
 
 
 def test_colour_is_blue_first() -> None:
@@ -338,14 +343,14 @@ def _bytes(estimate: sfm.FrameEstimate) -> bytes:
 
 
 @pytest.mark.parametrize("config", [sfm.Config(), sfm.Config(method="ekf"), sfm.Config(mono=True)], ids=str)
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))])
-def test_a_copied_engine_goes_on_with_the_same_bytes(frames, copied, config: sfm.Config) -> None:
+def test_a_copied_engine_goes_on_with_the_same_bytes(frames, config: sfm.Config) -> None:
     engine = sfm.Engine(rig(0.03), config)
     for frame in frames[:8]:
         engine.step(frame)
-    other = copied(engine)
-    went_on = [_bytes(engine.step(frame)) for frame in frames[8:14]]
-    assert [_bytes(other.step(frame)) for frame in frames[8:14]] == went_on
+    copies = copy.copy(engine), copy.deepcopy(engine), pickle.loads(pickle.dumps(engine))
+    went_on = [_bytes(engine.step(frame)) for frame in frames[8:12]]
+    for other in copies:
+        assert [_bytes(other.step(frame)) for frame in frames[8:12]] == went_on
 
 
 def test_a_kept_state_can_be_gone_on_from_again(frames, engine) -> None:

@@ -114,10 +114,10 @@ def test_one_frame_with_a_turned_image_changes_the_map_for_no_other() -> None:
 
 @pytest.mark.slow
 def test_a_right_camera_that_turns_steadily_is_followed() -> None:
-    """Four runs; errors of a run's frames are nearly one error, so their mean NEES has a deviation of 3.5 / 2."""
+    """Two runs; errors of a run's frames are nearly one error, so their mean NEES has a deviation of 3.5 / √2."""
     rate_rad_s = 4e-4 * np.array([1.0, -1.5, 1.0])
     squares, apart = [], []
-    for seed in range(4):
+    for seed in range(2):
         engine = sfm.Engine(rig())
         found = [engine.step(frame) for frame in turning_frames(rate_rad_s, seed)]
         squares.append(squared_errors(found).mean())

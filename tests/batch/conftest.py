@@ -1,4 +1,4 @@
-"""Twelve logs, and one batch over them in which a process is killed."""
+"""Seven logs, and one batch over them in which a process is killed."""
 
 import os
 import signal
@@ -14,12 +14,12 @@ from tests.helpers.wall_log import write_wall_log
 
 @pytest.fixture(scope="session")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten short logs, one that is no log, one that takes some seconds."""
+    """Five short logs, one that is no log, one that takes some seconds."""
     folder = tmp_path_factory.mktemp("logs")
     for k, name in enumerate(GOOD):
         write_wall_log(folder / f"{name}.mcap", n=3 + k % 3, truth=k % 2 == 0)
     (folder / "corrupt.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(range(256)) * 40)
-    write_wall_log(folder / "victim.mcap", n=8, times=10, truth=False)
+    write_wall_log(folder / "victim.mcap", n=8, times=6, truth=False)
     return folder
 
 

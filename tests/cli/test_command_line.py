@@ -284,15 +284,22 @@ def test_interrupted_is_130_with_everything_written(number, tmp_path):
     assert len(np.loadtxt(out / "trajectory.tum", ndmin=2)) == summary["frames"]["estimated"] > 0
 
 
-@pytest.mark.parametrize("streams", [">&3", "2>&1 >&3", ">&3 2>&3"])
-def test_the_reader_of_our_output_may_go(streams, wall_log, tmp_path):
+@pytest.mark.parametrize(
+    "command, streams",
+    [
+        ("config", ">&3"),
+        ("config", "2>&1 >&3"),
+        ("config", ">&3 2>&3"),
+        ("replay {log} -v --out {out}", ">&3 2>&3"),
+    ],
+)
+def test_the_reader_of_our_output_may_go(command, streams, wall_log, tmp_path):
     """A pipe whose reader has gone before anything is printed: nothing is said about it, and the run is not ended."""
-    for command in ("config", f"inspect {wall_log}", f"replay {wall_log} -v --method ekf --out {tmp_path}/out"):
-        ours = f"'{sys.executable}' -m stream_sfm {command}"
-        script = f"( sleep 0.2; {ours} {streams}; echo code $? ) 3> >(true)"
-        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
-        assert done.stdout.endswith("code 0\n") and "Traceback" not in done.stderr + done.stdout, command
-    assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) > 5
+    ours = f"'{sys.executable}' -m stream_sfm {command.format(log=wall_log, out=tmp_path)} {streams}"
+    script = f"( sleep 0.2; {ours}; echo code $? ) 3> >(true)"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.endswith("code 0\n") and "Traceback" not in done.stderr + done.stdout
+    assert command == "config" or len(np.loadtxt(tmp_path / "trajectory.tum")) == 12
 
 
 @pytest.mark.parametrize(

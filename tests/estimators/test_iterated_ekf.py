@@ -115,9 +115,9 @@ def test_the_state_is_carried_over_as_differences_say(running):
 
 @pytest.mark.slow
 def test_consistent_and_level_with_the_window():
-    """24 scenes with 0.289 px of noise: NEES 6 and 3, and the window's errors to a few per cent (same noise)."""
+    """Twelve scenes with 0.289 px of noise: NEES 6 and 3, and the window's errors to a few per cent (same noise)."""
     nees, points, squares = [], [], {"iterated-ekf": 0.0, "cross-frame": 0.0}
-    for seed in range(24):
+    for seed in range(12):
         s = Scene(track_length=8, frames=26).sequence(np.random.SeedSequence([7, seed]))
         for name in squares:
             estimator = make_estimator(name, s.projection, Config())
@@ -133,7 +133,7 @@ def test_consistent_and_level_with_the_window():
                         points.append(
                             float(np.einsum("ni,nij,nj->n", e, np.linalg.inv(found.cov_points), e).mean())
                         )
-    # the mean of 24 scenes scatters by √(12/24) = 0.7 (three frames of a scene are hardly more than one)
-    assert abs(np.mean(nees) - 6) < 3 * 0.7
-    assert abs(np.mean(points) - 3) < 0.3
+    # the mean of 12 scenes scatters by √(12/12) = 1 (three frames of a scene are hardly more than one)
+    assert abs(np.mean(nees) - 6) < 3
+    assert abs(np.mean(points) - 3) < 0.42  # a scene's points share its pose: of one scene 0.5
     assert squares["iterated-ekf"] / squares["cross-frame"] == pytest.approx(1, abs=0.1)

@@ -21,7 +21,7 @@ def spoiled(observations: Observations, share: float, rng: np.random.Generator) 
     return replace(observations, z_px=z)
 
 
-def squared_error(share: float, trials: int = 12) -> float:
+def squared_error(share: float, trials: int = 6) -> float:
     squares = []
     for trial in range(trials):
         sequence = Scene(track_length=8, visible=60).sequence(np.random.SeedSequence(trial))
@@ -37,7 +37,7 @@ def squared_error(share: float, trials: int = 12) -> float:
 
 def test_a_fifth_of_outliers_costs_less_than_half() -> None:
     clean, dirty = squared_error(0.0), squared_error(0.2)
-    # a fifth fewer views alone cost a factor of 1.1; paired noise, 12 trials
+    # a fifth fewer views alone cost a factor of 1.1; paired noise: 1.16, 1.18, 1.20 over 4, 6, 12 trials
     assert np.sqrt(dirty / clean) < 1.5
 
 

@@ -83,7 +83,7 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
 @pytest.mark.slow
 def test_noise_of_the_views_is_not_taken_for_an_error_of_the_rig() -> None:
     """Effects are those at fitted positions: at measured ones noise adds up, to 1.1 σ of what hardly shows here."""
-    count, away = 16, []
+    count, away = 8, []
     for sequence, observations, true in trials(replace(SCENE, track_length=8, visible=48), count, TYPICAL):
         rig = run(sequence, observations).rig
         assert rig is not None

@@ -67,7 +67,7 @@ def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None
 def test_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path):
     rng = random.Random(5)
     out = tmp_path / "out"
-    for until in [*rng.sample(range(1, FRAMES), 7), FRAMES - 1]:
+    for until in [*rng.sample(range(1, FRAMES), 2), FRAMES - 1]:
         receive, send = processes.Pipe(duplex=False)
         process = processes.Process(target=_replay_and_tell, args=(log, out, send))
         process.start()
@@ -97,7 +97,7 @@ def test_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: A
     assert len(read_trajectory(out / "estimates.mcap")) == len(whole) == len(again.trajectory)
 
 
-@pytest.mark.parametrize("size", [2_000, 5_000, 20_000, 100_000, 250_000])
+@pytest.mark.parametrize("size", [2_000, 20_000, 250_000])
 def test_a_full_disk_keeps_what_was_written_and_says_where(
     size: int, log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path
 ):

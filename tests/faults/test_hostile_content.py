@@ -70,7 +70,7 @@ def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(tmp_path: Path) -> 
     empty = record(0x90, b"") * (14 * MIB)
     data = zstandard.ZstdCompressor(level=1).compress(empty)
     head = struct.pack("<QQQI", 0, 0, len(empty), 0) + struct.pack("<I4sQ", 4, b"zstd", len(data))
-    insert(path, [record(Opcode.CHUNK, head + data)] * 3)
+    insert(path, [record(Opcode.CHUNK, head + data)])
     log = sfm.open_log(path)
     assert len(list(log.pairs())) == FRAMES  # what is sound behind them is read
     assert not log.stats.complete and "it holds more records than bytes" in " ".join(log.stats.warnings)

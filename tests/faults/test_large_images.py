@@ -27,7 +27,7 @@ sys.exit(code)
 """
 
 
-def write_raw(path: Path, width: int, height: int, encoding: str, channels: int, frames: int = 3) -> Path:
+def write_raw(path: Path, width: int, height: int, encoding: str, channels: int, frames: int = 2) -> Path:
     """A textured wall that moves sideways, through lenses with distortion, in raw images."""
     texture = np.random.default_rng(0).integers(0, 255, (height // 8 + 8, width // 8 + 40), np.uint8)
     wall = cv2.resize(texture, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC)

@@ -65,7 +65,9 @@ def commands() -> Iterator[str]:
         lines += re.findall(r"`(stream-sfm [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
     plain = (line.partition("#")[0].replace(".venv/bin/", "").split() for line in lines)
     whole = (words for words in plain if not MENTION.fullmatch(" ".join(words)))
-    yield from dict.fromkeys(" ".join(PLACES.get(word, word) for word in words) for words in whole)
+    room = {"mine.mcap": "logs/room.mcap"}  # the same log by another name, which `import` makes
+    known = ((words, PLACES if "import" in words else PLACES | room) for words in whole)
+    yield from dict.fromkeys(" ".join(places.get(word, word) for word in words) for words, places in known)
 
 
 def programs() -> Iterator[tuple[str, int, str]]:
