@@ -1,6 +1,5 @@
 """Recordings of other kinds than MCAP that ask for hours, gigabytes or files: work and memory are counted."""
 
-import bz2
 import os
 import signal
 import sqlite3
@@ -18,10 +17,10 @@ import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.sources import ros1_bag
+from tests.faults.records import MIB, bag_chunk, bag_message, bag_record
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 
-MIB = 2**20
 MAX_MIB = 500  # of a process, which takes about a hundred with NumPy, OpenCV and the libraries of messages
 
 
@@ -134,21 +133,7 @@ os.kill(os.getpid(), 9)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-def bag_record(fields: dict[str, bytes], data: bytes) -> bytes:
-    header = b"".join(struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v for n, v in fields.items())
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
-
-
-def bag_chunk(content: bytes) -> bytes:
-    fields = {"op": b"\x05", "compression": b"bz2", "size": struct.pack("<I", len(content))}
-    return bag_record(fields, bz2.compress(content))
-
-
-def message(number: int) -> bytes:
-    return bag_record({"op": b"\x02", "conn": struct.pack("<I", number), "time": bytes(8)}, b"")
-
-
-@pytest.mark.parametrize("content", [bytes(8 * MIB), message(0) * 300_000], ids=["zeros", "empty messages"])
+@pytest.mark.parametrize("content", [bytes(8 * MIB), bag_message(0) * 300_000], ids=["zeros", "empty messages"])
 def test_a_chunk_of_few_bytes_costs_little_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
 ) -> None:
@@ -256,7 +241,7 @@ def bag_of_topics(names: Iterator[bytes]) -> bytes:
     kind = b"type=sensor_msgs/Image"
     description = struct.pack("<I", len(kind)) + kind
     records = (
-        bag_record({"op": b"\x07", "conn": struct.pack("<I", n), "topic": name}, description) + message(n)
+        bag_record({"op": b"\x07", "conn": struct.pack("<I", n), "topic": name}, description) + bag_message(n)
         for n, name in enumerate(names)
     )
     return ros1_bag.MAGIC + header + b"".join(records)

@@ -1,18 +1,55 @@
-"""Damage of one kind at a known place: what it costs, and what is said of it."""
+"""Every frame in an intact chunk is read, whatever happened before it or to the index; what is lost is said."""
 
 import struct
 from pathlib import Path
 
 import pytest
 from mcap.opcode import Opcode
+from mcap.writer import CompressionType
 
 import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
-from tests.faults.mutations import Base, make_base
-from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec, scene, write_image, write_log
+from stream_sfm.mcap_file.walk import Walk
+from tests.faults.damage import INDEXES, KINDS, Span, Whole, trial, whole_log
+from tests.faults.records import HEAD, insert, message, record
+from tests.helpers.stereo_logs import (
+    CONTAINERS,
+    PERIOD_NS,
+    START_NS,
+    LogWriter,
+    Spec,
+    scene,
+    write_image,
+    write_log,
+)
 
-FAST = sfm.Config(method="frame-to-frame")
+
+@pytest.fixture(scope="module")
+def wholes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Whole]:
+    """A log of 12 frames in each container."""
+    folder = tmp_path_factory.mktemp("wholes")
+    plain = {"chunk_size": 20_000, "compression": CompressionType.NONE, "enable_crcs": False}
+    containers = CONTAINERS | {"no checksums": plain}
+    return {
+        name: whole_log(write_log(folder / f"{name}.mcap", Spec("foxglove", "png"), **container))
+        for name, container in containers.items()
+    }
+
+
+@pytest.mark.parametrize("container", ["zstd", "lz4", "uncompressed chunks", "no checksums", "unchunked"])
+@pytest.mark.parametrize("index", INDEXES)
+def test_all_frames_in_intact_chunks_are_read(container, index, wholes, path):
+    whole, due = wholes[container], 0
+    for kind in KINDS:
+        trials = [trial(whole, index, kind, seed, path) for seed in range(8)]
+        # Without an index a chunk with the only description of the cameras may be among those that are hit.
+        lost = [t for t in trials if t.found < t.due]
+        assert len(lost) <= (2 if index == "no index" else 0), kind
+        assert all(t.found == 0 for t in lost), kind
+        assert not any(t.silent for t in trials), kind
+        due += sum(t.due for t in trials)
+    assert due > len(KINDS) * 8 * len(whole.frames) / 4  # the damage is not so bad that nothing is tested
 
 
 def read(path: Path) -> tuple[list[int], list[str], bool]:
@@ -22,72 +59,102 @@ def read(path: Path) -> tuple[list[int], list[str], bool]:
     return stamps, log.stats.warnings, log.stats.complete
 
 
-def change(base: Base, path: Path, at: int, replacement: bytes) -> None:
-    data = bytearray(base.data)
-    data[at : at + len(replacement)] = replacement
-    path.write_bytes(data)
+def replaced(whole: Whole, path: Path, at: int, replacement: bytes) -> list[int]:
+    """Write the log with other bytes at one place; returns the stamps of the undamaged one."""
+    path.write_bytes(whole.data[:at] + replacement + whole.data[at + len(replacement) :])
+    return list(whole.frames)
+
+
+def cut_out(whole: Whole, path: Path, first: Span, last: Span) -> int:
+    """Write the log without the records from the first one up to the last one; returns their length."""
+    path.write_bytes(whole.data[: first[0]] + whole.data[last[0] :])
+    return last[0] - first[0]
 
 
 @pytest.mark.parametrize("length", [0, 7, 5000, 2**40, 2**64 - 1])
-def test_a_wrong_length_of_a_chunk_costs_nothing(length: int, path: Path, tmp_path: Path):
+def test_a_wrong_length_of_a_chunk_costs_nothing(length, wholes, path):
     """It is given a second time inside the chunk, and the checksum confirms it."""
-    base = make_base("ROS 2, zstd", tmp_path)
-    broken = [r for r in base.records if r.opcode == Opcode.CHUNK][2]
-    change(base, path, broken.start + 1, struct.pack("<Q", length))
+    whole = wholes["zstd"]
+    start, _ = whole.pieces[2]
+    expected = replaced(whole, path, start + 1, struct.pack("<Q", length))
     found, warnings, complete = read(path)
-    assert found == list(base.frame_ends) and complete
-    assert f"byte {broken.start}: a chunk was read although its length, {length}, is wrong" in " ".join(warnings)
+    assert found == expected and complete
+    assert f"byte {start}: a chunk was read although its length, {length}, is wrong" in " ".join(warnings)
 
 
-def test_an_end_in_the_middle_is_no_end(path: Path, tmp_path: Path):
-    base = make_base("protobuf, no index", tmp_path)
-    data_end = next(r for r in base.records if r.opcode == Opcode.DATA_END)
-    footer = base.data[data_end.end : -8]
-    chunk = [r for r in base.records if r.opcode == Opcode.CHUNK][3]
-    for inserted in (base.data[data_end.start : data_end.end], footer):
-        path.write_bytes(base.data[: chunk.start] + inserted + base.data[chunk.start :])
-        assert read(path)[0] == list(base.frame_ends)
+def test_an_end_in_the_middle_is_no_end(wholes, path):
+    whole = wholes["no index"]
+    ends = [*whole.of_kind(Opcode.DATA_END), *whole.of_kind(Opcode.FOOTER)]
+    at = whole.pieces[2][0]
+    for start, end in ends:
+        path.write_bytes(whole.data[:at] + whole.data[start:end] + whole.data[at:])
+        assert read(path)[0] == list(whole.frames)
 
 
-def test_a_message_that_the_index_counts_and_nobody_finds_is_missed(path: Path, tmp_path: Path):
+def test_a_message_that_the_index_counts_and_nobody_finds_is_missed(wholes, path):
     """A flipped bit makes an unknown record of a message, and readers pass over unknown records."""
-    base = make_base("protobuf, unchunked", tmp_path)
-    last = [r for r in base.records if r.opcode == Opcode.MESSAGE][-1]
-    change(base, path, last.start, b"\x85")
+    whole = wholes["unchunked"]
+    expected = replaced(whole, path, whole.pieces[-1][0], b"\x85")
     found, warnings, complete = read(path)
-    assert found == list(base.frame_ends)[:-1] and not complete
-    assert f"{path}: 4 of 5 messages of /camera/right/image could be read" in warnings
+    assert found == expected[:-1] and not complete
+    assert f"{path}: 11 of 12 messages of /camera/right/image could be read" in warnings
 
 
-def test_an_index_without_a_checksum_that_leads_astray_is_left(path: Path, tmp_path: Path):
-    base = make_base("ROS 1, uncompressed chunks without checksums", tmp_path)
-    at = base.data.rindex(b"/camera/right/image")
-    change(base, path, at, b"/camera/wrong/image")
+@pytest.mark.parametrize(
+    ("container", "said"),
+    [("zstd", "its checksum does not match its content"), ("no checksums", "it carries no checksum")],
+)
+def test_an_index_that_leads_astray_is_not_used_and_nothing_is_lost(container, said, wholes, path):
+    whole = wholes[container]
+    expected = replaced(whole, path, whole.data.rindex(b"/camera/right/image"), b"/camera/wrong/image")
     found, warnings, complete = read(path)
-    assert found == list(base.frame_ends) and complete
-    assert "its index is not used: it carries no checksum" in warnings[0]
+    assert found == expected and complete
+    assert f"its index is not used: {said}" in warnings[0]
 
 
-def test_an_index_with_a_wrong_checksum_is_not_used_and_nothing_is_lost(path: Path, tmp_path: Path):
-    base = make_base("ROS 2, zstd", tmp_path)
-    at = base.data.rindex(b"/camera/right/image")
-    change(base, path, at, b"/camera/wrong/image")
-    assert LogFile(path).index is None
-    found, warnings, complete = read(path)
-    assert found == list(base.frame_ends) and complete
-    assert warnings == [f"{path}: its index is not used: its checksum does not match its content"]
+def test_chunks_that_are_cut_out_cleanly_are_missed_by_the_count(wholes, path):
+    """The records left add up; only the index, which now lies elsewhere, knows better."""
+    whole = wholes["zstd"]
+    length = cut_out(whole, path, *whole.of_kind(Opcode.CHUNK)[1:3])
+    file, damage = LogFile(path), Damage()
+    assert len(list(file.messages(damage))) < 26
+    assert not damage.complete and file.index is not None
+    assert f"it lies {length} bytes from where it was written" in damage.notes[0]
+    assert len(file.index.chunk_channels) == len(whole.pieces) - 1  # before the gap and, moved, behind it
 
 
-def test_records_of_gigabytes_are_passed_over_unread(path: Path):
+def test_an_entry_of_the_index_that_is_wrong_costs_no_other(wholes, path):
+    whole = wholes["zstd"]
+    at = whole.pieces[3][0]
+    replaced(whole, path, at + 9, bytes(8))  # the time of its first message
+    file, damage = LogFile(path), Damage()
+    assert file.index is not None and sorted(file.index.chunk_channels) == [a for a, _ in whole.pieces if a != at]
+    assert len(list(file.messages(damage))) == 26 and damage.complete
+    assert f"1 of {len(whole.pieces)} chunks are not where it lists them" in damage.notes[0]
+
+
+def test_definitions_are_found_behind_their_messages(wholes, path):
+    """The first chunk is destroyed, the index too; what is left of the summary describes the channels."""
+    whole = wholes["zstd"]
+    start, end = whole.pieces[0]
+    replaced(whole, path, start, bytes(end - start))
+    data = bytearray(path.read_bytes())
+    data[-12] ^= 1  # the checksum of the summary
+    path.write_bytes(data)
+    file, damage = LogFile(path), Damage()
+    assert file.index is None
+    found = {m.log_time_ns for m in file.messages(damage, whole.topics)}
+    assert whole.intact([(start, end)]) <= found and not damage.complete
+
+
+def test_records_of_gigabytes_are_passed_over_unread(path):
     """A sparse file: the lengths are true, the bytes are not there."""
-    write_log(path, Spec(), use_chunking=False)
-    data = path.read_bytes()
-    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
-    huge = 2**32
+    data = write_log(path, Spec(), use_chunking=False).read_bytes()
+    head, huge = 8 + 9 + struct.unpack_from("<Q", data, 9)[0], 2**32
     with path.open("r+b") as stream:
         for n in range(3):
             stream.seek(head + n * (huge + 9))
-            stream.write(struct.pack("<BQ", Opcode.MESSAGE, huge))
+            stream.write(HEAD.pack(Opcode.MESSAGE, huge))
         stream.seek(head + 3 * (huge + 9))
         stream.write(data[head:])
     found, warnings, complete = read(path)
@@ -95,18 +162,14 @@ def test_records_of_gigabytes_are_passed_over_unread(path: Path):
     assert sum("a record of 4096 MiB was skipped" in w for w in warnings) == 3
 
 
-def test_notes_of_damage_stay_few(path: Path):
-    write_log(path, Spec(), use_chunking=False)
-    data = path.read_bytes()
-    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
-    stray = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 999, 0, 0, 0)
-    path.write_bytes(data[:head] + 5000 * stray + data[head:])
+def test_notes_of_damage_stay_few(path):
+    insert(path, [message(999, b"", 0)] * 5000, container="unchunked")  # of no channel
     damage = Damage()
     assert sum(1 for _ in LogFile(path).messages(damage)) == 26
     assert not damage.complete and 1 < len(damage.notes) < 30  # of 5000 stray records
 
 
-def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(path: Path):
+def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(path):
     log = LogWriter(path)
     bare = log.writer.register_channel("/camera/left/image_raw", "json", 0)
     for n in range(4):
@@ -119,3 +182,29 @@ def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(p
     assert len(list(sfm.open_log(path, calibration=rig).frames())) == 4
     with pytest.raises(sfm.LogError, match="/camera/left/image_raw is not an image topic"):
         sfm.open_log(path, left="/camera/left/image_raw", right=Spec.topics[1], calibration=rig)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        HEAD.pack(Opcode.CHUNK, 2**26) + struct.pack("<QQQIIQ", 0, 0, 2**26, 1, 0, 2**26 - 40),
+        HEAD.pack(Opcode.MESSAGE, 2**20) + struct.pack("<HIQQ", 1, 0, 0, 0),
+        record(Opcode.SCHEMA, bytes(22))[:8],
+        bytes(64),
+    ],
+    ids=["huge chunks", "messages", "heads", "zeros"],
+)
+def test_bytes_that_look_like_records_cost_bounded_work(piece, path, monkeypatch):
+    """The bytes of all reads are counted: some for each candidate, of which there are at most a million."""
+    count, read = 0, Walk._read
+
+    def counting(walk: Walk, at: int, size: int) -> bytes:
+        nonlocal count
+        count += size
+        return read(walk, at, size)
+
+    monkeypatch.setattr(Walk, "_read", counting)
+    data = write_log(path, Spec(), use_chunking=False).read_bytes()
+    path.write_bytes(data[:-100] + 7 * b"\xff" + piece * (2**20 // len(piece)) + data[-100:])
+    assert sum(1 for m in LogFile(path).messages(Damage()) if m.channel.topic in Spec.topics) >= 20
+    assert count < 2**28  # of a file of 1 MiB: some kilobytes for each of at most 25 000 places to resume

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zstandard
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -28,6 +27,7 @@ from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.ground_truth import read_truth
 from stream_sfm.recording.transforms import fixed_edges
 from stream_sfm.sources.recognise import open_source
+from tests.faults.records import MIB, channel, chunk, definition, insert, message, record, schema
 from tests.helpers.stereo_logs import (
     CONTAINERS,
     PERIOD_NS,
@@ -46,53 +46,10 @@ from tests.helpers.stereo_logs import (
 
 pytestmark = pytest.mark.slow
 
-MIB = 2**20
 MAX_MIB = 768  # a process with OpenCV takes 80, a message of 100 MiB stands in memory up to four times
 FRAMES = 12
 BAD = 5  # the frame that means harm
 ROS_IMAGE = "sensor_msgs/msg/CompressedImage"
-
-
-def record(opcode: int, body: bytes) -> bytes:
-    return struct.pack("<BQ", opcode, len(body)) + body
-
-
-def text(value: str | bytes) -> bytes:
-    value = value.encode() if isinstance(value, str) else value
-    return struct.pack("<I", len(value)) + value
-
-
-def schema(number: int, name: str, encoding: str, definition: bytes) -> bytes:
-    return record(Opcode.SCHEMA, struct.pack("<H", number) + text(name) + text(encoding) + text(definition))
-
-
-def channel(number: int, schema_number: int, topic: str | bytes, encoding: str) -> bytes:
-    ids = struct.pack("<HH", number, schema_number)
-    return record(Opcode.CHANNEL, ids + text(topic) + text(encoding) + text(b""))
-
-
-def message(number: int, data: bytes) -> bytes:
-    return record(Opcode.MESSAGE, struct.pack("<HIQQ", number, 0, START_NS, START_NS) + data)
-
-
-def chunk(records: bytes) -> bytes:
-    data = zstandard.ZstdCompressor(level=1).compress(records)
-    head = struct.pack("<QQQI", 0, 0, len(records), 0) + text("zstd")
-    return record(Opcode.CHUNK, head + struct.pack("<Q", len(data)) + data)
-
-
-def insert(path: Path, records: Iterable[bytes], spec: Spec | None = None, container: str = "no index") -> None:
-    """A sound log of 12 frames that begins with these records."""
-    data = write_log(path, spec, **CONTAINERS[container]).read_bytes()
-    head = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
-    with path.open("wb") as stream:
-        stream.write(data[:head])
-        stream.writelines(records)
-        stream.write(data[head:])
-
-
-def definition(kind: Any) -> bytes:
-    return build_file_descriptor_set(kind).SerializeToString()
 
 
 def images(

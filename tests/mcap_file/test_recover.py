@@ -9,7 +9,7 @@ from mcap.writer import CompressionType, Writer
 import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
-from tests.faults.damage_kinds import INDEXES, KINDS, trial, whole_log
+from tests.faults.damage import INDEXES, KINDS, trial, whole_log
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 
 
