@@ -28,7 +28,6 @@ from .geometry.stereo import StereoProjection as StereoProjection
 from .importers.data_sets import import_euroc as import_euroc
 from .importers.data_sets import import_images as import_images
 from .importers.data_sets import import_kitti as import_kitti
-from .importers.video import import_video as import_video
 from .inspection.overview import inspect_log as inspect
 from .mcap_file.recover import recover as recover
 from .motion import Motion as Motion

@@ -1,10 +1,10 @@
-"""`stream-sfm import`: data sets, folders of images and videos to a log."""
+"""`stream-sfm import`: data sets and folders of images to a log."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from ..errors import ConfigError, ExitCode
+from ..errors import ExitCode
 from ..wording import printable
 from . import options
 
@@ -12,13 +12,12 @@ if TYPE_CHECKING:
     from ..importers.data_sets import Imported
 
 import_ = App(name="import", help_epilogue="")
-import_.help = """Convert a KITTI or EuRoC recording, folders of images, or video, to a log.
+import_.help = """Convert a KITTI or EuRoC recording, or folders of images, to a log.
 
 Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged."""
 Pair = Annotated[options.Calibration, Parameter(required=True)]
 Files = Annotated[list[str], Parameter(consume_multiple=True, metavar="FILES")]
 Rate = Annotated[float | None, Parameter("--rate", metavar="HZ")]
-Layout = Literal["left-right", "right-left", "top-bottom", "bottom-top"]
 
 
 @import_.command
@@ -97,45 +96,6 @@ def images(
     where = options.calibration_files(calibration)
     assert where is not None
     return _report(import_images(left, right, where, out, stamps, rate, overwrite=force), json)
-
-
-@import_.command
-def video(
-    out: options.NewLog,
-    /,
-    *,
-    left: options.MaybeFile = None,
-    right: options.MaybeFile = None,
-    both: options.MaybeFile = None,
-    layout: Layout | None = None,
-    calibration: Pair,
-    rate: Rate = None,
-    force: options.ResultFlag = False,
-    json: options.Json = False,
-) -> int:
-    """Convert two videos, or one that holds both images, with a calibration.
-
-    Whatever OpenCV decodes: one file per camera, or one file whose frames hold both images, side by side or one above
-    the other. The images are written as grey PNG.
-
-    Args:
-        out: the log to write
-        left: the video of the left camera
-        right: the video of the right camera
-        both: one video that holds both images
-        layout: which image is where in the frames of --both; found by the calibrated size if not given
-        calibration: the calibration of the pair: a file, the files of left and right, or their folder
-        rate: frames per second; the times that the file has if not given
-        force: replace OUT.mcap if it exists
-    """
-    from ..importers.video import import_video
-
-    pair = [name for name in (left, right) if name is not None]
-    if bool(both) == bool(pair) or len(pair) == 1:
-        raise ConfigError("give the video of each camera (--left, --right), or one that holds both images (--both)")
-    where = options.calibration_files(calibration)
-    assert where is not None
-    return _report(import_video([both] if both else pair, where, out, rate, layout, overwrite=force), json)
 
 
 def _report(imported: "Imported", json: bool) -> int:

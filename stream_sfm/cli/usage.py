@@ -33,7 +33,6 @@ OPTIONS = {
     "overwrite": "--force",
     "ground_truth": "--ground-truth FILE",
     "ground_truth_frame": "--ground-truth-frame FRAME",
-    "layout": "--layout LAYOUT",
     "mono": "--mono",
     "rate_hz": "--rate HZ",
     "rrd": "--rrd FILE",

@@ -11,10 +11,9 @@ from ..files import make_folder
 from ..mcap_file.damage import Damage
 from ..outputs import refuse_overwriting
 from ..recording.log_writer import MessageWriter
-from ..sources.euroc import open_euroc
+from ..sources.data_sets import open_euroc, open_kitti
 from ..sources.image_files import ImageFilesSource, size_of
-from ..sources.image_folders import first_image, open_images
-from ..sources.kitti import open_kitti
+from ..sources.image_sets import first_image, open_images
 
 
 @dataclass(frozen=True, slots=True)

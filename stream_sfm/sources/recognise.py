@@ -11,13 +11,10 @@ from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from . import ros1_bag, sqlite_bag
-from .euroc import is_euroc, open_euroc
-from .image_folders import is_image_folder, open_image_folder
-from .kitti import is_kitti, open_kitti
+from .data_sets import is_data_set, open_folder
 from .mcap import McapSource
 from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
-from .tartanair import is_tartanair, open_tartanair
 from .video import VideoSource
 
 # The first bytes of the files that can be opened.
@@ -25,13 +22,6 @@ _FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
     (MCAP_MAGIC, McapSource),
     (b"#ROSBAG", ros1_bag.Ros1BagSource),
     (sqlite_bag.MAGIC, sqlite_bag.SqliteBagSource),
-)
-# Whether a folder is of this kind, and what opens it.
-_FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Source]], ...] = (
-    (is_kitti, open_kitti),
-    (is_euroc, open_euroc),
-    (is_tartanair, open_tartanair),
-    (is_image_folder, open_image_folder),
 )
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
@@ -43,8 +33,8 @@ _RESULT = "estimates.mcap"  # of a run
 _LISTED = 3  # recordings that a message names
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
-    "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, folders of left and right "
-    "images"
+    "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
+    "and right in a folder"
 )
 
 
@@ -67,7 +57,7 @@ def is_recording(path: Path) -> bool:
         return path.name.removesuffix(".zstd").endswith(SUFFIXES)
     if (path / _RESULT).is_file():  # a bag as well, but of estimates
         return False
-    if (path / METADATA).is_file() or any(belongs(path) for belongs, _ in _FOLDERS):
+    if (path / METADATA).is_file() or is_data_set(path):
         return True
     # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.
     files = [p.name for p in path.iterdir() if p.is_file()]
@@ -113,9 +103,8 @@ def _open_folder(path: Path) -> Source:
     try:
         if (path / METADATA).is_file():
             return open_rosbag2(path)
-        for belongs, source in _FOLDERS:
-            if belongs(path):
-                return source(path)
+        if (found := open_folder(path)) is not None:
+            return found
         if bag_files(path):
             return open_rosbag2(path)
     except OSError as error:

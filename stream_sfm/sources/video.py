@@ -1,101 +1,69 @@
-"""Videos that OpenCV decodes: their frames in grey with their times, and one as a recording with one image topic."""
+"""A video that OpenCV decodes as a recording with one image topic: of one side, or of both in each frame."""
 
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from ..camera.pixels import to_grey
-from ..errors import InputError
+from ..errors import LogError
 from ..mcap_file.damage import Damage
 from .profile import ProfileEncoder
 from .source import Contents, Message, Source
 
-Grey = NDArray[np.uint8]
 
+class VideoSource(Source):
+    """The frames of one file as grey images, with the times that the file has for them. Raises LogError.
 
-class Video:
-    """One file: its size, and its frames with their times."""
+    `side`: of which they are, 0 left, 1 right; None: of both, beside or above each other. Where the times do not grow,
+    frames are put as far apart as the file says by its rate.
+    """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes: list[str] = []
+    format = "video"
+    in_order = True
+
+    def __init__(self, path: Path, side: int | None = None) -> None:
+        self.path, self.size_bytes, self._side = path, path.stat().st_size, side
         capture = self._open()
-        self.width = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        self.height = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        self.rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
-        self.expected = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0))
-        self.read = 0
+        self._expected = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0))
         capture.release()
+        encoder = ProfileEncoder(None)
+        self._channel = encoder.both_images if side is None else encoder.raw_images[side]
 
     def _open(self) -> cv2.VideoCapture:
-        if not self.path.is_file():
-            raise InputError(f"cannot read {self.path}: the file does not exist")
         capture = cv2.VideoCapture(os.fspath(self.path))
         if not capture.isOpened():
-            raise InputError(
+            raise LogError(
                 f"{self.path} is not a video that OpenCV can decode: convert it, for example with "
                 "`ffmpeg -i IN -c:v ffv1 OUT.mkv`"
             )
         return capture
 
-    def frames(self, rate_hz: float | None) -> Iterator[tuple[int, Grey]]:
-        """Yield stamps and grey frames. Raises InputError where times do not grow and no rate is given."""
-        capture, last_ns = self._open(), -1
-        try:
-            while capture.grab():
-                stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-                if rate_hz is not None:
-                    stamp_ns = round(self.read * 1e9 / rate_hz)
-                elif stamp_ns <= last_ns:
-                    raise InputError(
-                        f"{self.path}: the times of frames {self.read - 1} and {self.read} do not grow: give the rate, "
-                        f"which may be {self.rate_hz:g} frames per second",
-                        hint=("rate_hz",),
-                    )
-                done, picture = capture.retrieve()
-                if not done:
-                    break
-                self.read, last_ns = self.read + 1, stamp_ns
-                yield stamp_ns, np.asarray(to_grey(picture), np.uint8)
-        finally:
-            capture.release()
-
-    def check_complete(self) -> None:
-        """Note frames that the container announces and that could not be decoded. Raises InputError without any."""
-        if not self.read:
-            raise InputError(f"{self.path}: not one frame could be decoded")
-        if self.read < self.expected - 1:  # some containers count one too many
-            self.notes.append(f"{self.path}: {self.read} of {self.expected} frames could be decoded")
-
-
-class VideoSource(Source):
-    """A video as a recording: its frames are raw images on one topic, whether they hold one side or both."""
-
-    format = "video"
-    in_order = True
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.size_bytes = path, path.stat().st_size
-        self._video = Video(path)
-
     def contents(self) -> Contents | None:
         """The topic, and how many frames the container announces."""
-        return Contents([(ProfileEncoder(None).both_images, self._video.expected or None)])
+        return Contents([(self._channel, self._expected or None)])
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the frames, if their topic is among `topics`; what ends them early is added to `damage`."""
-        encoder, video = ProfileEncoder(None), Video(self.path)
-        if topics is not None and encoder.both_images.topic not in topics:
+        if topics is not None and self._channel.topic not in topics:
             return
+        encoder, capture, read, last_ns = ProfileEncoder(None), self._open(), 0, -1
         try:
-            for stamp_ns, image in video.frames(None):
-                yield encoder.raw_image(None, stamp_ns, image)
-            video.check_complete()
-        except InputError as error:
-            damage.add(str(error))
-        for note in video.notes:
-            damage.add(note)
+            period_ns = round(1e9 / rate_hz) if (rate_hz := capture.get(cv2.CAP_PROP_FPS)) > 0 else 0
+            while capture.grab():
+                stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+                done, picture = capture.retrieve()
+                if not done:
+                    break
+                if stamp_ns <= last_ns:
+                    damage.note(
+                        f"{self.path}: the times of its frames do not grow: its rate is used, {rate_hz:g} Hz"
+                    )
+                    stamp_ns = last_ns + period_ns
+                read, last_ns = read + 1, stamp_ns
+                yield encoder.raw_image(self._side, stamp_ns, to_grey(picture))._replace(channel=self._channel)
+        finally:
+            capture.release()
+        if read < max(self._expected - 1, 1):  # some containers count one too many
+            damage.add(f"{self.path}: {read} of {self._expected} frames could be decoded")

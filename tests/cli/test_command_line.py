@@ -28,7 +28,7 @@ from tests.helpers.wall_log import write_wall_log
 
 FAST = ["--method", "frame-to-frame"]
 METHODS = get_args(Method)
-LINES = [*COMMANDS, "batch compare", *(f"import {kind}" for kind in ("kitti", "euroc", "images", "video"))]
+LINES = [*COMMANDS, "batch compare", *(f"import {kind}" for kind in ("kitti", "euroc", "images"))]
 
 
 def test_an_environment_that_other_packages_trip_over_is_put_right(monkeypatch, cli):

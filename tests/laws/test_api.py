@@ -28,7 +28,7 @@ OF_COMMAND = {
     "surface": {"surface", "write_ply"},
     "simulate": {"simulate"},
     "inspect": {"inspect"},
-    "import": {"import_kitti", "import_euroc", "import_images", "import_video"},
+    "import": {"import_kitti", "import_euroc", "import_images"},
     "refine": {"refine"},
     "recover": {"recover"},
     "convert-calibration": {"StereoRig"},

@@ -36,7 +36,6 @@ NOT_RUN = {
     "batch compare": "needs more frames for its ratios; tests/run/test_many.py runs it",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
     "import kitti": "needs a recording; tests/importers/ makes one",
-    "import video": "needs a recording; tests/importers/ makes one",
     "import euroc": "needs a recording; tests/importers/ makes one",
 }
 NEEDS_GTSAM = ("--loops", "PlaceMap", "fuse_gtsam")

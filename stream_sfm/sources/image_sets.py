@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..camera.calibration.read import is_calibration
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from .image_files import ImageFile, ImageFilesSource
@@ -15,31 +14,12 @@ from .source import natural_order
 from .text_files import check_ascending, stamp_ns
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
-_SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))
-_STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 # Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
 _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
 _MAX_RATE_HZ = 1e6
 DEFAULT_RATE_HZ = 10.0
 _MOST_ALONE = 0.5  # of all numbers on one side only: more, and the numbers are not those of frames
-
-
-def is_image_folder(folder: Path) -> bool:
-    """Whether a folder has a folder of images for each side."""
-    return _side_folders(folder) is not None
-
-
-def open_image_folder(folder: Path) -> ImageFilesSource:
-    """A folder with a folder of images for each side, and perhaps stamps and a calibration. Raises LogError."""
-    sides = _side_folders(folder)
-    if sides is None:
-        raise LogError(f"{folder} has no folders of left and right images, such as left and right")
-    stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
-    rig = None
-    if any(is_calibration(p) for p in folder.iterdir() if p.is_file()):
-        rig = StereoRig.from_calibration(folder)
-    return open_images(str(sides[0]), str(sides[1]), rig, stamps, path=folder)
 
 
 def open_images(
@@ -103,16 +83,8 @@ def _at_rate(count: int, rate_hz: float | None, notes: list[str]) -> list[int]:
     return [round(n * 1e9 / rate_hz) for n in range(count)]
 
 
-def _side_folders(folder: Path) -> tuple[Path, Path] | None:
-    for pair in _SIDES:
-        for inner in ("", "data"):
-            left, right = (folder / name / inner for name in pair)
-            if left.is_dir() and right.is_dir() and _images_in(left) and _images_in(right):
-                return left, right
-    return None
-
-
-def _images_in(folder: Path) -> list[Path]:
+def images_in(folder: Path) -> list[Path]:
+    """The image files in a folder, in no order."""
     return [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
 
 
@@ -121,7 +93,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
     found: set[Path] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         if os.path.isdir(pattern):
-            matches = _images_in(Path(pattern))
+            matches = images_in(Path(pattern))
         elif os.path.isfile(pattern):  # a name may contain what means something else in a glob
             matches = [Path(pattern)]
         else:

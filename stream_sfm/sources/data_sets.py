@@ -1,0 +1,255 @@
+"""Recordings that are folders: KITTI, EuRoC, TartanAir, folders of images or videos of left and right.
+
+What a folder is tell the folders of its two cameras, and files that a data set has beside them. To add a data set: a
+line in `LAYOUTS`, and the function that opens it.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import product
+from os.path import exists, isdir
+from pathlib import Path
+from re import findall
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera.calibration import euroc, kalibr, kitti
+from ..camera.calibration.document import load
+from ..camera.calibration.read import is_calibration
+from ..camera.models import Camera
+from ..camera.rig import StereoRig
+from ..errors import ConfigError, LogError
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .image_files import ImageFile, ImageFilesSource, size_of
+from .image_sets import IMAGE_SUFFIXES, images_in, open_images
+from .joined import JoinedSource
+from .pose_files import read_euroc, read_kitti, read_rows, read_times
+from .source import Source
+from .text_files import check_ascending, read_table, read_text
+from .video import VideoSource
+
+_SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))
+_STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
+_EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
+_EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
+_EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # folders from mav0, where one for all cameras may be
+_VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
+# All cameras of TartanAir are alike, and parallel.
+_TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
+# Columns: the camera's right, down and forward in the axes of TartanAir's poses, x forward, y right, z down.
+_BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
+
+
+class Layout(NamedTuple):
+    """One way in which a recording lies in a folder: folders of left and right, and files of which one is there."""
+
+    name: str
+    open: Callable[[Path, "Layout"], ImageFilesSource]
+    sides: tuple[str, str]
+    files: Sequence[str] = ()
+
+    def has_sides(self, folder: Path) -> bool:
+        """Whether a folder has those of left and right; of images alone, with images."""
+        # `isdir`, as that of a Path raises OSError where a name is too long
+        inside = all(isdir(folder / side) for side in self.sides)
+        return inside and (bool(self.files) or all(images_in(folder / side) for side in self.sides))
+
+    def fits(self, folder: Path) -> bool:
+        """Whether a folder is laid out so."""
+        return self.has_sides(folder) and (not self.files or any(exists(folder / name) for name in self.files))
+
+
+def open_folder(folder: Path) -> Source | None:
+    """The recording in a folder; None where it is laid out like none. Raises LogError, ConfigError."""
+    if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
+        return layout.open(folder, layout)
+    videos = _videos(folder)
+    return JoinedSource(folder, [VideoSource(path, side) for side, path in enumerate(videos)]) if videos else None
+
+
+def is_data_set(folder: Path) -> bool:
+    """Whether `open_folder` knows a folder."""
+    return any(layout.fits(folder) for layout in LAYOUTS) or _videos(folder) is not None
+
+
+def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSource:
+    """A sequence of KITTI's odometry, or a rectified drive of its raw data. Raises LogError; ConfigError.
+
+    `poses`: ground truth, 12 numbers per line; without it `poses.txt` in the folder and the data set's own place
+    (`../../poses/NN.txt`) are looked at. They are of camera 0; with the colour cameras they are carried into camera 2.
+    """
+    layout = _known(
+        folder, "KITTI", "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
+    )
+    return _open_kitti(folder, layout, poses)
+
+
+def open_euroc(folder: Path) -> ImageFilesSource:
+    """A recording laid out like EuRoC's: mav0, or what contains it. Raises LogError; ConfigError."""
+    return _open_euroc(folder, _known(folder, "EuRoC", "mav0 with cam0 and cam1"))
+
+
+def _known(folder: Path, name: str, content: str) -> Layout:
+    """The layout of this data set that a folder has. Raises LogError."""
+    for layout in LAYOUTS:
+        if layout.name.startswith(name) and layout.has_sides(folder):
+            if layout.fits(folder):
+                return layout
+            raise LogError(f"{folder} has no {Path(layout.files[0]).name}: it is a part of the data set")
+    raise LogError(f"{folder} is not laid out like {name}: give the folder that holds {content}")
+
+
+def _open_kitti(folder: Path, layout: Layout, poses: str | Path | None = None) -> ImageFilesSource:
+    cameras = [int(findall(r"\d+", side)[0]) for side in layout.sides]
+    files = [sorted((folder / side).glob("*.png")) for side in layout.sides]
+    if not files[0] or not files[1]:
+        raise LogError(f"{folder}: {layout.sides[0]} and {layout.sides[1]} must hold .png images")
+    if layout.name == "KITTI odometry":
+        stamps = read_times(folder / "times.txt")
+    else:
+        stamps = _read_dates((folder / layout.sides[0]).with_name("timestamps.txt"))
+    images = []
+    for side in files:
+        for file in side:
+            if not file.stem.isdecimal() or int(file.stem) >= len(stamps):
+                raise LogError(
+                    f"{file}: the name is not the number of a line of the times, which are {len(stamps)}"
+                )
+        images.append([ImageFile(stamps[int(file.stem)], file) for file in side])
+    path = next(folder / name for name in layout.files if exists(folder / name))
+    document = load(read_text(path, "calibration").encode(), path)
+    try:
+        rig = StereoRig(*kitti.pair_of(document, (cameras[0], cameras[1]), size_of(files[0][0])))
+    except ConfigError as error:
+        raise document.error(str(error)) from None
+    resolved, notes, truth = folder.resolve(), [], list[tuple[int, Array]]()
+    own = folder / "poses.txt", resolved.parent.parent / "poses" / f"{resolved.name}.txt"
+    truth_file = next((p for p in own if p.is_file()), None) if poses is None else Path(poses)
+    if truth_file is not None:
+        cam0_from_left = se3.from_rotation_translation(np.eye(3), -kitti.cam_from_cam0(document, cameras[0]))
+        world_from_left = read_kitti(truth_file) @ cam0_from_left
+        if (count := len(world_from_left)) > len(stamps):
+            raise LogError(f"{truth_file} has {count} poses for {len(stamps)} times in {folder}")
+        if count < len(stamps):
+            notes.append(f"{truth_file} has poses for the first {count} of {len(stamps)} frames")
+        truth = list(zip(stamps, world_from_left, strict=False))
+    return ImageFilesSource(folder, layout.name, rig, (images[0], images[1]), truth, notes)
+
+
+def _read_dates(path: Path) -> list[int]:
+    """The stamps of a file of KITTI's raw data, nanoseconds, ascending: a date with nanoseconds per line."""
+    stamps = []
+    for number, line in enumerate(read_text(path, "times").split("\n"), start=1):
+        if line.strip():
+            try:
+                stamps.append(int(np.datetime64(line.strip().replace(" ", "T"), "ns").astype(np.int64)))
+            except ValueError:
+                raise LogError(f"{path}, line {number} is not a date: {line.strip()!r}") from None
+    check_ascending(stamps, path)
+    return stamps
+
+
+def _open_euroc(folder: Path, layout: Layout) -> ImageFilesSource:
+    """Ground truth is the body in the world; it is carried into the left camera where a calibration says how."""
+    cameras = [folder / side for side in layout.sides]
+    mav, images = cameras[0].parent, (_euroc_images(cameras[0]), _euroc_images(cameras[1]))
+    rig, body_from_left = _euroc_rig(mav, cameras)
+    truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
+    if truth_file is None:
+        return ImageFilesSource(folder, layout.name, rig, images)
+    if body_from_left is None:
+        note = f"{truth_file} is not used: no calibration says where the camera is on the body whose poses they are"
+        return ImageFilesSource(folder, layout.name, rig, images, notes=[note])
+    truth = read_euroc(truth_file)
+    poses = list(zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_left, strict=True))
+    return ImageFilesSource(folder, layout.name, rig, images, poses)
+
+
+def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Array | None]:
+    """The rig, and the pose of the left camera on the body, as far as files say it.
+
+    Each camera may have a file (sensor.yaml), or one for all of them may say where the IMU is (Kalibr's, Basalt's).
+    """
+    sensors = [camera / "sensor.yaml" for camera in cameras]
+    if any(sensor.is_file() for sensor in sensors):
+        rig = StereoRig.from_calibration(sensors)
+        return rig, euroc.body_from_cam(load(read_text(sensors[0], "calibration").encode(), sensors[0]))
+    for place in (mav / name for name in _EUROC_CALIBRATIONS):
+        files = sorted(p for p in place.glob("*.*") if p.suffix in (".yaml", ".yml", ".json") and is_calibration(p))
+        for file in files:
+            with suppress(ConfigError):  # a file may be of something else
+                rig = StereoRig.from_calibration(file)
+                return rig, kalibr.body_from_left(load(read_text(file, "calibration").encode(), file))
+    return None, None
+
+
+def _euroc_images(folder: Path) -> list[ImageFile]:
+    """The images of a camera by its table; without one, their names are the stamps."""
+    path, images = folder / "data.csv", []
+    if path.is_file():
+        for number, cells in read_table(path, "table"):
+            if len(cells) < 2 or not cells[0].isdecimal():
+                raise LogError(
+                    f"{path}, line {number} is not a stamp in nanoseconds and the name of an image: {cells}"
+                )
+            images.append(ImageFile(int(cells[0]), folder / "data" / cells[1]))
+    else:
+        found = [p for p in (folder / "data").glob("*") if p.suffix in IMAGE_SUFFIXES and p.stem.isdecimal()]
+        images = sorted((ImageFile(int(p.stem), p) for p in found), key=lambda image: image.stamp_ns)
+    if not images:
+        raise LogError(f"{path} must list stamps and file names, one image per line")
+    check_ascending([image.stamp_ns for image in images], path)
+    return images
+
+
+def _open_tartanair(folder: Path, layout: Layout) -> ImageFilesSource:
+    source = open_images(str(folder / layout.sides[0]), str(folder / layout.sides[1]), None, path=folder)
+    width, height = size_of(source.images[0][0].path)
+    k = np.array([[_TARTANAIR_F_PX, 0, width / 2], [0, _TARTANAIR_F_PX, height / 2], [0, 0, 1]])
+    camera = Camera(width, height, k, (), "none")
+    rig = StereoRig(camera, camera, se3.exp([-_TARTANAIR_BASELINE_M, 0, 0, 0, 0, 0]))
+    poses, stamps = folder / layout.files[0], [image.stamp_ns for image in source.images[0]]
+    truth = []
+    if poses.is_file():
+        rows = read_rows(poses, 7, "`x y z qx qy qz qw`")
+        if len(rows) != len(stamps):
+            raise LogError(f"{poses} has {len(rows)} poses for {len(stamps)} images: fetch both of one trajectory")
+        rotations = se3.matrix_from_quat_xyzw(rows[:, 3:])
+        world_from_cam = se3.from_rotation_translation(rotations, rows[:, :3]) @ _BODY_FROM_CAM
+        truth = list(zip(stamps, se3.inverse(_BODY_FROM_CAM) @ world_from_cam, strict=True))
+    return ImageFilesSource(folder, layout.name, rig, source.images, truth, source.notes)
+
+
+def _open_images(folder: Path, layout: Layout) -> ImageFilesSource:
+    """With stamps and a calibration, if there are any beside the two folders."""
+    stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
+    known = any(is_calibration(p) for p in folder.iterdir() if p.is_file())
+    rig = StereoRig.from_calibration(folder) if known else None
+    return open_images(str(folder / layout.sides[0]), str(folder / layout.sides[1]), rig, stamps, path=folder)
+
+
+def _videos(folder: Path) -> tuple[Path, Path] | None:
+    """The videos of left and right in a folder."""
+    for sides, suffix in product(_SIDES, _VIDEO_SUFFIXES):
+        left, right = (folder / f"{side}{suffix}" for side in sides)
+        if left.is_file() and right.is_file():
+            return left, right
+    return None
+
+
+_KITTI_RAW = ("calib_cam_to_cam.txt", "../calib_cam_to_cam.txt")
+LAYOUTS = (
+    Layout("KITTI odometry", _open_kitti, ("image_0", "image_1"), ("calib.txt",)),
+    Layout("KITTI odometry", _open_kitti, ("image_2", "image_3"), ("calib.txt",)),
+    Layout("KITTI raw", _open_kitti, ("image_00/data", "image_01/data"), _KITTI_RAW),
+    Layout("KITTI raw", _open_kitti, ("image_02/data", "image_03/data"), _KITTI_RAW),
+    Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES]),
+    Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
+    Layout("TartanAir", _open_tartanair, ("image_left", "image_right"), ("pose_left.txt", "image_left")),
+    Layout("TartanAir", _open_tartanair, ("image_lcam_front", "image_rcam_front"),
+           ("pose_lcam_front.txt", "image_lcam_front")),
+    *(Layout("image files", _open_images, (f"{left}{inner}", f"{right}{inner}"))
+      for (left, right), inner in product(_SIDES, ("", "/data"))),
+)  # fmt: skip

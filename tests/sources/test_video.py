@@ -1,0 +1,114 @@
+"""Videos written by OpenCV are replayed as they are: every image, its time, its side."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from tests.helpers.wall import Wall, camera_path, rig
+
+FRAMES, RATE_HZ = 6, 25.0
+FFV1 = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
+Pairs = list[tuple[np.ndarray, np.ndarray]]
+
+
+@pytest.fixture(scope="module")
+def pairs() -> Pairs:
+    return [(frame.left, frame.right) for frame in Wall(5).frames(rig(), camera_path(FRAMES))]
+
+
+@pytest.fixture
+def calibration(tmp_path: Path) -> Path:
+    (tmp_path / "c.toml").write_text(rig().to_toml())
+    return tmp_path / "c.toml"
+
+
+def write(path: Path, images: list[np.ndarray], codec: int = FFV1) -> Path:
+    height, width = images[0].shape
+    path.parent.mkdir(exist_ok=True)
+    writer = cv2.VideoWriter(str(path), codec, RATE_HZ, (width, height))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no such video")
+    for image in images:
+        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    return path
+
+
+def assert_same_frames(log: sfm.StereoLog, pairs: Pairs) -> None:
+    frames = list(log.frames())
+    # times of videos are whole milliseconds
+    assert np.allclose([f.stamp_ns for f in frames], np.arange(len(pairs)) * 1e9 / RATE_HZ, atol=1e6)
+    for frame, images in zip(frames, pairs, strict=True):
+        # Lossless but for the way from grey to YUV and back.
+        assert all(abs(a.astype(int) - b).max() <= 2 for a, b in zip(frame.images, images, strict=True))
+
+
+@pytest.mark.parametrize("ending", [".mkv", ".avi"])
+def test_a_folder_with_a_video_of_each_side(
+    ending: str, pairs: Pairs, calibration: Path, tmp_path: Path, cli
+) -> None:
+    for n, side in enumerate(("left", "right")):
+        write(tmp_path / f"v/{side}{ending}", [p[n] for p in pairs])
+    log = sfm.open_log(tmp_path / "v", calibration=calibration)
+    assert_same_frames(log, pairs)
+    assert log.stats.complete
+    with pytest.raises(sfm.LogError, match="has no calibration for topic /camera/left/image") as caught:
+        sfm.open_log(tmp_path / "v")
+    assert caught.value.hint == ("calibration",)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_video_that_holds_both_images(axis: int, pairs: Pairs, calibration: Path, tmp_path: Path, cli) -> None:
+    both = write(tmp_path / "both.mkv", [np.concatenate(p, axis) for p in pairs])
+    log = sfm.open_log(both, calibration=calibration)
+    assert_same_frames(log, pairs)
+    assert log.stats.complete
+    topics = log.left_topic, log.right_topic
+    exchanged = sfm.open_log(both, topics[1], topics[0], calibration=calibration)
+    assert_same_frames(exchanged, [p[::-1] for p in pairs])
+    cli("replay", both, "--calibration", calibration, "--out", tmp_path / "run", "-q")
+    assert set(sfm.read_results(tmp_path / "run").statuses[1:]) == {"ok"}
+    assert "/camera/left/image" in cli("inspect", both, "--calibration", calibration).out
+
+
+def test_one_side_that_ends_early_is_told(pairs: Pairs, calibration: Path, tmp_path: Path) -> None:
+    write(tmp_path / "v/l.mkv", [p[0] for p in pairs])
+    write(tmp_path / "v/r.mkv", [p[1] for p in pairs[:-3]])
+    log = sfm.open_log(tmp_path / "v", calibration=calibration)
+    assert len(list(log.pairs())) == FRAMES - 3
+    assert log.stats.warnings == ["3 left and 0 right images have no partner within half a frame period"]
+
+
+def test_times_that_do_not_grow_are_those_of_the_rate(pairs: Pairs, calibration: Path, tmp_path: Path, monkeypatch):
+    both = write(tmp_path / "both.mkv", [np.hstack(p) for p in pairs])
+    real = cv2.VideoCapture
+
+    class WithoutTimes:
+        def __init__(self, path: str) -> None:
+            self._inside = real(path)
+
+        def __getattr__(self, name: str):
+            return getattr(self._inside, name)
+
+        def get(self, what: int) -> float:
+            return 0.0 if what == cv2.CAP_PROP_POS_MSEC else self._inside.get(what)
+
+    monkeypatch.setattr("cv2.VideoCapture", WithoutTimes)
+    log = sfm.open_log(both, calibration=calibration)
+    assert_same_frames(log, pairs)
+    assert log.stats.complete and any("its rate is used, 25 Hz" in w for w in log.stats.warnings)
+
+
+@pytest.mark.parametrize(("ending", "codec"), [(".mkv", "FFV1"), (".avi", "FFV1"), (".mp4", "mp4v")])
+def test_a_video_without_a_calibration_is_told_from_damage(ending: str, codec: str, pairs: Pairs, tmp_path, cli):
+    video = write(tmp_path / f"v{ending}", [p[0] for p in pairs], codec=cv2.VideoWriter.fourcc(*codec))
+    said = cli("replay", video, "--out", tmp_path / "out", code=3).err
+    assert "is a video: give the calibration of its images" in said and "--calibration" in said
+    (tmp_path / f"t{ending}").write_bytes(video.read_bytes()[:100])
+    assert (
+        f"t{ending} is not a video that OpenCV can decode: convert it"
+        in cli("inspect", tmp_path / f"t{ending}", code=3).err
+    )
