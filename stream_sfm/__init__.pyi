@@ -44,8 +44,6 @@ from .results.folder import ResultFolder as ResultFolder
 from .results.run_results import RunResults as RunResults
 from .results.run_results import read_results as read_results
 from .run.compare import compare as compare
-from .run.many import compare_many as compare_many
-from .run.refine import calibrate as refine
 from .run.replay import ReplayInterrupted as ReplayInterrupted
 from .run.replay import ReplayResult as ReplayResult
 from .run.replay import replay as replay

@@ -22,7 +22,6 @@ from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
 from ..report.batch_page import render_batch
-from ..run.refine import check_calibrates
 from ..types import Selection
 from .job import FILES, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files
@@ -41,7 +40,6 @@ def replay_batch(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | None = None,
-    calibrate: bool = False,
     ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -49,24 +47,21 @@ def replay_batch(
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
-    `logs`: recordings of any kind, folders of them, patterns. `calibrate`: as in `replay`, each log by itself.
-    `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of what the
-    logs have. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`. `on_done`
-    is called with the result of each. A second call processes only what is missing or has changed. On the first
-    Ctrl-C or SIGTERM the running replays end after their current frame, and no further one is started. Raises
-    ConfigError, LogError and OutputError before any log is started.
+    `logs`: recordings of any kind, folders of them, patterns. `ground_truth`: a file for all logs, or a folder with
+    files that are named after the logs, instead of what the logs have. `workers` processes of this machine (None: one
+    per core), or those of the Dask `scheduler`. `on_done` is called with the result of each. A second call processes
+    only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
+    frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
     """
     config, out = config or Config(), Path(out_dir).resolve()
     config.needs_scale("a batch, which compares metres,")
     check_method(config.method)
-    if calibrate:
-        check_calibrates(config)
     calibrations = [] if calibration is None else checked_paths(calibration)
     truth = ground_truth if isinstance(ground_truth, GroundTruthFile | None) else GroundTruthFile(ground_truth)
     skipped: list[str] = []
     names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
-    options = _replay_options(left, right, selection or Selection(), truth, calibrate)
+    options = _replay_options(left, right, selection or Selection(), truth)
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml, jobs = config_to_toml(config), []
     for log, name in names.items():
@@ -92,7 +87,7 @@ def replay_batch(
 
 
 def _replay_options(
-    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None, calibrate: bool
+    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None
 ) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
     chosen: dict[str, object] = {
@@ -102,7 +97,6 @@ def _replay_options(
         "end": selection.end_s,
         "max-frames": selection.max_frames,
         "stride": None if selection.stride == 1 else selection.stride,
-        "calibrate": calibrate or None,
     }
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}

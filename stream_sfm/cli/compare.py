@@ -23,7 +23,6 @@ def compare(
     methods: options.Names = DEFAULT_METHODS,
     self_test: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
-    two_pass: options.CameraFlag = False,
     frames: options.Frames = options.Frames(),
     truth: options.Truth = options.Truth(),
     settings: options.Settings = options.Settings(),
@@ -42,7 +41,6 @@ def compare(
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
-        two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
     """
     from ..inspection.overview import inspect_log
     from ..recording import open_log
@@ -68,7 +66,6 @@ def compare(
             methods=names,
             ignore_ground_truth=truth.ignore_ground_truth,
             inspection=inspection,
-            calibrate=two_pass,
             self_test=self_test,
             std_truth=truth.ground_truth_std,
             sinks=[progress],

@@ -3,6 +3,8 @@
 from ..errors import ExitCode, StreamSfmError
 from . import options
 
+_LOOK_FRAMES = 60  # some seconds, in which most cameras turn
+
 
 def inspect(
     log: options.Log, /, *, cameras: options.Cameras = options.Cameras(), json: options.Json = False
@@ -19,7 +21,8 @@ def inspect(
     """
     from ..inspection.overview import inspect_log
     from ..recording import open_log
-    from ..run.refine import first_look
+    from ..run import replay
+    from ..types import Selection
     from .inspection_tables import print_inspection
     from .printing import print_json
 
@@ -27,7 +30,8 @@ def inspect(
     found["rig_errors"] = None
     if not found["problems"]:
         try:
-            found["rig_errors"] = first_look(open_log(log, *cameras.chosen))
+            look = replay.replay(open_log(log, *cameras.chosen), selection=Selection(max_frames=_LOOK_FRAMES))
+            found["rig_errors"] = look.summary.get("rig")
         except StreamSfmError as error:
             found["warnings"].append(f"the first frames cannot be estimated: {error}")
     if json:

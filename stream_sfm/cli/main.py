@@ -24,13 +24,13 @@ from ..wording import printable
 from .batch import batch
 from .compare import compare
 from .config import config
+from .convert_calibration import convert_calibration
 from .evaluate import evaluate
 from .import_ import import_
 from .inspect import inspect
 from .live import live
 from .recover import recover
 from .replay import replay
-from .rig import convert_calibration, refine
 from .simulate import simulate
 from .surface import surface
 from .usage import hint, option_names, print_error, rewritten, usage_error
@@ -47,7 +47,6 @@ COMMANDS: dict[str, App | Callable[..., int]] = {
     "surface": surface,
     "import": import_,
     "recover": recover,
-    "refine": refine,
     "convert-calibration": convert_calibration,
     "simulate": simulate,
     "config": config,

@@ -30,7 +30,6 @@ def replay(
     save_map: options.MaybeOutFile = None,
     cameras: options.Cameras = options.Cameras(),
     mono: options.CameraFlag = False,
-    two_pass: options.CameraFlag = False,
     frames: options.Frames = options.Frames(),
     settings: options.MethodSettings = options.MethodSettings(),
     truth: Annotated[options.Truth, Parameter(show=False)] = options.Truth(),
@@ -55,7 +54,6 @@ def replay(
         map: go on in the world of a map that --save-map wrote; with the effect of --loops
         save_map: write the map at the end, which may be the one that was read; with the effect of --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
-        two_pass: read the frames twice: first learn how the calibration errs, then estimate with it corrected
         verbose: report every change of status, and the time per stage
     """
     from ..outputs import MAP_TRAJECTORY
@@ -87,7 +85,6 @@ def replay(
                 config,
                 selection,
                 ignore_ground_truth=truth.ignore_ground_truth,
-                calibrate=two_pass,
                 self_test=self_test,
                 loops=loops,
                 known_map=map,

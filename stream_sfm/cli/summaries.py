@@ -78,20 +78,6 @@ def print_batch(content: dict[str, Any]) -> None:
     print_table(rows, ["log", "status", "frames", "lost", "path\nm", *errors, "time\nms/frame"], text_columns=2)
 
 
-def print_many(content: dict[str, Any]) -> None:
-    """Print the ratios of comparison.json, one row per method."""
-    rows = [
-        [
-            key.replace("_", "-"),
-            *(_interval(found[q]) for q in ("position", "rotation")),
-            f"{found['position']['samples']}",
-        ]
-        for key, found in content["error_over_cross_frame"].items()
-    ]
-    runs = "logs" if content["interval_over"] == "logs" else "starts"
-    print_table(rows, ["error over cross-frame", "position", "rotation", runs])
-
-
 def _cells(figures: dict[str, Any], columns: dict[str, tuple[str, str]]) -> Iterator[str]:
     return (number(figures.get(key), form) for key, (_, form) in columns.items())
 

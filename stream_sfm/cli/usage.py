@@ -1,4 +1,4 @@
-"""Old spellings, usage errors, and hints to the options and commands that help."""
+"""Usage errors, and hints to the options and commands that help."""
 
 import sys
 from collections.abc import Iterable, Sequence
@@ -18,9 +18,6 @@ from cyclopts import (
 from ..errors import StreamSfmError
 from ..wording import did_you_mean, printable, unknown_name
 
-# Spellings of the release before, which are still understood.
-_OLD_OPTIONS = {"--calibrate": "--two-pass"}
-_OLD_COMMANDS = {("calibrate",): ["refine"], ("calibration", "convert"): ["convert-calibration"]}
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
 _OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz")
 
@@ -47,11 +44,8 @@ COMMANDS = {
 
 
 def rewritten(words: Sequence[str]) -> list[str]:
-    """The words of a command line in today's spelling, with --calibration repeated where two files follow it."""
-    words = [_OLD_OPTIONS.get(word, word) for word in words]
-    for old, new in _OLD_COMMANDS.items():
-        if tuple(words[: len(old)]) == old:
-            words[: len(old)] = new
+    """The words of a command line as they are parsed: --calibration is repeated where two files follow it."""
+    words = list(words)
     if words[:2] == ["import", "images"] and (out := next((w for w in words if w.endswith(".mcap")), None)):
         words.remove(out)  # which --left or --right before it would take as one more image
         words.insert(2, out)

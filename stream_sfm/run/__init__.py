@@ -1,5 +1,5 @@
-"""Logs through estimators: one loop, and its arrangements for one method, several methods, and learning a calibration.
+"""Logs through estimators: one loop, and its arrangements for one method, several methods.
 
-`loop.py` is the page to read; `replay.py` and `compare.py` arrange it, `many.py` compares over many logs. Not here:
+`loop.py` is the page to read; `replay.py` and `compare.py` arrange it. Not here:
 what is kept of a run and its pages (`report/`), its files (`results/`), many replays at once (`batch/`).
 """

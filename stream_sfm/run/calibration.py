@@ -16,11 +16,11 @@ _CONFIRMED_BY = 4  # frames: a problem in the first one must be there in all of 
 class CalibrationSink:
     """A sink that checks the calibration of a log against its first frames; `problems` is what it found.
 
-    A problem is logged as a warning as soon as it is certain, if it is to be `announced`; the run goes on.
+    A problem is logged as a warning as soon as it is certain; the run goes on.
     """
 
-    def __init__(self, log: StereoLog, announced: bool = True) -> None:
-        self._log, self._announced = log, announced
+    def __init__(self, log: StereoLog) -> None:
+        self._log = log
         self._choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
         self._frames: list[Images] = []
         self._done = False
@@ -50,5 +50,5 @@ class CalibrationSink:
         self.problems = self._check()
         self._frames.clear()
         self._done = True
-        for problem in self.problems if self._announced else ():
+        for problem in self.problems:
             logging.getLogger("stream_sfm").warning(problem)

@@ -28,7 +28,6 @@ from ..types import Selection, Sink
 from .depth import TrueDepth
 from .lane import Lane
 from .loop import Course, run
-from .refine import refined_for_itself
 from .self_test import SelfTest
 from .summary import summarise
 
@@ -68,7 +67,6 @@ def compare(
     calibration: str | Path | StereoRig | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
-    calibrate: bool = False,
     self_test: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
@@ -77,7 +75,7 @@ def compare(
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
-    `inspection`: what `inspect_log` found, for the report. `calibrate`, `self_test`, `std_truth`: as in `replay`. The
+    `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. The
     errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
     are compared and not calibrations. `sinks` are given one estimate per frame, of the first method that has not
     failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for an unknown method,
@@ -97,7 +95,7 @@ def compare(
         refuse_overwriting(outputs(folder, methods), [log.path])
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
-    rig = refined_for_itself(log, config, selection) if calibrate else log.stereo_rig
+    rig = log.stereo_rig
     depth = TrueDepth(log)
     observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []

@@ -34,10 +34,6 @@ class Check(Protocol):
         ...
 
 
-class Enough(Exception):
-    """Raised by a sink that has seen what it wants: the run ends as at the end of the log."""
-
-
 @dataclass(slots=True)
 class Course:
     """How a run went: how many frames were used, what is to be told, and the error to raise when all is written."""
@@ -90,8 +86,6 @@ def run(
                     sink.write(next(iter(estimates.values())), frame)
                 if all(lane.error is not None for lane in lanes):
                     break
-    except Enough:
-        pass
     except BaseException as error:
         course.end(error)
     refusal = lanes[0].record.first_refusal

@@ -23,7 +23,6 @@ from .calibration import CalibrationSink
 from .depth import TrueDepth
 from .lane import Lane
 from .loop import Course, run
-from .refine import refined_for_itself
 from .self_test import SelfTest
 from .summary import peak_rss_mib, summarise
 
@@ -67,7 +66,6 @@ def replay(
     right: str | None = None,
     calibration: str | Path | StereoRig | MonoRig | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
-    calibrate: bool = False,
     self_test: bool = False,
     loops: bool = False,
     known_map: str | Path | None = None,
@@ -78,8 +76,7 @@ def replay(
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
-    run whose ground truth is not compared, because it is wrong. `calibrate`: first learn from the same frames how
-    the calibration errs, then estimate with what was learnt, from the first frame on. `self_test`: estimate from
+    run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
     disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `loops`: find
     places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
@@ -98,10 +95,9 @@ def replay(
         refuse_overwriting([folder / name for name in (*RESULTS, MAP_TRAJECTORY)], [log.path])
     if save_map is not None:
         refuse_overwriting([Path(save_map)], [log.path])
-    rig = refined_for_itself(log, config, selection) if calibrate else log.rig
-    replayed = _Replay(log, rig, config, selection, folder, self_test)
+    replayed = _Replay(log, config, selection, folder, self_test)
     if loops or known_map is not None or save_map is not None:
-        replayed.find_places(rig, known_map, None if save_map is None else Path(save_map))
+        replayed.find_places(known_map, None if save_map is None else Path(save_map))
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -125,7 +121,6 @@ class _Replay:
     def __init__(
         self,
         log: StereoLog,
-        rig: StereoRig | MonoRig,
         config: Config,
         selection: Selection,
         folder: Path | None,
@@ -135,7 +130,7 @@ class _Replay:
         self._log, self._config, self._selection = log, config, selection
         self._depth = None if config.mono else TrueDepth(log)
         with one_thread:
-            observer = Observer(rig, config)
+            observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
         self._calibration = None if config.mono else CalibrationSink(log)
@@ -143,11 +138,11 @@ class _Replay:
         self._save_map: Path | None = None
         self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
 
-    def find_places(self, rig: StereoRig | MonoRig, known: str | Path | None, save: Path | None) -> None:
+    def find_places(self, known: str | Path | None, save: Path | None) -> None:
         """Make a map beside the estimates, from that of a file if one is `known`."""
         from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
 
-        self._places, self._save_map = PlaceMap(rig, self._config, wait=True, known=known), save
+        self._places, self._save_map = PlaceMap(self._log.rig, self._config, wait=True, known=known), save
         self.sinks.append(self._places)
 
     def result(self, course: Course, truth: Truth) -> ReplayResult:

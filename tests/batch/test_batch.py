@@ -137,7 +137,6 @@ def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, cli) -> None:
         ((good, "--method", "magic"), 2, "magic"),
         ((good, "--set", "widow.frames=8"), 2, "widow"),
         ((good, "--calibration", "missing.toml"), 2, "missing.toml"),
-        ((good, "--calibrate", "--set", "rig.exact=true"), 2, "exact"),
         ((good, "--workers", os.cpu_count(), "--scheduler", "tcp://127.0.0.1:1"), 2, "exclude each other"),
         ((tmp_path / "empty",), 3, "empty"),
     ):

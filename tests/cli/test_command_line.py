@@ -20,7 +20,7 @@ from stream_sfm.cli.inspection_tables import broken_at
 from stream_sfm.cli.main import COMMANDS, build_app, main
 from stream_sfm.cli.options import Method
 from stream_sfm.cli.usage import COMMANDS as HINTED_COMMANDS
-from stream_sfm.cli.usage import OPTIONS, option_names, rewritten
+from stream_sfm.cli.usage import OPTIONS, option_names
 from stream_sfm.config import Config, FrontendConfig, WindowConfig, read_config
 from stream_sfm.run.compare import COMPARED
 from tests.helpers.stereo_logs import Spec, write_log
@@ -28,7 +28,7 @@ from tests.helpers.wall_log import write_wall_log
 
 FAST = ["--method", "frame-to-frame"]
 METHODS = get_args(Method)
-LINES = [*COMMANDS, "batch compare", *(f"import {kind}" for kind in ("kitti", "euroc", "images"))]
+LINES = [*COMMANDS, *(f"import {kind}" for kind in ("kitti", "euroc", "images"))]
 
 
 def test_an_environment_that_other_packages_trip_over_is_put_right(monkeypatch, cli):
@@ -159,19 +159,6 @@ def test_the_shell_completes_settings_too(cli):
     for shell in ("bash", "zsh", "fish"):
         script = build_app().generate_completion(shell=shell)
         assert all(word in script for word in ("replay", "--max-frames", "iterated-ekf", "kitti", "__complete"))
-
-
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ("calibrate a.mcap --out r.toml", "refine a.mcap --out r.toml"),
-        ("convert-calibration c.yaml --out r.toml", "convert-calibration c.yaml --out r.toml"),
-        ("replay a.mcap --calibrate", "replay a.mcap --two-pass"),
-    ],
-)
-def test_names_of_the_release_before_are_understood(old, new):
-    assert rewritten(old.split()) == new.split()
-    build_app().parse_args(new.split())
 
 
 @pytest.mark.parametrize(

@@ -191,3 +191,10 @@ def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkey
     assert summary["ground_truth"]["local_structure_rms_m"] is None
     assert summary["frames"]["estimated"] == 12 and summary["complete"]
     assert summary["ground_truth"]["ate_rmse_m"] > 0
+
+
+def test_a_replay_says_where_it_ends_and_what_its_covariances_are_worth(wall_log) -> None:
+    summary = replay(wall_log, self_test=True, std_truth=(1e-5, 1e-6)).summary
+    assert summary["end"]["std_position_m"] > 0 and summary["end"]["std_heading_deg"] > 0
+    assert [s["frames"] for s in summary["self_test"]["tracks"]][:3] == [1, 2, 5]
+    assert summary["ground_truth"]["std_truth"] == [1e-5, 1e-6]
