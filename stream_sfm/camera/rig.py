@@ -11,7 +11,7 @@ from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .calibration import read, toml_file
-from .calibration.document import Pair
+from .calibration.document import Pair, load
 from .known_timing import KnownTiming
 from .models import Camera
 from .refinement import Refinement
@@ -80,12 +80,12 @@ class StereoRig:
         `path` is a file, the two files of left and right, or the folder they are in, in any format of docs/formats.md.
         `image_size` (width, height) serves formats that do not tell it.
         """
-        return cls._of_pair(read.read_pair(path, image_size), path)
+        return cls._of_pair(read.pair_of(read.documents_at(path), image_size), path)
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "StereoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        return cls._of_pair(read.parse_pair(content, name), name)
+        return cls._of_pair(read.pair_of([load(content, name)], None), name)
 
     @classmethod
     def _of_pair(cls, pair: Pair, name: read.Where) -> "StereoRig":
@@ -117,12 +117,12 @@ class MonoRig:
     @classmethod
     def from_calibration(cls, path: read.Where, image_size: tuple[int, int] | None = None) -> "MonoRig":
         """Read the left camera of a calibration, which need not have another. As `StereoRig.from_calibration`."""
-        return cls(read.read_left(path, image_size))
+        return cls(read.left_of(read.documents_at(path), image_size))
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "MonoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        return cls(read.parse_left(content, name))
+        return cls(read.left_of([load(content, name)], None))
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""

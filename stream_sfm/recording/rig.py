@@ -1,6 +1,6 @@
 """The stereo rig from two calibration messages, in the ROS sense of K, D, R and P.
 
-What R and P say of the pose is in `camera/calibration/ros.py`. Images that are rectified already (by the name of
+What R and P say of the pose is in `camera/calibration/projections.py`. Images that are rectified (by the name of
 their topic) are pinholes with P and neither D nor R. A pose of the right camera that comes from elsewhere takes the
 place of R and P[3].
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.calibration import ros
+from ..camera.calibration import projections
 from ..camera.calibration.document import make_camera
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
@@ -30,7 +30,7 @@ def calibration_error(problem: str, *hints: str) -> LogError:
 
 def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
     """Whether P of both cameras is filled in and contains the baseline."""
-    return ros.gives_baseline(left.P, right.P)
+    return projections.gives_baseline(left.P, right.P)
 
 
 def rig_from_messages(
@@ -47,7 +47,7 @@ def rig_from_messages(
     try:
         if right_from_left is None:
             r_left, r_right = (np.eye(3) if rectified else _rotation(path, m) for m in (left, right))
-            right_from_left = ros.pose_from_projections(r_left, left.P, r_right, right.P)
+            right_from_left = projections.pose_from_projections(r_left, left.P, r_right, right.P)
         return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
     except ConfigError as error:
         raise calibration_error(f"{path}: topics {left.topic} and {right.topic}: {error}") from None

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.calibration import euroc
-from ..camera.calibration.document import load
+from ..camera.calibration.read import read_document
+from ..camera.calibration.slam import EUROC, body_from_left
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 from ..sources.pose_files import is_euroc_table, read_poses
 from ..sources.source import Source
-from ..sources.text_files import read_text
 from ..types import Trajectory
 from .survey import Survey
 from .transforms import fixed_transform
@@ -68,10 +67,10 @@ def _body_from_cam(truth: GroundTruthFile, path: Path, source: Source, survey: S
 
 
 def _of_sensor(path: Path) -> Array:
-    document = load(read_text(path, "calibration").encode(), path)
-    if not euroc.matches(document.data):
+    document = read_document(path)
+    if not EUROC.matches(document.data) or (pose := body_from_left(document)) is None:
         raise ConfigError(f"{path} is not a sensor.yaml with T_BS, the pose of the left camera in the body")
-    return euroc.body_from_cam(document)
+    return pose
 
 
 def time_warning(truth: Trajectory, path: str | Path, first_ns: int, last_ns: int) -> str | None:

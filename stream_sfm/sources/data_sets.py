@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.calibration import euroc, kalibr, kitti
-from ..camera.calibration.document import load
-from ..camera.calibration.read import is_calibration
+from ..camera.calibration.projections import cam_from_cam0, kitti_camera
+from ..camera.calibration.read import is_calibration, read_document
+from ..camera.calibration.slam import body_from_left
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
@@ -119,16 +119,18 @@ def _open_kitti(folder: Path, layout: Layout, poses: str | Path | None = None) -
                 )
         images.append([ImageFile(stamps[int(file.stem)], file) for file in side])
     path = next(folder / name for name in layout.files if exists(folder / name))
-    document = load(read_text(path, "calibration").encode(), path)
+    document, size = read_document(path), size_of(files[0][0])
+    left_from_cam0, right_from_cam0 = (cam_from_cam0(document, number) for number in cameras)
+    cam0_from_left = se3.inverse(left_from_cam0)
     try:
-        rig = StereoRig(*kitti.pair_of(document, (cameras[0], cameras[1]), size_of(files[0][0])))
+        left, right = (kitti_camera(document, number, size) for number in cameras)
+        rig = StereoRig(left, right, right_from_cam0 @ cam0_from_left)
     except ConfigError as error:
         raise document.error(str(error)) from None
     resolved, notes, truth = folder.resolve(), [], list[tuple[int, Array]]()
     own = folder / "poses.txt", resolved.parent.parent / "poses" / f"{resolved.name}.txt"
     truth_file = next((p for p in own if p.is_file()), None) if poses is None else Path(poses)
     if truth_file is not None:
-        cam0_from_left = se3.from_rotation_translation(np.eye(3), -kitti.cam_from_cam0(document, cameras[0]))
         world_from_left = read_kitti(truth_file) @ cam0_from_left
         if (count := len(world_from_left)) > len(stamps):
             raise LogError(f"{truth_file} has {count} poses for {len(stamps)} times in {folder}")
@@ -155,15 +157,15 @@ def _open_euroc(folder: Path, layout: Layout) -> ImageFilesSource:
     """Ground truth is the body in the world; it is carried into the left camera where a calibration says how."""
     cameras = [folder / side for side in layout.sides]
     mav, images = cameras[0].parent, (_euroc_images(cameras[0]), _euroc_images(cameras[1]))
-    rig, body_from_left = _euroc_rig(mav, cameras)
+    rig, body_from_cam = _euroc_rig(mav, cameras)
     truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
     if truth_file is None:
         return ImageFilesSource(folder, layout.name, rig, images)
-    if body_from_left is None:
+    if body_from_cam is None:
         note = f"{truth_file} is not used: no calibration says where the camera is on the body whose poses they are"
         return ImageFilesSource(folder, layout.name, rig, images, notes=[note])
     truth = read_euroc(truth_file)
-    poses = list(zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_left, strict=True))
+    poses = list(zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_cam, strict=True))
     return ImageFilesSource(folder, layout.name, rig, images, poses)
 
 
@@ -175,13 +177,13 @@ def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Ar
     sensors = [camera / "sensor.yaml" for camera in cameras]
     if any(sensor.is_file() for sensor in sensors):
         rig = StereoRig.from_calibration(sensors)
-        return rig, euroc.body_from_cam(load(read_text(sensors[0], "calibration").encode(), sensors[0]))
+        return rig, body_from_left(read_document(sensors[0]))
     for place in (mav / name for name in _EUROC_CALIBRATIONS):
         files = sorted(p for p in place.glob("*.*") if p.suffix in (".yaml", ".yml", ".json") and is_calibration(p))
         for file in files:
             with suppress(ConfigError):  # a file may be of something else
                 rig = StereoRig.from_calibration(file)
-                return rig, kalibr.body_from_left(load(read_text(file, "calibration").encode(), file))
+                return rig, body_from_left(read_document(file))
     return None, None
 
 

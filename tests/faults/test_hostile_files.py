@@ -51,8 +51,8 @@ READING: list[tuple[str, int, str]] = [
         "convert-calibration {odd} --out {d}/c.toml",
         "import images --left {odd} --right {odd} --calibration {odd} {d}/i.mcap",
     )),
-    ("import kitti {odd} {d}/i.mcap", 3, "holds neither image_0 and image_1"),
-    ("import euroc {odd} {d}/i.mcap", 3, "holds no mav0 with cam0 and cam1"),
+    ("import kitti {odd} {d}/i.mcap", 3, "is not laid out like KITTI"),
+    ("import euroc {odd} {d}/i.mcap", 3, "is not laid out like EuRoC"),
 ]  # fmt: skip
 
 

@@ -1,5 +1,5 @@
-"""Calibration files: one module per format, from the content of files to cameras.
+"""Calibration files: from the content of files to cameras.
 
 `read.py` recognises the format by the content; rigs are made of what it returns in `camera/rig.py`. To add a format:
-a module with `NAME`, `matches`, `pair` and `left`, and a line in `read.FORMATS`.
+functions of a `Format` in `slam.py` or `projections.py`, and a line in `read.FORMATS`.
 """

@@ -4,12 +4,12 @@ import re
 import reprlib
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import Refinement
 
 # left, right, right_from_left (4, 4) in metres, and what is known about their errors
-Known = tuple[Refinement | None, KnownTiming | None]  # beside a calibration
-Pair = tuple[Camera, Camera, Array] | tuple[Camera, Camera, Array, *Known]
+Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None]
 Size = tuple[int, int]  # width, height in pixels
 
 MAX_BYTES = 2**20  # calibration files are kilobytes
@@ -90,40 +89,35 @@ class Document:
         except ConfigError as error:
             raise self.error(str(error)) from None
 
-    def pinhole(self, table: Mapping[str, Any], where: str, coefficients: str, default_model: str) -> Camera:
-        """A pinhole camera as Kalibr and EuRoC write it; `where` precedes each key in errors.
+    def number(self, value: Any, key: str) -> float:
+        """`value` as a finite number."""
+        return float(self.numbers(value, key, ()))
 
-        `coefficients`: the key of the distortion's numbers, which are of `default_model` where no model is named.
-        """
-        if (model := table.get("camera_model", "pinhole")) != "pinhole":
-            raise self.error(
-                f"{where}camera_model {model!r} is not supported, only pinhole (of Kalibr omni, eucm and ds as "
-                "well): calibrate with pinhole-radtan or pinhole-equi"
-            )
-        fx, fy, cx, cy = self.numbers(table.get("intrinsics"), f"{where}intrinsics", (4,))
-        width, height = self.numbers(table.get("resolution"), f"{where}resolution", (2,))
-        d = self.numbers(table.get(coefficients) or [], f"{where}{coefficients}", None)
-        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return self.camera((int(width), int(height)), k, table.get("distortion_model", default_model), d.tolist())
+    def size(self, value: Any, key: str) -> Size:
+        """`value` as a width and a height in pixels."""
+        width, height = self.numbers(value, key, (2,))
+        return int(width), int(height)
 
 
-class Format(Protocol):
-    """What a module of a format has. `FILES`: how many a pair needs, 0 for one or two."""
+class Format(NamedTuple):
+    """A format of calibration files. `files`: how many a pair needs, 0 for one or two that are read as one.
 
-    NAME: str
-    FILES: int
+    `camera` gives the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it;
+    `pose`, of the files of left and right, which may be one, `right_from_left` (4, 4) in metres; `known`, what is
+    known about their errors. They raise ConfigError.
+    """
 
-    def matches(self, data: Mapping[str, Any]) -> bool:
-        """Whether the content of a file is of this format."""
-        ...
+    name: str
+    files: int
+    matches: Callable[[Mapping[str, Any]], bool]
+    camera: Callable[[Document, int, Size | None], Camera]
+    pose: Callable[[Document, Document], Array]
+    known: Callable[[Document], tuple[Refinement | None, KnownTiming | None]] = lambda _: (None, None)
 
-    def pair(self, documents: Sequence[Document], size: Size | None) -> Pair:
-        """The pair; `size` of the images, where the format does not tell it. Raises ConfigError."""
-        ...
 
-    def left(self, documents: Sequence[Document], size: Size | None) -> Camera:
-        """The left camera alone. Raises ConfigError."""
-        ...
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """K (3, 3), pixels."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
 
 
 def make_camera(size: Size, k: Array, model: str, coefficients: Sequence[float]) -> Camera:

@@ -8,47 +8,58 @@ from typing import TypeAlias
 from ...errors import ConfigError
 from ...inputs import read_small
 from ..models import Camera
-from . import basalt, euroc, kalibr, kitti, opencv, orb_slam, ros, toml_file
 from .document import MAX_BYTES, Document, Format, Pair, Size, load
+from .projections import KITTI, OPENCV, ROS
+from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
+from .toml_file import TOML
 
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
-FORMATS: tuple[Format, ...] = (toml_file, kalibr, basalt, orb_slam, ros, euroc, kitti, opencv)
+FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OPENCV)
 _SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
 
-def read_pair(where: Where, size: Size | None = None) -> Pair:
-    """Left camera, right camera and `right_from_left` (4, 4), metres. Raises ConfigError naming file and key.
+def read_document(path: Path) -> Document:
+    """The content of a file. Raises ConfigError."""
+    try:
+        return load(read_small(path, MAX_BYTES), path)
+    except OSError as error:
+        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
 
-    `size` (width, height): of the images, for formats that do not tell it.
+
+def documents_at(where: Where) -> list[Document]:
+    """The content of the file or files of a calibration. Raises ConfigError."""
+    if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
+        return documents_at(where[0]) if len(where) == 1 else [read_document(Path(path)) for path in where]
+    if not isinstance(where, str | Path):
+        kind = "None" if where is None else f"of type {type(where).__name__}"
+        raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
+    path = Path(where)
+    return _in_folder(path) if os.path.isdir(path) else [read_document(path)]
+
+
+def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
+    """Left camera, right camera, `right_from_left` (4, 4) in metres, and what is known about their errors.
+
+    `size` (width, height): of the images, for formats that do not tell it. Raises ConfigError naming file and key.
     """
-    documents = _documents(where)
-    module = _format(documents)
-    if module.FILES == 2 and len(documents) != 2:
+    form = _format(documents)
+    if form.files == 2 and len(documents) != 2:
         raise documents[0].error(
             "this is the calibration of one camera: give the files of both, the left one first"
         )
-    if module.FILES == 1 and len(documents) != 1:
+    if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
-    return module.pair(documents, size)
+    left, right = documents if form.files == 2 else 2 * [_joined(documents)]
+    return form.camera(left, 0, size), form.camera(right, 1, size), form.pose(left, right), *form.known(left)
 
 
-def read_left(where: Where, size: Size | None = None) -> Camera:
-    """The left camera alone; there need not be another. Raises as `read_pair`."""
-    documents = _documents(where)
-    return _format(documents).left(documents, size)
-
-
-def parse_pair(content: bytes, name: str | Path) -> Pair:
-    """As `read_pair`, of the content of one file that errors call `name`."""
-    return _single(content, name).pair([load(content, name)], None)
-
-
-def parse_left(content: bytes, name: str | Path) -> Camera:
-    """As `read_left`, of the content of one file that errors call `name`."""
-    return _single(content, name).left([load(content, name)], None)
+def left_of(documents: Sequence[Document], size: Size | None) -> Camera:
+    """The left camera alone; there need not be another. Raises as `pair_of`."""
+    form = _format(documents)
+    return form.camera(documents[0] if form.files else _joined(documents), 0, size)
 
 
 def named(where: Where) -> str:
@@ -59,48 +70,30 @@ def named(where: Where) -> str:
 def is_calibration(path: Path) -> bool:
     """Whether a file is a calibration in one of the formats."""
     try:
-        return _format_of(load(read_small(path, MAX_BYTES), path)) is not None
-    except (OSError, ConfigError):
+        return _format_of(read_document(path)) is not None
+    except ConfigError:
         return False
 
 
-def _single(content: bytes, name: str | Path) -> Format:
-    module = _format([load(content, name)])
-    if module.FILES == 2:
-        raise ConfigError(f"calibration {name}: this is the calibration of one camera, of a pair both are needed")
-    return module
-
-
-def _documents(where: Where) -> list[Document]:
-    if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
-        return _documents(where[0]) if len(where) == 1 else [_read(Path(path)) for path in where]
-    if not isinstance(where, str | Path):
-        kind = "None" if where is None else f"of type {type(where).__name__}"
-        raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
-    path = Path(where)
-    return _in_folder(path) if os.path.isdir(path) else [_read(path)]
-
-
-def _read(path: Path) -> Document:
-    try:
-        return load(read_small(path, MAX_BYTES), path)
-    except OSError as error:
-        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
+def _joined(documents: Sequence[Document]) -> Document:
+    if len(documents) == 1:
+        return documents[0]
+    data = {key: value for document in documents for key, value in document.data.items()}
+    return Document(" and ".join(document.name for document in documents), data)
 
 
 def _in_folder(folder: Path) -> list[Document]:
     """The calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
     files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _SUFFIXES)
     files += [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
-    documents = [_read(path) for path in files if is_calibration(path)]
+    documents = [read_document(path) for path in files if is_calibration(path)]
     if not documents:
         raise ConfigError(f"{folder} holds no calibration; known are {_known()}")
-    found = [_format_of(document) for document in documents]
-    if all(module is found[0] for module in found):
-        module = found[0]
-        if module is opencv or len(documents) == 1:
+    forms = [_format_of(document) for document in documents]
+    if all(form is forms[0] for form in forms):
+        if forms[0] is OPENCV or len(documents) == 1:
             return documents
-        if module is not None and module.FILES == 2 and len(documents) == 2:
+        if forms[0] is not None and forms[0].files == 2 and len(documents) == 2:
             return sorted(documents, key=lambda d: _side(d.name))
     listed = ", ".join(Path(d.name).name for d in documents)
     raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")
@@ -114,21 +107,19 @@ def _side(name: str) -> int:
 
 
 def _format(documents: Sequence[Document]) -> Format:
-    formats: list[Format] = []
+    forms: list[Format] = []
     for document in documents:
         if (found := _format_of(document)) is None:
             raise document.error(f"its keys are of no known format; known are {_known()}")
-        formats.append(found)
-        if found is not formats[0]:
-            raise document.error(f"this is a {found.NAME}, {documents[0].name} is a {formats[0].NAME}")
-    return formats[0]
+        forms.append(found)
+        if found is not forms[0]:
+            raise document.error(f"this is a {found.name}, {documents[0].name} is a {forms[0].name}")
+    return forms[0]
 
 
 def _format_of(document: Document) -> Format | None:
-    if document.is_toml:
-        return toml_file
-    return next((f for f in FORMATS if f is not toml_file and f.matches(document.data)), None)
+    return TOML if document.is_toml else next((f for f in FORMATS[1:] if f.matches(document.data)), None)
 
 
 def _known() -> str:
-    return ", ".join(f.NAME for f in FORMATS)
+    return ", ".join(form.name for form in FORMATS)

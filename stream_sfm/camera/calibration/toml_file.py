@@ -32,9 +32,9 @@ Instead of [right_from_left], `right_from_left = [[…], […], […], [0, 0, 0,
 one camera (`Config.mono`) the first section is enough.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -44,29 +44,13 @@ from ...geometry.se3 import Array
 from ..known_timing import KnownTiming
 from ..models import Camera
 from ..refinement import TERMS, Refinement
-from .document import Document, Pair, Size
+from .document import Document, Format, Size, camera_matrix
 
-NAME = "TOML of stream_sfm"
-FILES = 1
-_SECTIONS = {"left", "right", "right_from_left", "refinement", "timing"}
-_CAMERA_KEYS = {"width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D"}
+T = TypeVar("T")
 
-
-def matches(data: Mapping[str, Any]) -> bool:
-    """Whether the content of a file are the sections of this format."""
-    return bool(set(data) & _SECTIONS)
-
-
-def pair(documents: Sequence[Document], size: Size | None) -> Pair:
-    """The pair of one file."""
-    document = _checked(documents[0])
-    cameras = _camera(document, "left"), _camera(document, "right"), _right_from_left(document)
-    return *cameras, _refinement(document), _timing(document)
-
-
-def left(documents: Sequence[Document], size: Size | None) -> Camera:
-    """The left camera alone; the file need not have another."""
-    return _camera(_checked(documents[0]), "left")
+_SECTIONS = ("left", "right", "right_from_left", "refinement", "timing")
+_CAMERA_KEYS = ("width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D")
+_TIMING_KEYS = tuple(field.name for field in fields(KnownTiming))
 
 
 def text(
@@ -92,47 +76,28 @@ def text(
     return "\n".join(lines) + "\n"
 
 
-def _checked(document: Document) -> Document:
-    _known(document, "the top", document.data, _SECTIONS)
-    return document
-
-
-def _known(document: Document, where: str, table: Mapping[str, Any], known: set[str]) -> None:
-    if unknown := sorted(set(table) - known):
-        raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
-
-
-def _camera(document: Document, name: str) -> Camera:
-    table = document.data.get(name)
-    if not isinstance(table, dict):
+def _camera(document: Document, side: int, size: Size | None) -> Camera:
+    _check_keys(document, "the top", document.data, _SECTIONS)
+    name = _SECTIONS[side]
+    if (table := _section(document, name, _CAMERA_KEYS)) is None:
         raise document.error(f"section [{name}] is missing")
-    _known(document, f"[{name}]", table, _CAMERA_KEYS)
-    size = []
     for key in ("width", "height"):
-        value = table.get(key)
-        if not isinstance(value, int) or isinstance(value, bool):
+        if not isinstance(value := table.get(key), int) or isinstance(value, bool):
             raise document.error(f"{name}.{key} must be a whole number of pixels, got {value!r}")
-        size.append(value)
     if "K" in table:
         if {"fx", "fy", "cx", "cy"} & set(table):
             raise document.error(f"{name}: give either K or fx, fy, cx, cy, not both")
         k = document.numbers(table["K"], f"{name}.K", (3, 3))
     else:
-        fx, fy, cx, cy = (
-            float(document.numbers(table.get(key), f"{name}.{key}", ())) for key in ("fx", "fy", "cx", "cy")
-        )
-        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        k = camera_matrix(*(document.number(table.get(key), f"{name}.{key}") for key in ("fx", "fy", "cx", "cy")))
     d = document.numbers(table.get("D", []), f"{name}.D", None)
     model = table.get("distortion_model", "plumb_bob" if d.any() else "none")
     if not isinstance(model, str):
         raise document.error(f"{name}.distortion_model must be a name in quotes, got {model!r}")
-    try:
-        return Camera(size[0], size[1], k, tuple(d), model)
-    except ConfigError as error:
-        raise document.error(f"{name}: {error}") from None
+    return _checked(document, name, lambda: Camera(table["width"], table["height"], k, tuple(d), model))
 
 
-def _right_from_left(document: Document) -> Array:
+def _pose(document: Document, _: Document) -> Array:
     name, value = "right_from_left", document.data.get("right_from_left")
     if value is None:
         raise document.error(
@@ -140,37 +105,46 @@ def _right_from_left(document: Document) -> Array:
         )
     if not isinstance(value, dict):
         return document.numbers(value, name, (4, 4))
-    _known(document, f"[{name}]", value, {"rotation", "translation_m"})
+    _check_keys(document, f"[{name}]", value, ("rotation", "translation_m"))
     rotation = document.numbers(value.get("rotation", np.eye(3).tolist()), f"{name}.rotation", (3, 3))
     translation = document.numbers(value.get("translation_m"), f"{name}.translation_m", (3,))
     return se3.from_rotation_translation(rotation, translation)
 
 
-def _timing(document: Document) -> KnownTiming | None:
-    table = document.data.get("timing")
-    if table is None:
-        return None
-    names = [field.name for field in fields(KnownTiming)]
-    if not isinstance(table, dict):
-        raise document.error(f"timing must be a section with {', '.join(names)}, got {table!r}")
-    _known(document, "[timing]", table, set(names))
-    try:
-        return KnownTiming(*(float(document.numbers(table.get(name), f"timing.{name}", ())) for name in names))
-    except ConfigError as problem:
-        raise document.error(f"timing: {problem}") from None
+def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
+    refinement = timing = None
+    if (table := _section(document, "refinement", ("error_px", "covariance_px2"))) is not None:
+        n = len(TERMS)
+        error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
+        cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
+        refinement = _checked(document, "refinement", lambda: Refinement(error, cov))
+    if (table := _section(document, "timing", _TIMING_KEYS)) is not None:
+        values = [document.number(table.get(key), f"timing.{key}") for key in _TIMING_KEYS]
+        timing = _checked(document, "timing", lambda: KnownTiming(*values))
+    return refinement, timing
 
 
-def _refinement(document: Document) -> Refinement | None:
-    table = document.data.get("refinement")
-    if table is None:
+def _section(document: Document, name: str, keys: Sequence[str]) -> dict[str, Any] | None:
+    """A section with some of these keys; None where it is missing."""
+    if (table := document.data.get(name)) is None:
         return None
     if not isinstance(table, dict):
-        raise document.error(f"refinement must be a section with error_px and covariance_px2, got {table!r}")
-    _known(document, "[refinement]", table, {"error_px", "covariance_px2"})
-    n = len(TERMS)
-    error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
-    cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
+        raise document.error(f"{name} must be a section with {', '.join(keys)}, got {table!r}")
+    _check_keys(document, f"[{name}]", table, keys)
+    return table
+
+
+def _check_keys(document: Document, where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+    if unknown := sorted(set(table) - set(known)):
+        raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
+
+
+def _checked(document: Document, name: str, make: Callable[[], T]) -> T:
+    """What a section describes, its errors with the name of the file."""
     try:
-        return Refinement(error, cov)
-    except ConfigError as problem:
-        raise document.error(f"refinement: {problem}") from None
+        return make()
+    except ConfigError as error:
+        raise document.error(f"{name}: {error}") from None
+
+
+TOML = Format("TOML of stream_sfm", 1, lambda data: not set(data).isdisjoint(_SECTIONS), _camera, _pose, _known)

@@ -1,0 +1,188 @@
+"""Calibrations of SLAM systems, with lenses by name and poses of cameras in a body: Kalibr, EuRoC, Basalt, ORB-SLAM."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ..models import Camera
+from .document import Document, Format, Size, camera_matrix
+from .lenses import MODELS, nearest_fisheye
+
+# Names of lenses -> a Camera's own, and the coefficients in their order.
+_BASALT: dict[str, tuple[str, tuple[str, ...]]] = {
+    "pinhole": ("none", ()),
+    "kb4": ("equidistant", ("k1", "k2", "k3", "k4")),
+    "pinhole-radtan8": ("rational_polynomial", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+}
+_ORB_SLAM: dict[str, tuple[str, tuple[str, ...]]] = {
+    "PinHole": ("plumb_bob", ("k1", "k2", "p1", "p2", "k3")),
+    "KannalaBrandt8": ("equidistant", ("k1", "k2", "k3", "k4")),
+    "Rectified": ("none", ()),
+}
+
+
+def body_from_left(document: Document) -> Array | None:
+    """The pose (4, 4) of the left camera in the body, where a calibration says it. Raises ConfigError."""
+    if EUROC.matches(document.data):
+        return document.pose(document.data["T_BS"], "T_BS")
+    if BASALT.matches(document.data):
+        return _imu_from_cam(document, 0)
+    pose = _in(document.data.get("cam0"), "T_cam_imu")
+    return None if pose is None else se3.inverse(document.pose(pose, "cam0.T_cam_imu"))
+
+
+def _kalibr_camera(document: Document, side: int, size: Size | None) -> Camera:
+    name = f"cam{side}"
+    return _lens(document, _cam(document, name), f"{name}.", "distortion_coeffs", "none")
+
+
+def _cam(document: Document, name: str) -> Mapping[str, Any]:
+    if not isinstance(table := document.data.get(name), Mapping):
+        raise document.error(f"{name} is missing: a pair needs two cameras")
+    return table
+
+
+def _kalibr_pose(document: Document, _: Document) -> Array:
+    first, second = _cam(document, "cam0"), _cam(document, "cam1")
+    if "T_cn_cnm1" in second:
+        return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
+    if "T_cam_imu" in first and "T_cam_imu" in second:
+        cams_from_imu = [document.pose(c["T_cam_imu"], f"cam{n}.T_cam_imu") for n, c in enumerate((first, second))]
+        return cams_from_imu[1] @ se3.inverse(cams_from_imu[0])
+    raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
+
+
+def _euroc_camera(document: Document, side: int, size: Size | None) -> Camera:
+    return _lens(document, document.data, "", "distortion_coefficients", "plumb_bob")
+
+
+def _euroc_pose(left: Document, right: Document) -> Array:
+    body_from_cams = [document.pose(document.data["T_BS"], "T_BS") for document in (left, right)]
+    return se3.inverse(body_from_cams[1]) @ body_from_cams[0]
+
+
+def _lens(document: Document, table: Mapping[str, Any], where: str, coefficients: str, default: str) -> Camera:
+    """A camera as Kalibr and EuRoC write it; `where` precedes each key in errors.
+
+    `coefficients`: the key of the distortion's numbers, which are of the `default` model where none is named.
+    """
+    model, lens = str(table.get("camera_model", "pinhole")), table.get("distortion_model")
+    if model != "pinhole" and model not in MODELS:
+        raise document.error(
+            f"{where}camera_model {model!r} is not supported, only pinhole and omni, eucm, ds: calibrate with "
+            "pinhole-radtan or pinhole-equi"
+        )
+    names = MODELS[model][0] if model in MODELS else ()
+    numbers = document.numbers(table.get("intrinsics"), f"{where}intrinsics", (len(names) + 4,))
+    size = document.size(table.get("resolution"), f"{where}resolution")
+    d = document.numbers(table.get(coefficients) or [], f"{where}{coefficients}", None)
+    k = camera_matrix(*numbers[len(names) :])
+    if not names:
+        return document.camera(size, k, default if lens is None else lens, d.tolist())
+    if lens not in (None, "none") and not (model == "omni" and lens == "radtan"):
+        raise document.error(f"{where}distortion_model {lens!r} of a {model} camera is not supported, only none")
+    return nearest_fisheye(document, where, model, size, k, dict(zip(names, numbers.tolist(), strict=False)), d)
+
+
+def _basalt(data: Mapping[str, Any]) -> Any:
+    return data.get("value0", data)
+
+
+def _basalt_camera(document: Document, side: int, size: Size | None) -> Camera:
+    entry, where = _basalt_entry(document, "intrinsics", side), f"intrinsics[{side}]."
+    model, values = str(_in(entry, "camera_type")), _in(entry, "intrinsics")
+    if model not in {**_BASALT, **MODELS}:
+        raise document.error(
+            f"{where}camera_type {model!r} is not supported; supported are {', '.join([*_BASALT, *MODELS])}"
+        )
+    size = document.size(_basalt_entry(document, "resolution", side), f"resolution[{side}]")
+    names = ("fx", "fy", "cx", "cy", *(MODELS[model][0] if model in MODELS else _BASALT[model][1]))
+    numbers = {name: document.number(_in(values, name), f"{where}{name}") for name in names}
+    k = camera_matrix(*(numbers.pop(name) for name in names[:4]))
+    if model in MODELS:
+        return nearest_fisheye(document, where, model, size, k, numbers, np.zeros(0))
+    return document.camera(size, k, _BASALT[model][0], list(numbers.values()))
+
+
+def _basalt_pose(document: Document, _: Document) -> Array:
+    return se3.inverse(_imu_from_cam(document, 1)) @ _imu_from_cam(document, 0)
+
+
+def _basalt_entry(document: Document, key: str, n: int) -> Any:
+    entries = _basalt(document.data)[key]
+    if not isinstance(entries, list) or len(entries) <= n:
+        raise document.error(f"{key}[{n}] is missing: a pair needs two cameras")
+    return entries[n]
+
+
+def _imu_from_cam(document: Document, n: int) -> Array:
+    entry = _basalt_entry(document, "T_imu_cam", n)
+    names = ("px", "py", "pz", "qx", "qy", "qz", "qw")
+    numbers = document.numbers([_in(entry, name) for name in names], f"T_imu_cam[{n}]", (7,))
+    return se3.from_rotation_translation(se3.matrix_from_quat_xyzw(numbers[3:]), numbers[:3])
+
+
+def _in(table: Any, key: str) -> Any:
+    return table.get(key) if isinstance(table, Mapping) else None
+
+
+def _orb_slam_camera(document: Document, side: int, size: Size | None) -> Camera:
+    """Of a rectified pair both are the one camera that is there, without distortion."""
+    data, model = document.data, str(document.data.get("Camera.type", "PinHole"))
+    if "Camera.width" in data and "Camera.height" in data:
+        size = document.size([data["Camera.width"], data["Camera.height"]], "Camera.width and Camera.height")
+    if size is None:
+        raise document.error("Camera.width and Camera.height are missing", "size")
+    if model not in _ORB_SLAM:
+        raise document.error(f"Camera.type {model!r} is not supported; supported are {', '.join(_ORB_SLAM)}")
+    name = _orb_slam_name(data, side)
+    k = camera_matrix(*(document.number(data.get(f"{name}.{x}"), f"{name}.{x}") for x in ("fx", "fy", "cx", "cy")))
+    rectified = "Stereo.T_c1_c2" not in data and ("Stereo.b" in data or "Camera.bf" in data)
+    lens, names = _ORB_SLAM["Rectified" if rectified else model]
+    d = [document.number(data.get(key, 0.0), key) for key in (f"{name}.{x}" for x in names)]
+    return document.camera(size, k, lens, d)
+
+
+def _orb_slam_name(data: Mapping[str, Any], side: int) -> str:
+    return f"Camera{side + 1 if 'Stereo.T_c1_c2' in data else 1}" if "Camera1.fx" in data else "Camera"
+
+
+def _orb_slam_pose(document: Document, _: Document) -> Array:
+    """T_c1_c2 carries points of the right camera into the left one. A rectified pair has a baseline only."""
+    data = document.data
+    if "Stereo.T_c1_c2" in data:
+        return se3.inverse(document.pose(data["Stereo.T_c1_c2"], "Stereo.T_c1_c2"))
+    if "Stereo.b" in data:
+        baseline_m = document.number(data["Stereo.b"], "Stereo.b")
+    elif "Camera.bf" in data:
+        fx = f"{_orb_slam_name(data, 0)}.fx"
+        baseline_m = document.number(data["Camera.bf"], "Camera.bf") / document.number(data.get(fx), fx)
+    else:
+        raise document.error("Stereo.T_c1_c2 (or Stereo.b, Camera.bf), the pose of the right camera, is missing")
+    return se3.exp([-baseline_m, 0, 0, 0, 0, 0])
+
+
+def _is_kalibr(data: Mapping[str, Any]) -> bool:
+    return isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"]
+
+
+def _is_euroc(data: Mapping[str, Any]) -> bool:
+    return "T_BS" in data and "intrinsics" in data
+
+
+def _is_basalt(data: Mapping[str, Any]) -> bool:
+    inside = _basalt(data)
+    return isinstance(inside, Mapping) and {"T_imu_cam", "intrinsics", "resolution"} <= set(inside)
+
+
+def _is_orb_slam(data: Mapping[str, Any]) -> bool:
+    return "Camera1.fx" in data or ("Camera.fx" in data and "Camera.bf" in data)
+
+
+KALIBR = Format("Kalibr camchain (YAML)", 1, _is_kalibr, _kalibr_camera, _kalibr_pose)
+EUROC = Format("EuRoC sensor.yaml", 2, _is_euroc, _euroc_camera, _euroc_pose)
+BASALT = Format("Basalt calibration (JSON)", 1, _is_basalt, _basalt_camera, _basalt_pose)
+ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose)
