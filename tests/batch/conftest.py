@@ -14,7 +14,7 @@ from tests.helpers.wall_log import write_wall_log
 
 @pytest.fixture(scope="session")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five short logs, one that is no log, one that takes some seconds."""
+    """Three short logs, one that is no log, one that takes some seconds."""
     folder = tmp_path_factory.mktemp("logs")
     for k, name in enumerate(GOOD):
         write_wall_log(folder / f"{name}.mcap", n=3 + k % 3, truth=k % 2 == 0)

@@ -9,6 +9,7 @@ from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
+from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
 
 methods = pytest.mark.parametrize("method", list(METHODS))
@@ -175,6 +176,26 @@ def test_missing_right_views(method, arc):
     xi = se3.log(se3.inverse(arc.world_from_cam[-1]) @ s[-1].world_from_cam)
     assert np.abs(xi[:3]).max() < 0.06  # m: a little more than without wrong or missing views
     assert np.isfinite(s[-1].cov_points).all()
+
+
+@pytest.mark.parametrize("method", [m for m in METHODS if m not in ("ekf-cv", "depth-filter")])
+def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
+    """Monte Carlo over 24 scenes of six frames, of which the first views are gone: NEES 6 and 3.
+
+    A constant velocity is not what cameras do, and a depth filter takes points of other frames for independent.
+    """
+    pose, points = [], []
+    for seed in range(24):
+        scene = Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False)
+        s = scene.sequence(np.random.SeedSequence([3, seed]))
+        found = run(method, s.projection, s.observations)[-1]
+        xi = se3.log(se3.inverse(found.world_from_cam) @ s.world_from_cam[-1])
+        pose.append(xi @ np.linalg.solve(found.cov_pose, xi))
+        e = s.points_in_world[found.track_ids] - found.points_in_world
+        points.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(found.cov_points_in_world), e).mean())
+    # three standard errors; the points of a scene share the error of its pose
+    assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / 24)
+    assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / 24)
 
 
 def test_unknown_method(arc):

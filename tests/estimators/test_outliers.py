@@ -21,7 +21,7 @@ def spoiled(observations: Observations, share: float, rng: np.random.Generator) 
     return replace(observations, z_px=z)
 
 
-def squared_error(share: float, trials: int = 6) -> float:
+def squared_error(share: float, trials: int = 4) -> float:
     squares = []
     for trial in range(trials):
         sequence = Scene(track_length=8, visible=60).sequence(np.random.SeedSequence(trial))

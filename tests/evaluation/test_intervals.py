@@ -1,6 +1,6 @@
 """Intervals mean what they say: how often they exclude the truth, over many logs of methods that are known.
 
-docs/accuracy.md has the shares over 400 logs of each kind and of more kinds; 150 are enough to see an interval that is
+docs/accuracy.md has the shares over 400 logs of each kind and of more kinds; 100 are enough to see an interval that is
 wrong.
 """
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stream_sfm.evaluation.relative import growth_exponents, paired_ratio
 from stream_sfm.geometry import se3
 
-TRIALS = 150
+TRIALS = 100
 SHARE = (0.0, 0.05 + 4 * np.sqrt(0.05 * 0.95 / TRIALS))  # 5 %, and four standard errors of so many logs
 STD = np.repeat([1e-3, 3e-4], 3)  # m and rad per frame
 STEP = se3.exp(np.array([0, 0, 0.05, 0, 0.01, 0]))

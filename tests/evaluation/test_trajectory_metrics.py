@@ -8,7 +8,7 @@ from stream_sfm.evaluation.association import matched
 from stream_sfm.evaluation.ate import ate_rmse_aligned_m, ate_rmse_m
 from stream_sfm.evaluation.consistency import nees_pose, nees_pose_mean
 from stream_sfm.evaluation.drift import final_drift_percent, path_length_m, scale_error_percent
-from stream_sfm.evaluation.segments import lengths_for_path, segment_errors
+from stream_sfm.evaluation.segments import segment_errors
 from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.geometry import se3
 from stream_sfm.types import Trajectory
@@ -87,22 +87,6 @@ def test_segments_of_a_scaled_straight_line_are_off_by_the_scale():
     assert found.count == sum(starts.values())
     assert found.t_rel_percent == pytest.approx(expected)
     assert found.r_rel_deg_per_100m == pytest.approx(0, abs=1e-9)  # rounding
-
-
-def test_a_constant_turning_error_is_measured_in_degrees_per_100_m():
-    truth = np.tile(np.eye(4), (101, 1, 1))
-    truth[:, 2, 3] = np.arange(101)
-    xi = np.zeros((101, 6))
-    xi[:, 4] = np.radians(0.01) * np.arange(101)  # 0.01 degrees a metre
-    found = segment_errors(truth @ se3.exp(xi), truth, lengths_m=(10.0,), step=1)
-    assert found.r_rel_deg_per_100m == pytest.approx(1.1)  # 11 m lie in each "first frame beyond 10 m"
-
-
-def test_segment_lengths_follow_the_path():
-    assert lengths_for_path(200.0) == (tuple(100.0 * k for k in range(1, 9)), 10)
-    assert lengths_for_path(145.0) == (tuple(10.0 * k for k in range(1, 11)), 1)
-    lengths, step = lengths_for_path(3.0)
-    assert np.allclose(lengths, np.arange(1, 10) * 0.3) and step == 1
 
 
 def test_truth_is_interpolated_at_the_stamps_of_the_estimate():

@@ -103,11 +103,11 @@ def turned() -> Fault:
 
 
 def covered_and_carried() -> Fault:
-    """Black for two seconds, and then another part of the wall."""
-    shown = [*range(50), *range(90, 100)]
-    frames = [edited(range(10, 50), np.zeros_like, seen(k), n) for n, k in enumerate(shown)]
+    """Black for a second, and then another part of the wall."""
+    shown = [*range(30), *range(90, 100)]
+    frames = [edited(range(10, 30), np.zeros_like, seen(k), n) for n, k in enumerate(shown)]
     frames = [replace(f, stamp_ns=n * PERIOD_NS) for n, f in enumerate(frames)]
-    return Fault(frames, "io{9}l{40}io{9}", "new map at the predicted pose", POSES[shown])
+    return Fault(frames, "io{9}l{20}io{9}", "new map at the predicted pose", POSES[shown])
 
 
 def ten_minutes_at_rest() -> Fault:

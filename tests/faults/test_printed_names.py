@@ -79,7 +79,6 @@ def test_odd_names_of_logs_and_results_stay_in_their_folders(name: str, tmp_path
     for words in (
         ["inspect", log], ["replay", log, "--out", out, "--method", "frame-to-frame", "--max-frames", "3"],
         ["recover", log, out / "r.mcap"], ["surface", log, "--out", f"{out}.ply", "--max-frames", "1"],
-        ["batch", log, "--out", tmp_path / "out" / "b", "--method", "frame-to-frame", "--max-frames", "3"],
     ):  # fmt: skip
         assert main([str(word) for word in words]) in (0, 3), words
         said = capsys.readouterr()

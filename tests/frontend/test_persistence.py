@@ -75,7 +75,7 @@ def test_covariances_hold_with_lasting_errors() -> None:
     """White noise is assumed wrongly by more than a factor of two; with what is learnt the NEES of the pose is 6."""
     scene = Scene(frames=24, track_length=16, visible=80, std_px=STD_PX, round_off=False)
     white, learnt = [], []
-    for seed in range(12):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         sequence = scene.sequence(np.random.SeedSequence(seed))
         observations = with_lasting_errors(sequence, 2.0, rng)

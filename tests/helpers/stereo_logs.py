@@ -7,7 +7,6 @@ two parallel cameras, so that disparity is 12 px everywhere.
 import base64
 import json
 import struct
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -135,9 +134,6 @@ def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
     if encoding in ("yuyv", "yuv422_yuy2"):
         return np.stack([grey, np.full_like(grey, 128)], axis=2).tobytes(), 2 * width, False
     return grey.tobytes(), width, False  # mono8, 8UC1, bayer_*
-
-
-Encoder = Callable[[dict[str, Any]], bytes]
 
 
 class LogWriter:
@@ -325,20 +321,6 @@ CONTAINERS: dict[str, dict[str, Any]] = {
         "use_statistics": False, "use_summary_offsets": False,
     },
 }  # fmt: skip
-
-
-def whole_messages(path: Path) -> Iterable[tuple[int, int, int]]:
-    """(end offset in the file, channel id, log time) of the messages of an unchunked log, read independently."""
-    data = path.read_bytes()
-    at = 8
-    while at + 9 <= len(data):
-        opcode, length = struct.unpack_from("<BQ", data, at)
-        if opcode == 5:
-            channel, _, time = struct.unpack_from("<HIQ", data, at + 9)
-            yield at + 9 + length, channel, time
-        if opcode == 2:
-            return
-        at += 9 + length
 
 
 def video(path: Path) -> Path:

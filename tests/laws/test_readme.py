@@ -19,7 +19,7 @@ PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 }
-FRAMES = 6
+FRAMES = 4
 NOT_RUN = {
     "python3 -m venv": "makes the environment that this test runs in",
     "activate": "enters it",

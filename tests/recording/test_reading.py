@@ -74,12 +74,6 @@ def test_one_topic_of_one_camera_is_still_refused(path):
         open_log(path, calibration=other)
 
 
-@pytest.mark.parametrize("info_at", [(0,), tuple(range(12)), (9,)])
-@pytest.mark.parametrize("container", ["zstd", "unchunked", "no index"])
-def test_calibration_once_often_late(path, info_at, container):
-    check_frames(write_log(path, Spec(info_at=info_at), **CONTAINERS[container]))
-
-
 # device -> (left images, left calibration, other image topics), left and right named alike
 DEVICES = {
     "EuRoC": ("/cam0/image_raw", "/cam0/camera_info", ()),

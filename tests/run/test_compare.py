@@ -56,18 +56,12 @@ def run(path: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any], str]:
     folder = tmp_path_factory.mktemp("compare")
     log = write_log(folder / "log.mcap", spec(range(26), truth=True))
-    return log, folder / "out", *run(log, folder / "out")
-
-
-@pytest.fixture(scope="module")
-def exact(whole: Any) -> tuple[Path, Path, dict[str, Any], str]:
-    log, out, *_ = whole
-    return log, out.with_name("exact"), *run(log, out.with_name("exact"), "--set", EXACT)
+    return log, folder / "out", *run(log, folder / "out", "--set", EXACT)
 
 
 @pytest.mark.parametrize("method", FAST.split(","))
-def test_numbers_and_files_are_those_of_replay(exact: Any, tmp_path: Path, method: str) -> None:
-    log, out, numbers, _ = exact
+def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, method: str) -> None:
+    log, out, numbers, _ = whole
     config = read_config(None, [f'method="{method}"', FEW, EXACT])
     truth = replay(log, tmp_path, config).summary["ground_truth"]
     key = method.replace("-", "_")

@@ -12,7 +12,7 @@ from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import MonoFrame
 
 SCENE = Scene(frames=24, track_length=8, visible=100, std_px=0.2, round_off=False)
-TRIALS = 5
+TRIALS = 4
 FRAME = MonoFrame(0, np.zeros((1, 1), np.uint8))  # no image is looked at
 CONFIG = Config(robust=RobustConfig(gate_probability=1 - 1e-9))  # takes no large errors away
 

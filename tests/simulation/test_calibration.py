@@ -74,9 +74,9 @@ def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
 
 @pytest.mark.slow
 def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
-    """Of eight trials at two frames the mean NEES has a deviation of about 1."""
+    """Of five trials at two frames the mean NEES has a deviation of about 1.3."""
     scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
-    trials = run_trials(lambda seed: calibration.measure(seed, scene, True, (15, 20)), 8, seed=1)
+    trials = run_trials(lambda seed: calibration.measure(seed, scene, True, (15, 20)), 5, seed=1)
     found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
     assert 2 < found["cross-frame"] < 9  # 3.5 over 100 trials
     assert found["errors as white"] > found["cross-frame"]

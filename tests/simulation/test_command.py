@@ -36,12 +36,11 @@ SAID = {
     "efficiency": "variance relative to the Cramér–Rao bound",
     "consistency": "mean normalised squared error",
     "calibration": "variance relative to the bound",
-    "rates": "exact theory",
     "figure6": "RMS errors at frame 3",
 }
 
 
-@pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
+@pytest.mark.parametrize("experiment", [name for name in get_args(simulate.Experiment) if name != "rates"])
 def test_writes_results_and_figures(experiment, short, tmp_path, cli):
     captured = cli("simulate", experiment, *TRIALS, tmp_path)
     assert SAID[experiment] in captured.out
@@ -57,7 +56,8 @@ def test_writes_results_and_figures(experiment, short, tmp_path, cli):
 
 def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, cli):
     report = sfm.simulate("rates", trials=2, workers=1)
-    assert report == cli("simulate", "rates", *TRIALS, tmp_path, "--json", "--quiet").json
+    captured = cli("simulate", "rates", *TRIALS, tmp_path)
+    assert "exact theory" in captured.out and report == json.loads((tmp_path / "results.json").read_text())
     assert set(report["table"][0]["exponents"]) == {"cross-frame", "cross-frame-wc", "cross-frame-cc"}
     over_window = report["estimators_over_window"]["variance_over_bound"]["cross-frame-cc"]["rotation"]
     assert len(over_window) == len(rates.BATCHES) and all(v["low"] <= v["value"] <= v["high"] for v in over_window)

@@ -18,14 +18,6 @@ from stream_sfm.simulation.scenes import (
 POINTS = np.random.default_rng(0).uniform([-0.8, -0.8, 2.0], [0.9, 0.8, 3.0], (50, 3))
 
 
-def test_axes_cross_at_2500_mm():
-    """The crossing point is in the middle of both images."""
-    crossing = np.array([0.125, 0.0, 2.5])
-    centre = [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]
-    assert physical_views(crossing) == pytest.approx(np.array([centre, centre]))
-    assert rectified_projection().project(crossing) == pytest.approx([*centre, *centre])
-
-
 def test_rectified_views_are_the_projection_and_their_covariance_that_of_monte_carlo():
     exact = physical_views(POINTS)
     z, cov = rectified_views(exact, 0.3)
@@ -47,12 +39,6 @@ def test_controlled_tracks(length):
     assert (last - first + 1 == seen).all()
     assert ((seen == length) | (first == 0) | (last == 30)).all()
     assert (np.diff(first) >= 0).all(), "ids ascend with time"
-
-
-def test_tracks_longer_than_any_view_are_possible():
-    """At 200 mm a frame nothing stays in view for 31 frames; the tracks are made all the same."""
-    s = Scene(track_length=31, visible=10).sequence(np.random.SeedSequence(1))
-    assert (np.bincount(s.frame) == 10).all()
 
 
 def test_natural_visibility():
