@@ -44,6 +44,7 @@ from .results.folder import ResultFolder as ResultFolder
 from .results.run_results import RunResults as RunResults
 from .results.run_results import read_results as read_results
 from .run.compare import compare as compare
+from .run.refine import refine as refine
 from .run.replay import ReplayInterrupted as ReplayInterrupted
 from .run.replay import ReplayResult as ReplayResult
 from .run.replay import replay as replay

@@ -4,6 +4,7 @@ A calibration with a refinement is used like any other: views are corrected by i
 what is left of its uncertainty goes on being considered. docs/mathematics.md, section 13.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,20 @@ class Refinement:
 
     def __repr__(self) -> str:
         return f"<Refinement {disparity_rms_px(self.error_px):.2f} px of disparity>"
+
+
+def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_px: Array) -> Refinement:
+    """The joint refinement of n independent runs that began with errors of `priors_std_px` (n, m) about zero.
+
+    The result has the prior `prior_std_px` (m,) in place of these, which are what each run guessed.
+    """
+    information, weighted = np.diag(prior_std_px**-2.0), np.zeros(len(prior_std_px))
+    for refinement, std_px in zip(refinements, priors_std_px, strict=True):
+        own = np.linalg.inv(refinement.cov_px2)
+        information += own - np.diag(std_px**-2.0)
+        weighted += own @ refinement.error_px
+    cov = np.linalg.inv(information)
+    return Refinement(cov @ weighted, 0.5 * (cov + cov.T))
 
 
 def disparity_rms_px(error_px: Array) -> float:

@@ -30,6 +30,7 @@ from .import_ import import_
 from .inspect import inspect
 from .live import live
 from .recover import recover
+from .refine import refine
 from .replay import replay
 from .simulate import simulate
 from .surface import surface
@@ -46,6 +47,7 @@ COMMANDS: dict[str, App | Callable[..., int]] = {
     "inspect": inspect,
     "surface": surface,
     "import": import_,
+    "refine": refine,
     "recover": recover,
     "convert-calibration": convert_calibration,
     "simulate": simulate,

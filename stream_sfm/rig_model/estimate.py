@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..camera.refinement import TERMS as LENS_TERMS
+from ..camera.refinement import Refinement
 from ..geometry.se3 import Array
 from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
@@ -34,6 +36,12 @@ class RigEstimate:
     def applied(self) -> bool:
         """Whether the calibration is more probably wrong than right."""
         return self.p_wrong > 0.5
+
+    @property
+    def refinement(self) -> Refinement:
+        """The errors of lenses and disparity, px, if there are any."""
+        n = len(LENS_TERMS)
+        return Refinement(self.mean_if_wrong[:n], self.cov_if_wrong[:n, :n])
 
     def term(self, name: str) -> tuple[float, float]:
         """Return one of the `TERMS` in its unit, and its standard deviation."""

@@ -8,7 +8,7 @@ import pytest
 
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.refinement import TERMS, Refinement, disparity_rms_px
+from stream_sfm.camera.refinement import TERMS, Refinement, combine, disparity_rms_px
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
@@ -66,6 +66,22 @@ def test_what_is_no_refinement_is_named(tmp_path: Path, section: str, complaint:
     path.write_text(f"{rig().to_toml()}\n[refinement]\n{section}\n")
     with pytest.raises(ConfigError, match=complaint):
         StereoRig.from_calibration(path)
+
+
+def test_independent_runs_are_put_together_as_measurements_with_one_prior_in_place_of_theirs() -> None:
+    rng = np.random.default_rng(1)
+    prior_std = rng.uniform(0.2, 2, N)
+    priors_std = np.array([[0.5], [1.5], [1.0]]) * prior_std
+    joint, weighted, each = np.diag(prior_std**-2), np.zeros(N), []
+    for std in priors_std:
+        a = rng.normal(size=(N, N))
+        information, mean = a @ a.T, rng.normal(size=N)
+        cov = np.linalg.inv(information + np.diag(std**-2))
+        each.append(Refinement(cov @ information @ mean, cov))
+        joint, weighted = joint + information, weighted + information @ mean
+    together = combine(each, priors_std, prior_std)
+    assert np.allclose(together.error_px, np.linalg.solve(joint, weighted), rtol=1e-9, atol=1e-12)
+    assert np.allclose(together.cov_px2, np.linalg.inv(joint), rtol=1e-9)
 
 
 def test_the_field_s_size_is_that_over_the_image() -> None:

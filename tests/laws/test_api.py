@@ -29,6 +29,7 @@ OF_COMMAND = {
     "simulate": {"simulate"},
     "inspect": {"inspect"},
     "import": {"import_kitti", "import_euroc", "import_images"},
+    "refine": {"refine"},
     "recover": {"recover"},
     "convert-calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},

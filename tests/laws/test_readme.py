@@ -40,7 +40,7 @@ NOT_RUN = {
 NEEDS_GTSAM = ("--loops", "PlaceMap", "fuse_gtsam")
 MENTION = re.compile(r"stream-sfm (replay|batch|compare|simulate|surface|inspect|import( \w+)?)")  # in a sentence
 # A few frames show as well that a command runs.
-SHORT = dict.fromkeys(("replay", "surface", "compare", "batch"), f"--max-frames={FRAMES}")
+SHORT = dict.fromkeys(("replay", "surface", "compare", "refine", "batch"), f"--max-frames={FRAMES}")
 # What the placeholders of the pages stand for.
 PLACES = {
     "LOG": "logs/room.mcap",
@@ -89,7 +89,7 @@ def user(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, image in (("left", frame.left), ("right", frame.right)):
             cv2.imwrite(str(folder / name / f"{frame.stamp_ns}.png"), image)
             cv2.imwrite(str(folder / name[0] / f"{frame.stamp_ns}.png"), image)
-    for name in ("calibration.toml", "c.toml"):
+    for name in ("calibration.toml", "c.toml", "refined.toml"):
         (folder / name).write_text(log.rig.to_toml(), encoding="utf-8")
     (folder / "camchain.yaml").write_text(camchain(log.stereo_rig), encoding="utf-8")
     sfm.replay(log, folder / "runs/latest", selection=sfm.Selection(max_frames=FRAMES))

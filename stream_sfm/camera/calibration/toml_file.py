@@ -18,7 +18,7 @@
                 [0.0, 0.0, 1.0]]
     translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
 
-    [refinement]                    # may be left out
+    [refinement]                    # written by `stream-sfm refine`; may be left out
     error_px = [0.14, …]            # thirteen errors of the calibration (`camera/refinement.py`)
     covariance_px2 = [[…], …]       # 13×13
 

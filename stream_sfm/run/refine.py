@@ -1,0 +1,99 @@
+"""Refines the calibration of a rig from logs: what a replay of each has learnt about its errors, put together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..camera.calibration.read import Where
+from ..camera.known_timing import KnownTiming
+from ..camera.refinement import TERMS, combine
+from ..camera.rig import StereoRig
+from ..config import Config
+from ..errors import ConfigError, LogError
+from ..recording import open_log
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.terms import DELAY, READOUT, prior_std
+from ..rig_model.terms import TERMS as TERMS_OF_RIG
+from ..types import Frame, FrameEstimate, Selection
+from .replay import replay
+
+_CERTAIN = 5.0  # σ from which on a delay or a readout is written down
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RefinedRig:
+    """The `rig` with its refinement, and what each log has told (None: nothing)."""
+
+    rig: StereoRig
+    estimates: tuple[RigEstimate | None, ...]
+
+    def __repr__(self) -> str:
+        return f"<RefinedRig from {len(self.estimates)} logs: {self.rig.refinement!r}>"
+
+
+def refine(
+    logs: Sequence[str | Path],
+    config: Config | None = None,
+    selection: Selection | None = None,
+    *,
+    calibration: Where | StereoRig | None = None,
+) -> RefinedRig:
+    """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
+
+    The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError; LogError
+    also where the images show errors that are not learnt, such as exchanged cameras.
+    """
+    config = config or Config()
+    config.needs_scale("refine")
+    if config.rig.exact or config.method != "cross-frame":
+        raise ConfigError(f"neither rig.exact nor the method {config.method} refines a calibration: leave them out")
+    opened = [open_log(log, calibration=calibration) for log in logs]
+    rig = replace(opened[0].stereo_rig, refinement=None, timing=None)
+    estimates = []
+    for log in opened:
+        if replace(log.stereo_rig, refinement=None, timing=None).to_toml() != rig.to_toml():
+            raise ConfigError(
+                f"{log.path} has other cameras, or another calibration, than {opened[0].path}: "
+                "logs that refine one calibration must have it in common"
+            )
+        latest = _Latest()
+        result = replay(open_log(log.path, calibration=rig), None, config, selection, sinks=[latest])
+        if result.problems:
+            raise LogError("; ".join(result.problems), hint=("left", "right", "calibration", "inspect"))
+        estimates.append(latest.rig)
+    known = [e for e in estimates if e is not None]
+    if known:
+        n = len(TERMS)
+        priors_px = np.array([e.prior_std[:n] for e in known])
+        refinement = combine([e.refinement for e in known], priors_px, prior_std(config.rig)[:n])
+        rig = replace(rig, refinement=refinement, timing=timing_of(known, config))
+    return RefinedRig(rig, tuple(estimates))
+
+
+class _Latest:
+    """A sink that keeps the latest estimate of the rig's errors."""
+
+    rig: RigEstimate | None = None
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        self.rig = estimate.rig or self.rig
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
+    """Delay and readout by independent runs; None where none is certain of either."""
+    values, certain = [], False
+    for term in (TERMS_OF_RIG.index(DELAY), TERMS_OF_RIG.index(READOUT)):
+        mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
+        told = mean**2 > _CERTAIN**2 * var
+        information = (1 / var[told]).sum()
+        if told.any():
+            values += [float((mean[told] / var[told]).sum() / information), float(information**-0.5)]
+        else:
+            values += [0.0, float(prior_std(config.rig)[term])]
+        certain |= bool(told.any())
+    return KnownTiming(*values) if certain else None
