@@ -7,7 +7,6 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Protocol
 
 from ..wording import printable
-from .printing import Console
 
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
@@ -65,6 +64,8 @@ def _silent(finished: int = 1, line: str = "") -> None:
 
 def _bar(label: str, unit: str, total: int | None) -> Iterator[Advance]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from .printing import Console
 
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.medians import median
 from ..geometry.resection import MIN_VIEWS, resect
 from ..geometry.se3 import Array
 from .alignment import Aligners, split
@@ -99,7 +100,7 @@ def _attempts(near: int, tracks: Tracks, predicted: Array, motion_known: bool) -
     yield _Attempt(predicted, deep)
     if motion_known:
         yield _Attempt(np.eye(4), deep)
-    rho = float(np.median(tracks.points[:, 3]))
+    rho = median(tracks.points[:, 3])
     if rho > 0:
         for zoom in _ZOOMS:
             forward = np.eye(4)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
-from ..geometry.medians import MAD_TO_STD
+from ..geometry.medians import MAD_TO_STD, median
 from ..geometry.se3 import Array
 
-_FEATURES = 1500  # ORB corners per image: some hundred of them match in an ordinary scene
+_FEATURES = 1000  # ORB corners per image: some hundred of them match in an ordinary scene
 _MAX_HAMMING = 40  # of 256 bits between two ORB descriptors that match; random ones differ by 128 ± 8
 _WINDOW_PX = (15, 15)  # patch of the sub-pixel refinement
 # ORB corners are whole pixels of their pyramid level, the last of which has pixels of 3.6 px
@@ -27,6 +27,7 @@ _CLEARLY_BETTER = 0.5  # the other row error must be below this share of the pre
 _CLEAR_ROW_ERROR_PX = 0.2  # below it, another pairing of the frames cannot be told from this one
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
+Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left image and in the right one
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +50,13 @@ class CalibrationCheck:
         return float(np.nan_to_num(np.hypot(self.vertical_px, self.vertical_spread_px), nan=np.inf))
 
 
-def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
-    """Match corners between left and right without the calibration, then compare the rows that it gives them."""
+def check_calibration(rig: StereoRig, frames: Iterable[Corners]) -> CalibrationCheck:
+    """Compare the rows that a calibration gives to corners that were matched without it, of a few frames."""
     rotation_left, rotation_right = _rectifying_rotations(rig)
     focal_px = float(rig.left.K[0, 0])
     rows: list[Array] = []
     disparities: list[Array] = []
-    for images in frames:
-        left_px, right_px = _matches(*images)
+    for left_px, right_px in frames:
         if len(left_px) < _MIN_FRAME_MATCHES:
             continue
         left = _rectified(rig.left, rotation_left, left_px)
@@ -73,14 +73,14 @@ def check_calibration(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCh
         good = np.abs(vertical - centre) < max(_INLIER_SPREADS * spread, _MIN_INLIER_PX)
         if good.sum() < _MIN_MATCHES:
             return CalibrationCheck(int(good.sum()), np.nan, np.nan, np.nan, np.nan)
-        centre = float(np.median(vertical[good]))
-        spread = MAD_TO_STD * float(np.median(np.abs(vertical[good] - centre)))
+        centre = median(vertical[good])
+        spread = MAD_TO_STD * median(np.abs(vertical[good] - centre))
     disparity = disparity[good]
     negative = float(np.mean(disparity < _NEGATIVE_PX))
-    return CalibrationCheck(int(good.sum()), centre, spread, negative, float(np.median(disparity)))
+    return CalibrationCheck(int(good.sum()), centre, spread, negative, median(disparity))
 
 
-def check_as_they_are(rig: StereoRig, frames: Iterable[Images]) -> CalibrationCheck:
+def check_as_they_are(rig: StereoRig, frames: Iterable[Corners]) -> CalibrationCheck:
     """The same check as if the images were rectified already: pinholes side by side, whatever the calibration says."""
     pinhole = Camera(rig.left.width, rig.left.height, rig.left.K)
     pose = np.eye(4)
@@ -96,8 +96,8 @@ def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: Calibr
     """
     runs = [list(run) for run in runs]
     shifted = {
-        1: [(a[0], b[1]) for run in runs for a, b in pairwise(run)],
-        -1: [(b[0], a[1]) for run in runs for a, b in pairwise(run)],
+        1: [matched_corners(a[0], b[1]) for run in runs for a, b in pairwise(run)],
+        -1: [matched_corners(b[0], a[1]) for run in runs for a, b in pairwise(run)],
     }
     errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
     best = min(errors, key=lambda shift: errors[shift])
@@ -106,7 +106,8 @@ def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: Calibr
     return 0, check.row_error_px
 
 
-def _matches(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
+def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corners:
+    """Match corners between left and right without any calibration."""
     orb = cv2.ORB.create(_FEATURES)
     left_keys, left_words = orb.detectAndCompute(left, None)
     right_keys, right_words = orb.detectAndCompute(right, None)

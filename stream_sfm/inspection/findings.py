@@ -12,7 +12,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..recording.rig import REMEDY, right_is_left
 from ..recording.topics import PairChoice
-from .calibration_check import CalibrationCheck, Images, check_as_they_are, check_calibration
+from .calibration_check import CalibrationCheck, Images, check_as_they_are, check_calibration, matched_corners
 
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
 
@@ -79,11 +79,12 @@ def calibration_findings(
 
 def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images]) -> list[str]:
     """Return what prevents a replay with this calibration, as `inspect_log` would report it of these frames."""
-    check = check_calibration(rig, frames)
+    corners = [matched_corners(*images) for images in frames]
+    check = check_calibration(rig, corners)
     swapped = as_they_are = check
     if check.row_error_px > _GOOD_ROW_ERROR_PX or check.negative_share > _GOOD_NEGATIVE_SHARE:
-        swapped = check_calibration(rig, [(right, left) for left, right in frames])
-        as_they_are = check_as_they_are(rig, frames)
+        swapped = check_calibration(rig, [(right, left) for left, right in corners])
+        as_they_are = check_as_they_are(rig, corners)
     return calibration_findings(rig, check, swapped, as_they_are, choice)[0]
 
 

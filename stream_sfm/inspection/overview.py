@@ -28,7 +28,14 @@ from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from . import findings
-from .calibration_check import CalibrationCheck, Images, better_shift, check_as_they_are, check_calibration
+from .calibration_check import (
+    CalibrationCheck,
+    Images,
+    better_shift,
+    check_as_they_are,
+    check_calibration,
+    matched_corners,
+)
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
@@ -183,7 +190,8 @@ class _Inspection:
         decoded = [list(self._decoded(run)) for run in runs]
         if runs and not any(decoded):
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
-        check = check_calibration(rig, [images for run in decoded for images in run])
+        corners = [matched_corners(*images) for run in decoded for images in run]
+        check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
         if np.isnan(check.negative_share):  # else the images tell which of both is wrong
             try:
@@ -193,8 +201,8 @@ class _Inspection:
         if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
             problems = [of_stamps]  # whatever else the rows show follows from it
         else:
-            swapped = check_calibration(rig, [(right, left) for run in decoded for left, right in run])
-            as_they_are = check_as_they_are(rig, [images for run in decoded for images in run])
+            swapped = check_calibration(rig, [(right, left) for left, right in corners])
+            as_they_are = check_as_they_are(rig, corners)
             problems, warnings = findings.calibration_findings(rig, check, swapped, as_they_are, choice)
             self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]

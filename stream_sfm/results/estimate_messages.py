@@ -9,7 +9,7 @@ from ..config import RosConfig
 from ..geometry.se3 import Array
 from ..motion import Odometry
 from ..types import FrameEstimate, Status
-from . import ros_messages
+from . import cdr, ros_messages
 from .frames import RosFrames, fixed_axis_covariance
 from .path import PathSoFar
 from .scalars import Scalars
@@ -64,7 +64,7 @@ class RosMessages:
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
-        return ros_messages.encode(message)
+        return cdr.encode(message)
 
     @property
     def last(self) -> FrameEstimate | None:
@@ -81,8 +81,8 @@ class RosMessages:
     def diagnostics(self, estimate: FrameEstimate) -> Any:
         """Make a DiagnosticArray of the status of a frame."""
         values = {**estimate.counts, "frame": estimate.frame_index}
-        pairs = [ros_messages.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
-        status = ros_messages.make(
+        pairs = [cdr.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
+        status = cdr.make(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=_LEVELS[estimate.status],
             name="stream_sfm: odometry",
@@ -91,7 +91,7 @@ class RosMessages:
             values=pairs,
         )
         head = ros_messages.header(estimate.stamp_ns, self._frames.camera)
-        return ros_messages.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
+        return cdr.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
 
     def _pose(self, estimate: FrameEstimate) -> Stamped:
         """Every message that states the pose of the moving frame, camera or robot."""

@@ -37,8 +37,8 @@ from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
 from ..types import Frame, FrameEstimate
-from . import ros_messages
 from .bag_metadata import bag_metadata
+from .cdr import encode, schema_text
 from .estimate_messages import TOPICS, RosMessages
 from .schema import SCHEMA_VERSION
 
@@ -83,7 +83,7 @@ class EstimatesWriter:
     def _register(self) -> dict[str, int]:
         topics = self._messages.topics
         schemas = {
-            name: self._writer.register_schema(name, SchemaEncoding.ROS2, ros_messages.schema_text(name).encode())
+            name: self._writer.register_schema(name, SchemaEncoding.ROS2, schema_text(name).encode())
             for name in dict.fromkeys(topics.values())
         }
         register, cdr = self._writer.register_channel, MessageEncoding.CDR
@@ -125,7 +125,7 @@ class EstimatesWriter:
 
     def _add(self, estimate: FrameEstimate, topic: str, message: Any) -> None:
         stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
-        data = ros_messages.encode(message)
+        data = encode(message)
         self._writer.add_message(self._channels[topic], stamp, data, stamp, estimate.frame_index)
         first_ns, last_ns = self._times_ns if self._counts else (stamp, stamp)
         self._times_ns = min(first_ns, stamp), max(last_ns, stamp)

@@ -1,8 +1,4 @@
-"""The ROS 2 messages of `estimates.mcap`: their definitions, and the bytes of each in CDR.
-
-Standard messages are those of rosbags; our own are defined in `schema.py`. Stamps are the
-seconds and nanoseconds of a header.
-"""
+"""The ROS 2 messages of `estimates.mcap`. Our own are defined in `schema.py`."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -11,11 +7,10 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from .cdr import define, make
 from .record_messages import definition, to_fields
 from .schema import EstimateRecord, ScalarsRecord, TimingRecord
 
@@ -36,38 +31,12 @@ POINT_DTYPE = np.dtype(
 )
 _FLOAT32, _UINT32 = 7, 6  # numbers of PointField
 _UPPER = np.triu_indices(3)
-_PARTS = "=" * 80  # between a definition and those of its parts
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]]).reshape(36)
 
 
-@cache
-def _store() -> Typestore:
-    store = get_typestore(Stores.ROS2_HUMBLE)  # the standard messages used here are the same in every ROS 2
-    for kind, name in RECORDS.items():
-        store.register(get_types_from_msg(definition(kind), name))
-    return store
-
-
-def schema_text(name: str) -> str:
-    """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
-    text, _ = _store().generate_msgdef(name, ros_version=2)
-    own = next((definition(kind) for kind, record_name in RECORDS.items() if record_name == name), None)
-    return text if own is None else own + _PARTS + text.partition(_PARTS)[2]
-
-
-def encode(message: Any) -> bytes:
-    """Return the bytes of a message."""
-    return bytes(_store().serialize_cdr(message, message.__msgtype__))
-
-
-def make(name: str, /, **fields: Any) -> Any:
-    """Make a message of the given type, and of each dictionary among the fields the message that belongs there."""
-    parts = {}
-    for field, (_, of) in _store().fielddefs[name][1]:
-        value = fields[field]
-        parts[field] = make(str(of), **value) if isinstance(value, dict) else value
-    return _store().types[name](**parts)
+for _kind, _name in RECORDS.items():
+    define(_name, definition(_kind))
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:

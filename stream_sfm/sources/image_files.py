@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +16,8 @@ from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
 from .image_header import image_format, image_size, plain_size
+from .profile import ProfileEncoder
 from .source import Contents, Message, Source
-
-if TYPE_CHECKING:
-    from .profile import ProfileEncoder
 
 _MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 
@@ -67,7 +64,7 @@ class ImageFilesSource(Source):
 
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
-        encoder = _encoder(self.rig)
+        encoder = ProfileEncoder(self.rig)
         contents = Contents([(c, len(side)) for c, side in zip(encoder.images, self.images, strict=True)])
         if self.rig is not None:
             contents.channels += [(channel, None) for channel in encoder.calibrations]
@@ -80,7 +77,7 @@ class ImageFilesSource(Source):
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
         damage.notes += self.notes
-        encoder = _encoder(self.rig)
+        encoder = ProfileEncoder(self.rig)
         events: Iterator[tuple[int, int, Path | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),
             ((image.stamp_ns, 1, image.path) for image in self.images[0]),

@@ -5,12 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap_protobuf.schema import build_file_descriptor_set
 
 from ..camera.models import Camera
 from ..camera.pixels import Grey
@@ -35,18 +30,18 @@ class ProfileEncoder:
     """Encodes one log; `rig` is None where the calibration is not known."""
 
     def __init__(self, rig: StereoRig | None) -> None:
-        self.images = tuple(_channel(f"/camera/{side}/image", CompressedImage) for side in _SIDES)
-        self.raw_images = tuple(_channel(f"/camera/{side}/image", RawImage) for side in _SIDES)
-        self.both_images = _channel("/camera/both/image", RawImage)  # beside or above each other
-        self.calibrations = tuple(_channel(f"/camera/{side}/calibration", CameraCalibration) for side in _SIDES)
-        self.poses = _channel("/ground_truth/pose", PoseInFrame)
+        self.images = tuple(_channel(f"/camera/{side}/image", "CompressedImage") for side in _SIDES)
+        self.raw_images = tuple(_channel(f"/camera/{side}/image", "RawImage") for side in _SIDES)
+        self.both_images = _channel("/camera/both/image", "RawImage")  # beside or above each other
+        self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
+        self.poses = _channel("/ground_truth/pose", "PoseInFrame")
         self._rig = rig
         self._messages = None if rig is None else calibration_messages(rig)
         self._last_calibration_ns: list[int | None] = [None, None]
 
     def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> Message:
         """One image of `side` (0 left, 1 right), `encoding` png, jpeg or webp."""
-        message = CompressedImage(frame_id=_FRAME_IDS[side], format=encoding, data=data)
+        message = _schema("CompressedImage")(frame_id=_FRAME_IDS[side], format=encoding, data=data)
         return _encoded(self.images[side], message, stamp_ns)
 
     def raw_image(self, side: int | None, stamp_ns: int, image: Grey) -> Message:
@@ -54,7 +49,7 @@ class ProfileEncoder:
         height, width = image.shape
         encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
         frame_id = _FRAME_IDS[side or 0]
-        message = RawImage(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
+        message = _schema("RawImage")(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
         message.data = image.tobytes()
         return _encoded(self.both_images if side is None else self.raw_images[side], message, stamp_ns)
 
@@ -67,14 +62,14 @@ class ProfileEncoder:
 
     def pose(self, stamp_ns: int, world_from_cam: Array) -> Message:
         """One pose (4, 4) of ground truth: the physical left camera in the world, metres."""
-        message = PoseInFrame(frame_id="world")
+        message = _schema("PoseInFrame")(frame_id="world")
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = world_from_cam[:3, 3]
         q.x, q.y, q.z, q.w = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
         return _encoded(self.poses, message, stamp_ns)
 
 
-def calibration_messages(rig: StereoRig) -> tuple[CameraCalibration, CameraCalibration]:
+def calibration_messages(rig: StereoRig) -> tuple[Any, Any]:
     """K, D, R, P of both cameras in the ROS sense; a reader gets the rig back from them.
 
     A pair that is rectified already (parallel, undistorted, one K) keeps R = 1 and P = K.
@@ -93,8 +88,8 @@ def calibration_messages(rig: StereoRig) -> tuple[CameraCalibration, CameraCalib
     return _calibration(0, rig.left, r, left_p), _calibration(1, rig.right, r @ pose[:3, :3].T, right_p)
 
 
-def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) -> CameraCalibration:
-    return CameraCalibration(
+def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) -> Any:
+    return _schema("CameraCalibration")(
         frame_id=_FRAME_IDS[side],
         width=camera.width,
         height=camera.height,
@@ -106,15 +101,24 @@ def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) 
     )
 
 
-def _channel(topic: str, kind: Any) -> Channel:
-    return Channel(
-        topic, MessageEncoding.Protobuf, kind.DESCRIPTOR.full_name, SchemaEncoding.Protobuf, _definition(kind)
-    )
+@lru_cache
+def _schema(name: str) -> Any:
+    """A message type of Foxglove; imported here, as most runs encode none and need no protobuf."""
+    from foxglove_schemas_protobuf import CameraCalibration_pb2, CompressedImage_pb2, PoseInFrame_pb2, RawImage_pb2
+
+    modules = CameraCalibration_pb2, CompressedImage_pb2, PoseInFrame_pb2, RawImage_pb2
+    return next(getattr(module, name) for module in modules if hasattr(module, name))
+
+
+def _channel(topic: str, kind: str) -> Channel:
+    return Channel(topic, MessageEncoding.Protobuf, f"foxglove.{kind}", SchemaEncoding.Protobuf, _definition(kind))
 
 
 @lru_cache
-def _definition(kind: Any) -> bytes:
-    definition: bytes = build_file_descriptor_set(kind).SerializeToString()
+def _definition(kind: str) -> bytes:
+    from mcap_protobuf.schema import build_file_descriptor_set
+
+    definition: bytes = build_file_descriptor_set(_schema(kind)).SerializeToString()
     return definition
 
 

@@ -53,7 +53,7 @@ HOMES = {
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
-    "rosbags": ("recording", "results", "sources"),
+    "rosbags": ("recording", "sources"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
     "gtsam": ("places/graph.py",),
