@@ -61,6 +61,12 @@ def test_tour(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["sigmas_m"][-1] > names["errors_m"][-1]
 
 
+def test_places() -> None:
+    pytest.importorskip("gtsam")
+    said = re.search(r"located after (\d+) frames", run("places.py", ROOM))
+    assert said is not None and int(said[1]) <= 20
+
+
 def test_read_results(tmp_path: Path) -> None:
     sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=FRAMES))
     said = run("read_results.py", tmp_path)

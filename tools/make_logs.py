@@ -3,8 +3,10 @@
     python -m tools.make_logs --hard build/hard                       # all hard logs
     python -m tools.make_logs --hard build/hard corridor 'walking_*'  # some, in this order
     python -m tools.make_logs --hard build/small --width 320 --frames 40
+    python -m tools.make_logs --hard build/loops block office mower lanes --width 256 --seed 1
 
-Hard logs are the scenes of tools/render/hard.py, and motions of tools/render/motions.py with the faults of
+The last four are worlds that are seen more than once, as a seed has them. Hard logs are the scenes of
+tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the faults of
 tools/render/faults.py, as walking_clean and walking_rs20; README.txt beside them says what is wrong in each.
 Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.
 """
@@ -33,7 +35,7 @@ from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 
 sys.path.insert(0, str(Path(__file__).parent))
-from render import FAULTS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, room_recording
+from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, room_recording
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
@@ -49,7 +51,7 @@ FRAME_IDS = {"left": "left_camera_optical_frame", "right": "right_camera_optical
 
 
 MESSAGES = {kind.__name__: kind for kind in (CameraCalibration, CompressedImage, PoseInFrame)}
-HARD = [*RECORDINGS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
+HARD = [*RECORDINGS, *LOOPS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +61,12 @@ class Order:
     name: str = "room"
     width: int = 640
     frames: int | None = None
+    seed: int = 0  # of a world with loops
 
     def recording(self) -> Recording:
         """Build the scene, which takes some seconds unless it was built before."""
         motion, _, fault = self.name.partition("_")
-        clean = _clean(motion, self.width, self.frames)
+        clean = _clean(motion, self.width, self.frames, self.seed)
         return FAULTS[fault].applied(clean) if fault else clean
 
     @property
@@ -74,10 +77,12 @@ class Order:
 
 
 @lru_cache(maxsize=len(MOTIONS))
-def _clean(name: str, width: int, frames: int | None) -> Recording:
+def _clean(name: str, width: int, frames: int | None, seed: int) -> Recording:
     if name == "room":
         return room_recording(SEED, SENSOR)
     asked = {} if frames is None else {"frames": frames}
+    if name in LOOPS:
+        return LOOPS[name](width=width, seed=seed, **asked)
     return (RECORDINGS | MOTIONS)[name](width=width, **asked)
 
 
@@ -116,7 +121,7 @@ def calibration_messages(rig: StereoRig, stamp_ns: int) -> dict[str, CameraCalib
 def _image(recording: Recording, order: Order, i: int, side: str, shared: Path) -> CompressedImage:
     """The image of a side in frame i; taken from the folder `shared` where another log had the same one."""
     view = recording.view(i, side, SEED)
-    made_of = (order.name.partition("_")[0], order.width, order.frames, recording.readout_s, view)
+    made_of = (order.name.partition("_")[0], order.width, order.frames, order.seed, recording.readout_s, view)
     kept = shared / hashlib.sha256(pickle.dumps(made_of)).hexdigest()
     if not kept.exists():
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
@@ -185,7 +190,7 @@ def write_logs(folder: Path, orders: Sequence[Order], workers: int) -> None:
     ):
         for order in orders:
             frames, rate_hz = pool.apply(_frames_and_rate, (order,))
-            path = folder / f"{order.name}.mcap"
+            path = folder / f"{order.name}{order.seed or ''}.mcap"
             part = path.with_name(path.name + ".part")
             with (
                 part.open("wb") as file,
@@ -201,7 +206,7 @@ def write_logs(folder: Path, orders: Sequence[Order], workers: int) -> None:
             part.replace(path)
             print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
             if order.name != "room":
-                _note(folder / "README.txt", order.name, order.truth.format(middle=frames // 2))
+                _note(folder / "README.txt", path.stem, order.truth.format(middle=frames // 2))
 
 
 def _note(path: Path, name: str, truth: str) -> None:
@@ -220,6 +225,7 @@ def main() -> None:
                         f"of {', '.join(FAULTS)}; default: all")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
+    parser.add_argument("--seed", type=int, default=0, help="of worlds with loops; not 0: part of the log's name")
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
     if not arguments.hard:
@@ -230,7 +236,7 @@ def main() -> None:
     unknown = [p for p in patterns if not any(fnmatchcase(name, p) for name in HARD)]
     if unknown:
         parser.error(f"no hard log is called {unknown[0]}; there are {', '.join(HARD)}")
-    orders = [Order(name, arguments.width, arguments.frames) for name in names]
+    orders = [Order(name, arguments.width, arguments.frames, arguments.seed * (name in LOOPS)) for name in names]
     write_logs(Path(folder), orders, arguments.workers)
 
 

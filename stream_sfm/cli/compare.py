@@ -22,6 +22,7 @@ def compare(
     out: options.MaybeFolder = None,
     methods: options.Names = DEFAULT_METHODS,
     self_test: options.ResultFlag = False,
+    loops: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
     frames: options.Frames = options.Frames(),
     truth: options.Truth = options.Truth(),
@@ -41,6 +42,7 @@ def compare(
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
+        loops: show the first method with loops closed, too; needs the extra map
     """
     from ..inspection.overview import inspect_log
     from ..recording import open_log
@@ -67,6 +69,7 @@ def compare(
             ignore_ground_truth=truth.ignore_ground_truth,
             inspection=inspection,
             self_test=self_test,
+            loops=loops,
             std_truth=truth.ground_truth_std,
             sinks=[progress],
         )

@@ -7,7 +7,6 @@ loops must agree.
 """
 
 import logging
-import threading
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -66,6 +65,15 @@ class _Job:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What a job has found: see PlaceMap."""
+
+    frame_index: int
+    world_from_odom: Array
+    located: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Node:
     """A keyframe, how far the camera had come by then, and which points were followed."""
 
@@ -83,7 +91,10 @@ class PlaceMap:
     of the engine. `known`: a file of `save`: the camera is looked for in its world, and this run goes on with it.
     Raises ConfigError where GTSAM is not installed, or for one camera; InputError where `known` is no map of this rig.
 
-    `problem`: why the map has ended before the run, as where GTSAM has given up; empty where it has not.
+    `world_from_odom` (4, 4): the latest correction; multiplied with an estimate's `world_from_cam` it is the pose in
+    the map. `located`: whether the camera's place in the map's world is known; not after a loss, until an old place is
+    seen. Both are what a call of `write` has left. `problem`: why the map has ended before the run, as where GTSAM has
+    given up; empty where it has not.
     """
 
     def __init__(
@@ -121,26 +132,14 @@ class PlaceMap:
                 self._nodes[number] = _Node(keyframe, -np.inf, np.array([-1]))
                 self._words.add(number, keyframe.descriptors)
         self._number = self._first = max(self._nodes, default=-1) + 1
-        self._lock = threading.Lock()
-        self._world_from_odom, self._located = np.eye(4), False
+        self.world_from_odom, self.located = np.eye(4), False
+        self._lost_until = -1  # frame: what is known of earlier ones is of the world before
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
-        self._jobs: list[Future[None]] = []
+        self._jobs: list[Future[_Found | None]] = []
 
     def __len__(self) -> int:
         """How many keyframes there are."""
         return len(self._nodes)
-
-    @property
-    def world_from_odom(self) -> Array:
-        """The latest correction (4, 4): multiplied with an estimate's `world_from_cam` it is the pose in the map."""
-        with self._lock:
-            return self._world_from_odom
-
-    @property
-    def located(self) -> bool:
-        """Whether the camera's place in the map's world is known; not after a loss, until an old place is seen."""
-        with self._lock:
-            return self._located
 
     @property
     def loops(self) -> list[tuple[int, int]]:
@@ -149,19 +148,31 @@ class PlaceMap:
         found = [loop for loop in loops if max(loop.old, loop.new) >= self._first]
         return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
+    def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
+        """What a picture shows: the ways of all keyframes before and after loops, each (n, 3) in metres, and the rows
+        (m, 2) that loops join; after `close`."""
+        graph = self._graph
+        after, rows = graph.poses[:, :3, 3].copy(), {number: row for row, number in enumerate(graph.numbers)}
+        own, before = self._own()[2], after.copy()
+        before[own] = [self._nodes[number].keyframe.odom_from_cam[:3, 3] for number in graph.numbers[own]]
+        joined = [(rows[loop.old], rows[loop.new]) for loop in graph.loops]
+        return before, after, np.array(joined, np.intp).reshape(-1, 2)
+
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
         if self.problem:
             return
         self._path_m += float(np.linalg.norm((se3.inverse(self._before) @ estimate.world_from_cam)[:3, 3]))
         self._before = estimate.world_from_cam
-        due = self._chain.step(estimate, eager=not self._located)
+        if not self._wait:
+            self._settle(False)
+        due = self._chain.step(estimate, eager=not self.located)
         if self._chain.link is None:
-            with self._lock:
-                self._located = False
+            self.located, self._lost_until = False, estimate.frame_index
         if not due:
             return
-        self._settle(self._wait)
+        if self._wait:  # only here: so the result depends on no clock
+            self._settle(True)
         if len(self._jobs) >= _WAITING:
             return
         images = tuple(np.array(image) for image in frame.images)  # a camera may write the next ones over them
@@ -187,10 +198,14 @@ class PlaceMap:
         return Trajectory(stamps_ns, poses, covs)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
-        """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`."""
+        """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`.
+
+        Covariances are those of the nearest keyframe.
+        """
         if not self.loops:
             return trajectory
-        stamps_ns, poses, rows = self._own()
+        known = self.poses()
+        stamps_ns, poses, rows = known.stamps_ns, known.world_from_cam, self._own()[2]
         numbers = self._graph.numbers[rows]
         odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in numbers])
         corrections = poses @ se3.inverse(odom_from_cam)
@@ -200,7 +215,12 @@ class PlaceMap:
         share = ((trajectory.stamps_ns - stamps_ns[before]) / span).clip(0, 1)
         change = se3.log(se3.inverse(corrections[before]) @ corrections[after])
         correction = corrections[before] @ se3.exp(share[:, None] * change)
-        return Trajectory(trajectory.stamps_ns, se3.orthonormalise(correction @ trajectory.world_from_cam))
+        corrected = se3.orthonormalise(correction @ trajectory.world_from_cam)
+        assert known.cov_pose is not None
+        nearest = np.where(share < 0.5, before, after)
+        turn = se3.adjoint(se3.inverse(corrected) @ poses[nearest])
+        covs = turn @ known.cov_pose[nearest] @ np.swapaxes(turn, 1, 2)
+        return Trajectory(trajectory.stamps_ns, corrected, covs)
 
     def _own(self) -> tuple[NDArray[np.int64], Array, slice]:
         """Stamps (n,) and poses (n, 4, 4) of this run's keyframes, and their rows among all."""
@@ -210,24 +230,25 @@ class PlaceMap:
         return stamps_ns, self._graph.poses[rows].copy(), rows
 
     def _settle(self, everything: bool) -> None:
-        """Forget jobs that are finished; wait for all if `everything` is to be."""
-        for job in self._jobs:
-            if everything or job.done():
-                job.result()
-        self._jobs = [job for job in self._jobs if not job.done()]
+        """Take the results of jobs that are finished; wait for all if `everything` is to be."""
+        while self._jobs and (everything or self._jobs[0].done()):
+            found = self._jobs.pop(0).result()
+            if found is not None and found.frame_index >= self._lost_until:
+                self.world_from_odom, self.located = found.world_from_odom, found.located
 
-    def _take(self, job: _Job) -> None:
+    def _take(self, job: _Job) -> "_Found | None":
         if self.problem:
-            return
+            return None
         try:
             with one_thread:
-                self._add(job)
+                return self._add(job)
         except (RuntimeError, np.linalg.LinAlgError, cv2.error) as error:  # GTSAM raises RuntimeErrors
             reason = str(error).strip().splitlines()[:1]
             self.problem = f"the map ends at frame {job.estimate.frame_index}: {'; '.join(reason)}"
             logging.getLogger("stream_sfm").warning(self.problem)
+            return None
 
-    def _add(self, job: _Job) -> None:
+    def _add(self, job: _Job) -> "_Found":
         """Make the next keyframe, and look whether its place is known."""
         number, self._number, estimate = self._number, self._number + 1, job.estimate
         images = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in job.images)))
@@ -243,9 +264,8 @@ class PlaceMap:
         corrected = np.eye(4)
         if self.loops:  # before there are any the engine's own poses are at least as good
             corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
-        with self._lock:
-            self._world_from_odom = se3.orthonormalise(corrected)
-            self._located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
+        located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
+        return _Found(estimate.frame_index, se3.orthonormalise(corrected), located)
 
     def _described(self, estimate: FrameEstimate, images: Sequence[NDArray[np.uint8]]) -> Keyframe:
         turn = self._rectifier.rect_from_cam

@@ -10,7 +10,7 @@ from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..geometry.se3 import Array
 from .lengths import LengthUnit
 from .methods import Look, of_method, short, style
-from .records import RunRecord
+from .records import NO_LOOPS, RunRecord
 from .svg import SMOOTHED, Chart, Row, Series, draw, intervals, smoothed
 from .traces import Trace, broken
 from .verdict import NEES_INTERVAL, REFERENCE
@@ -44,8 +44,17 @@ def _grey_first(series: Iterable[Series]) -> list[Series]:
     return sorted(series, key=lambda s: not s.quiet)
 
 
-def path(poses: Mapping[str, Array], traces: Traces, unit: LengthUnit, looks: Looks = of_method) -> Markup:
-    """The path seen from above: the true one, else the first method's, and the others where they do not coincide."""
+def path(
+    poses: Mapping[str, Array],
+    traces: Traces,
+    unit: LengthUnit,
+    looks: Looks = of_method,
+    loops: Array = NO_LOOPS,
+) -> Markup:
+    """The path seen from above: the true one, else the first method's, and the others where they do not coincide.
+
+    `loops` (n, 2, 3): the ends of lines between places that were seen again.
+    """
     found = {name: traces[name].estimate if name in traces else of_run for name, of_run in poses.items()}
     series = [_line(looks(name), shown[:, 0, 3], shown[:, 2, 3]) for name, shown in found.items()]
     if not found:
@@ -61,7 +70,11 @@ def path(poses: Mapping[str, Array], traces: Traces, unit: LengthUnit, looks: Lo
     if coincide := len(series) > 1 and apart_m < _COINCIDE * float(np.ptp(true[:, :3, 3], axis=0).max()):
         note += f"; all estimates are within {unit.per_m * apart_m:.2g} {unit.name}"
     labels = ("x, m (right)", "z, m (forward)")
-    return draw(Chart("Path", *labels, series[:1] if coincide else series, note=note, path=True))
+    series = series[:1] if coincide else series
+    if len(loops):
+        ends = np.concatenate([loops, np.full_like(loops[:, :1], np.nan)], axis=1).reshape(-1, 3)
+        series.append(Series("loops", ends[:, 0], ends[:, 2], "m-other", dots=True, quiet=True))
+    return draw(Chart("Path", *labels, series, note=note, path=True))
 
 
 def _farthest_m(one: Array, other: Array) -> float:

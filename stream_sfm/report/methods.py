@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 LABELS = {
     "cross-frame": "cross-frame",
+    "cross-frame-loops": "cross-frame with loops",
     "cross-frame-wc": "per-point WC",
     "cross-frame-cc": "per-point CC",
     "ekf": "EKF",

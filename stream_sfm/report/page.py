@@ -75,7 +75,7 @@ def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
 
 def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: LengthUnit) -> list[Markup]:
     """The four that are always shown."""
-    gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, unit)
+    gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, unit, loops=c.loops)
     if not traces:
         return [
             path,

@@ -2,6 +2,7 @@
 
 from array import array
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ _NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
 _STATUSES = list(Status)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
+NO_LOOPS: Array = np.zeros((0, 2, 3))
 _MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
 
 
@@ -117,6 +119,14 @@ class RunRecord:
         """All poses with their covariances."""
         return Trajectory(self.stamps_ns, self.poses, np.array(self._covs).reshape(-1, 6, 6))
 
+    def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
+        """The same run with other poses, and covariances, under another name."""
+        record = copy(self)
+        record.name = name
+        record._poses = array("d", trajectory.world_from_cam.tobytes())
+        record._covs = array("d", np.asarray(trajectory.cov_pose).tobytes())
+        return record
+
     def count(self, status: Status) -> int:
         """How many frames have a status."""
         return self._statuses.count(_STATUSES.index(status))
@@ -201,7 +211,8 @@ class Comparison:
     """Everything that the report of a comparison is made from.
 
     `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
-    `calibration`: what the images have told about it; `view`: a picture.
+    `calibration`: what the images have told about it; `view`: a picture; `loops` (n, 2, 3): ends of the lines between
+    places that were seen again.
     """
 
     log: str
@@ -217,3 +228,4 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: CalibrationError | None = None
     view: View | None = None
+    loops: Array = field(default_factory=lambda: NO_LOOPS)

@@ -1,11 +1,13 @@
 """Estimates as ROS 2 messages, in the frames and axes of the settings `[ros]`: for `estimates.mcap`, and for a node."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RosConfig
+from ..geometry import se3
 from ..geometry.se3 import Array
 from ..motion import Odometry
 from ..types import FrameEstimate, Status
@@ -34,11 +36,13 @@ Stamped = Iterator[tuple[str, Any]]  # topic and message
 class RosMessages:
     """Makes the messages of a run's estimates, given in order: for `estimates.mcap`, or for a node that publishes them.
 
-    `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them.
+    `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them. `map_from_world`:
+    where a map of places has the world of the estimates by now (4, 4); what is said in the world frame follows it.
     """
 
-    def __init__(self, ros: RosConfig) -> None:
+    def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
         self._frames = RosFrames(ros)
+        self._map_from_world = map_from_world
         self._path, self._scalars = PathSoFar(), Scalars()
         self._odometry: Odometry | None = None
         self.topics = {
@@ -97,7 +101,7 @@ class RosMessages:
         """Every message that states the pose of the moving frame, camera or robot."""
         frames = self._frames
         head = ros_messages.header(estimate.stamp_ns, frames.world)
-        fixed_from_moving = frames.pose(estimate.world_from_cam)
+        fixed_from_moving = frames.pose(self._in_map() @ estimate.world_from_cam)
         pose = ros_messages.pose_of(fixed_from_moving)
         covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
         yield "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance)
@@ -119,7 +123,7 @@ class RosMessages:
         if twist is not None and cov_twist is not None:
             twist, cov_twist = frames.twist(twist), frames.cov_pose(cov_twist)
         yield "/stream_sfm/odometry", ros_messages.odometry(odom, frames.moving, pose, covariance, twist, cov_twist)
-        world_from_odom = ros_messages.pose_of(frames.between(odometry.world_from_odom))
+        world_from_odom = ros_messages.pose_of(frames.between(self._in_map() @ odometry.world_from_odom))
         yield "/tf", ros_messages.transforms((world, frames.odom, world_from_odom), (odom, frames.moving, pose))
 
     def _path_now(self, estimate: FrameEstimate) -> tuple[str, Any]:
@@ -129,5 +133,9 @@ class RosMessages:
     def _map(
         self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array
     ) -> tuple[str, Any]:
-        head = ros_messages.header(estimate.stamp_ns, self._frames.world)
-        return "/stream_sfm/map", ros_messages.cloud(head, ids, *self._frames.points(points_in_world, cov))
+        head, here = ros_messages.header(estimate.stamp_ns, self._frames.world), self._in_map()
+        moved = se3.transform(here, points_in_world), here[:3, :3] @ cov @ here[:3, :3].T
+        return "/stream_sfm/map", ros_messages.cloud(head, ids, *self._frames.points(*moved))
+
+    def _in_map(self) -> Array:
+        return np.eye(4) if self._map_from_world is None else self._map_from_world()

@@ -24,6 +24,7 @@ which `read_estimates` reads.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -36,6 +37,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile
+from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
 from .bag_metadata import bag_metadata
 from .cdr import encode, schema_text
@@ -61,10 +63,19 @@ _LATCHED = """\
 
 
 class EstimatesWriter:
-    """A sink that writes estimates. Raises OutputError where the file cannot be written."""
+    """A sink that writes estimates. Raises OutputError where the file cannot be written.
 
-    def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
-        self._messages = RosMessages(config.ros)
+    `map_from_world`: of a map of places, as of RosMessages.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        rig: StereoRig | MonoRig,
+        config: Config,
+        map_from_world: Callable[[], Array] | None = None,
+    ) -> None:
+        self._messages = RosMessages(config.ros, map_from_world)
         self._file = PartFile(path)
         self._writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
         self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")

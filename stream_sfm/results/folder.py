@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import json_bytes, make_folder, write_whole
+from ..geometry.se3 import Array
 from ..outputs import MAP_TRAJECTORY, RESULTS, lock_folder, only_writer
 from ..types import Frame, FrameEstimate, Sink, Trajectory
 from . import bag_metadata
@@ -32,6 +33,9 @@ class ResultFolder:
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
         self.path = Path(path)
         self._rig, self._config = rig, config
+        self.map_from_world: Callable[[], Array] | None = (
+            None  # where a map of places has the world of the estimates
+        )
         self._files: list[Sink] = []
         self._lock: int | None = None
         self._closed = False
@@ -91,7 +95,9 @@ class ResultFolder:
         make_folder(self.path)
         self._lock = lock_folder(self.path)
         self._write_config()
-        self._files.append(EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config))
+        self._files.append(
+            EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config, self.map_from_world)
+        )
         unit = UNIT_WITHOUT_SCALE if self._config.mono else ""
         self._files.append(tum_writer(self.path / "trajectory.tum", unit))
         self._files.append(kitti_writer(self.path / "trajectory.kitti"))

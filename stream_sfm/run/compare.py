@@ -21,7 +21,7 @@ from ..report.calibration_field import calibration_error
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
-from ..report.records import Comparison, Truth
+from ..report.records import NO_LOOPS, Comparison, Truth
 from ..report.view import View
 from ..rig_model.estimate import RigEstimate
 from ..types import Selection, Sink
@@ -68,6 +68,7 @@ def compare(
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
     self_test: bool = False,
+    loops: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
 ) -> ComparisonResult:
@@ -78,7 +79,8 @@ def compare(
     `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. The
     errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
     are compared and not calibrations. `sinks` are given one estimate per frame, of the first method that has not
-    failed, and are closed at the end. Raises LogError where no frame can be read, ConfigError for an unknown method,
+    failed, and are closed at the end. `loops`: show the first method with loops closed, too, which need the extra map.
+    Raises LogError where no frame can be read, ConfigError for an unknown method,
     OutputError.
     """
     config, selection = config or Config(), selection or Selection()
@@ -99,12 +101,16 @@ def compare(
     depth = TrueDepth(log)
     observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
-    view = View(rig.left)
+    view, with_loops = View(rig.left), []
+    if loops:
+        from ..places.place_map import PlaceMap  # as in a replay
+
+        with_loops = [PlaceMap(rig, lanes[0].config, wait=True)]
     with deferred_interrupts() as interruption:
         course = run(
             log,
             lanes,
-            [view, *sinks],
+            [view, *with_loops, *sinks],
             [front, *tests],
             selection=selection,
             interruption=interruption,
@@ -114,20 +120,30 @@ def compare(
     longest = max((lane.record for lane in lanes), key=len)
     if poses is not None:
         truth = truth._replace(poses=without_frames(poses, longest.stamps_ns, truth.ignored))
+    runs, warnings = [lane.record for lane in lanes], _warnings(log, lanes, course, depth)
+    ends = NO_LOOPS
+    for places in with_loops if len(runs[0]) else ():
+        if places.problem:
+            warnings.append(places.problem)
+            continue
+        runs.insert(1, runs[0].with_poses(f"{runs[0].name}-loops", places.corrected(runs[0].trajectory())))
+        _, positions_m, joined = places.lines()
+        ends = positions_m[joined]
     found = Comparison(
         log=log.path.name,
         rig=rig,
         config=config,
-        runs=[lane.record for lane in lanes],
+        runs=runs,
         front=front,
         truth=truth,
         inspection=inspection or {},
-        warnings=_warnings(log, lanes, course, depth),
+        warnings=warnings,
         complete=log.stats.complete and course.complete,
         interrupted=course.interrupted,
         self_test=next((test.result() for test in tests), None),
         calibration=calibration_error(observer.projection, _told(lanes)),
         view=view,
+        loops=ends,
     )
     report = numbers(found)
     if folder is not None:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
@@ -46,6 +46,15 @@ class ReplayResult:
 
     def __repr__(self) -> str:
         return f"<ReplayResult {self.summary['log']}: {self.trajectory!r}, written to {self.out_dir}>"
+
+
+@runtime_checkable
+class MapSink(Protocol):
+    """A sink that shows the map of a run, if one is made: it is closed after the map, and can then ask for it."""
+
+    def show_map(self, places: "PlaceMap") -> None:
+        """Take the map, before the first frame."""
+        ...
 
 
 class ReplayInterrupted(KeyboardInterrupt):
@@ -97,7 +106,7 @@ def replay(
         refuse_overwriting([Path(save_map)], [log.path])
     replayed = _Replay(log, config, selection, folder, self_test)
     if loops or known_map is not None or save_map is not None:
-        replayed.find_places(known_map, None if save_map is None else Path(save_map))
+        replayed.find_places(known_map, None if save_map is None else Path(save_map), sinks)
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -138,12 +147,18 @@ class _Replay:
         self._save_map: Path | None = None
         self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
 
-    def find_places(self, known: str | Path | None, save: Path | None) -> None:
+    def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, from that of a file if one is `known`."""
         from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
 
-        self._places, self._save_map = PlaceMap(self._log.rig, self._config, wait=True, known=known), save
-        self.sinks.append(self._places)
+        places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
+        self._places, self._save_map = places, save
+        self.sinks.append(places)
+        if self.lane.folder is not None:
+            self.lane.folder.map_from_world = lambda: places.world_from_odom
+        for sink in sinks:
+            if isinstance(sink, MapSink):
+                sink.show_map(places)
 
     def result(self, course: Course, truth: Truth) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""

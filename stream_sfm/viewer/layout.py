@@ -14,10 +14,12 @@ CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
 ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
+LOOPS_BEFORE, LOOPS_AFTER = "world/places/before", "world/places/after"
 TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
 ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
+MAP_COLOUR = (90, 160, 255)
 SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)]
 
 TAIL_COLOUR = (255, 255, 255, 150)
@@ -104,6 +106,11 @@ def styles() -> dict[str, rr.AsComponents]:
     ui = rr.Radius.ui_points
     return {
         TRAJECTORY: rr.LineStrips3D.from_fields(colors=ESTIMATE_COLOUR, radii=ui(1.5)),
+        **{
+            f"{path}/{name}": rr.LineStrips3D.from_fields(colors=colour, radii=ui(width))
+            for path, colour in ((LOOPS_BEFORE, ESTIMATE_COLOUR), (LOOPS_AFTER, MAP_COLOUR))
+            for name, width in (("way", 1.5), ("loops", 0.7))
+        },
         POINTS: rr.Points3D.from_fields(radii=ui(3.0)),
         ELLIPSOID: rr.Ellipsoids3D.from_fields(
             colors=ELLIPSOID_COLOUR, fill_mode=rr.components.FillMode.MajorWireframe

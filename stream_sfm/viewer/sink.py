@@ -4,6 +4,7 @@ Compressed images are passed on as recorded, neither decoded nor encoded again; 
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,6 +19,9 @@ from ..sources.image_header import image_format
 from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
 from . import layout
 from .recording import Recording
+
+if TYPE_CHECKING:
+    from ..places.place_map import PlaceMap
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 _TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
@@ -50,6 +54,7 @@ class RerunSink:
         self._world_from_truth: Array | None = None
         self._previous: Array | None = None
         self._status = ""
+        self._places: PlaceMap | None = None
         self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
         self._stages: tuple[str, ...] = ()
         self._recording = Recording(rrd, view, layout.blueprint(self._sides, self._unit), name)
@@ -99,9 +104,18 @@ class RerunSink:
         self._series(estimate)
         self._log_status(estimate)
 
+    def show_map(self, places: "PlaceMap") -> None:
+        """Show the keyframes of a map at the end, before and after its loops, and the loops as lines."""
+        self._places = places
+
     def close(self) -> None:
         """Write all buffered data. Raises OutputError where the file is incomplete."""
-        self._recording.close()
+        if self._places is not None and self._recording.watched:
+            *ways, joined = self._places.lines()
+            for path, way in zip((layout.LOOPS_BEFORE, layout.LOOPS_AFTER), ways, strict=True):
+                for name, strips in (("way", way[None]), ("loops", way[joined])):
+                    shown = rr.LineStrips3D.from_fields(strips=strips.astype(np.float32))
+                    self._stream.log(f"{path}/{name}", shown)
 
     def _ellipsoid(self, cov_position: Array) -> None:
         """Log the 3σ ellipsoid of the position, in the axes of the camera."""

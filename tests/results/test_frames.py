@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
@@ -16,6 +18,7 @@ from stream_sfm.results.estimates_reader import read_clouds
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import RosFrames
 from stream_sfm.results.path import PathSoFar
+from stream_sfm.results.ros_messages import POINT_DTYPE
 from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
 from tests.results.test_estimates import estimate, rig
@@ -61,6 +64,40 @@ def robot(tmp_path_factory) -> Path:
         writer.write(moving(i))
     writer.close()
     return path
+
+
+def test_where_a_map_of_places_corrects_the_world_the_transforms_follow(tmp_path: Path) -> None:
+    """Map from odom, the pose, and the points; odom and our own message stay as they are."""
+    here = se3.exp([0.5, -0.2, 0.1, 0.1, 0.3, -0.2])
+    for name, where in (("plain", None), ("corrected", lambda: here)):
+        writer = EstimatesWriter(tmp_path / name, rig(), Config(), where)
+        for i in range(3):
+            writer.write(moving(i))
+        writer.close()
+
+    def both(topic: str) -> list:
+        return [messages_in_file(tmp_path / name, topic)[-1] for name in ("plain", "corrected")]
+
+    def transform(stamped) -> np.ndarray:
+        return matrix(stamped.transform.translation, stamped.transform.rotation)
+
+    plain, corrected = both("/tf")
+    assert np.allclose(transform(corrected.transforms[0]), here @ transform(plain.transforms[0]), atol=1e-12)
+    assert np.allclose(transform(corrected.transforms[1]), transform(plain.transforms[1]), atol=1e-15)
+    poses = [matrix(said.pose.pose.position, said.pose.pose.orientation) for said in both("/stream_sfm/pose")]
+    assert np.allclose(poses[1], here @ poses[0], atol=1e-12)
+    plain, corrected = (np.frombuffer(said.data, POINT_DTYPE) for said in both("/stream_sfm/map"))
+    xyz = [np.stack([points[axis] for axis in "xyz"], axis=1) for points in (plain, corrected)]
+    assert np.allclose(xyz[1], se3.transform(here, xyz[0]), atol=1e-5)
+    assert np.allclose(plain["sigma_m"], corrected["sigma_m"], rtol=1e-4)
+    plain, corrected = both("/stream_sfm/estimate")
+    assert list(plain.world_from_cam) == list(corrected.world_from_cam)
+
+
+def messages_in_file(path: Path, topic: str) -> list:
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [said for _, channel, _, said in reader.iter_decoded_messages([topic])]
 
 
 def test_the_camera_stands_on_the_robot_as_the_settings_say(robot: Path) -> None:

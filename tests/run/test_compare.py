@@ -52,6 +52,16 @@ def run(path: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
     return json.loads((out / "report.json").read_text()), (out / "report.html").read_text()
 
 
+def test_loops_are_a_row_of_their_own(tmp_path: Path) -> None:
+    """Where nothing is seen again it says the same as the first method."""
+    pytest.importorskip("gtsam")
+    log = write_log(tmp_path / "log.mcap", spec(range(8), truth=True))
+    report, page = run(log, tmp_path / "out", "--loops")
+    first, second, *_ = report["methods"]
+    assert (first, second) == ("cross_frame", "cross_frame_loops") and "cross-frame with loops" in page
+    assert report["methods"][first]["ate_rmse_m"] == report["methods"][second]["ate_rmse_m"]
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any], str]:
     folder = tmp_path_factory.mktemp("compare")

@@ -31,7 +31,7 @@ def _images(n: int) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.ascontiguousarray(wall[:, s : s + 128]) for s in (20 + 2 * n, 30 + 2 * n))
 
 
-def _run(rrd, compressed: bool):
+def _run(rrd, compressed: bool, places=None):
     engine, truth = sfm.Engine(_rig()), sfm.Trajectory(np.array([1]), np.eye(4)[None])
     viewer = sfm.open_viewer(_rig(), rrd, ground_truth=truth)
     for n in range(4):
@@ -39,6 +39,8 @@ def _run(rrd, compressed: bool):
         pictures = tuple(cv2.imencode(".png", i)[1].tobytes() for i in (left, right)) if compressed else ()
         frame = sfm.StereoFrame(1 + n * 10**8, left, right, pictures)
         viewer.write(engine.step(frame), frame)
+    if places is not None:
+        viewer.show_map(places)
     viewer.close()
 
 
@@ -63,6 +65,20 @@ def test_the_recording_of_the_sample_log_verifies(tmp_path):
     arguments = ["--max-frames", "6", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
     assert main(["replay", str(ROOM), *arguments]) == 0
     _verify(rrd)
+
+
+def test_a_map_is_shown_before_and_after_its_loops(tmp_path):
+    class Places:
+        def lines(self):
+            way = np.arange(9.0).reshape(3, 3)
+            return way, way + 0.1, np.array([[0, 2]])
+
+    path = tmp_path / "run.rrd"
+    _run(path, True, Places())
+    _verify(path)
+    stats = subprocess.run([sys.executable, "-m", "rerun", "rrd", "stats", path], capture_output=True, text=True)
+    pieces = dict(re.findall(r"^/(\S+): (\d+)$", stats.stdout, re.MULTILINE))
+    assert {f"world/places/{when}/{what}" for when in ("before", "after") for what in ("way", "loops")} <= {*pieces}
 
 
 def test_a_recording_is_written_in_few_pieces(tmp_path):

@@ -3,6 +3,7 @@
 from .caster import CLEAN, Sensor, pixel_rays
 from .faults import FAULTS, Fault
 from .hard import RECORDINGS
+from .loops import LOOPS
 from .motions import MOTIONS
 from .recording import SIDES, Recording, Shot
 from .room import room_path, room_recording, room_rig, room_scene
@@ -11,6 +12,7 @@ from .scene import Box, Scene, build_scene
 __all__ = [
     "CLEAN",
     "FAULTS",
+    "LOOPS",
     "MOTIONS",
     "RECORDINGS",
     "SIDES",
