@@ -143,16 +143,3 @@ def test_focus_and_turns_change_the_true_rig_and_not_the_calibration(clean: Reco
         angles = [np.linalg.norm(se3.log(turn)[3:]) for turn in turns]
         assert angles == pytest.approx(expected_rad, abs=1e-9)
         assert all(np.allclose(turn[:3, 3], 0, atol=1e-12) for turn in turns)  # about its own centre
-
-
-@pytest.mark.parametrize(
-    ("name", "fastest_deg_s"), [("walking", (25, 30)), ("turning", (60, 63)), ("driving", (10, 15))]
-)
-def test_motions_turn_as_fast_as_they_say_and_never_jerk(name: str, fastest_deg_s: tuple[int, int]) -> None:
-    motion, step_s = small(name), 1e-3
-    poses = np.array([motion.path(k * step_s) for k in range(2500)])  # half the driven bend
-    twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
-    low, high = fastest_deg_s
-    assert low < np.rad2deg(np.linalg.norm(twists[:, 3:], axis=1).max()) < high
-    accelerations = np.diff(twists, axis=0) / step_s
-    assert np.abs(np.diff(accelerations, axis=0)).max() < 0.02 * np.abs(accelerations).max()  # of a step: about 1

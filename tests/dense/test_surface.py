@@ -12,7 +12,7 @@ from stream_sfm import open_log
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
-from stream_sfm.dense.disparity import DenseStereo, DisparityMap, cosine_of_incidence, rays
+from stream_sfm.dense.disparity import DenseStereo, DisparityMap
 from stream_sfm.dense.fusion import Fusion
 from stream_sfm.dense.isosurface import isosurface
 from stream_sfm.dense.mesh import Mesh, mesh_of_frame
@@ -116,15 +116,6 @@ def test_a_step_is_not_bridged_and_nothing_floats_between():
     assert np.ptp(depths[mesh.faces], axis=1).max() < 0.5 < far - near  # no triangle joins the two
     hidden = found.disparity_px[35:85, 58:68]  # of the background, seen by the left camera alone
     assert np.isnan(hidden).mean() > 0.7  # its rim is matched as far as the windows reach
-
-
-def test_the_cosine_of_a_slanted_plane():
-    normal, offset = np.array([0.5, 0.3, -0.8]) / np.linalg.norm([0.5, 0.3, -0.8]), -2.0
-    ray = rays(PAIR)
-    found = plane_map(offset / (ray @ normal))
-    expected = np.abs(ray @ normal) / np.linalg.norm(ray, axis=-1)
-    given = cosine_of_incidence(PAIR, ray, found.disparity_px)
-    np.testing.assert_allclose(given[5:-5, 5:-5], expected[5:-5, 5:-5], rtol=1e-3)
 
 
 def test_a_sphere_comes_out_whole():
