@@ -18,6 +18,7 @@ from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.field import field_over
+from ..rig_model.sizes import log_evidence
 
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
@@ -141,18 +142,16 @@ class Rows:
         information = symmetric_inverse(self.cov)
         own = symmetric_inverse(self.cov[field, field])
         values, axes = np.linalg.eigh(own - np.eye(len(own)) / self.field_std_px**2)
-        weighted2 = (axes.T @ (own @ self.mean[field])) ** 2
-        ratio = np.maximum(values, 0.0) * (_FIELD_STD_PX**2)[:, None]
-        gain = (_FIELD_STD_PX**2)[:, None] * weighted2 / (1 + ratio)
-        log_likelihood = 0.5 * (gain - np.log1p(ratio)).sum(axis=1)
-        largest = max(0.0, float(log_likelihood.max()))
-        weight = np.exp(log_likelihood - largest) / len(_FIELD_STD_PX)
+        weighted = axes.T @ (own @ self.mean[field])
+        evidence = log_evidence(np.maximum(values, 0.0), weighted, (_FIELD_STD_PX**2)[:, None]).sum(axis=1)
+        largest = max(0.0, float(evidence.max()))
+        weight = np.exp(evidence - largest) / len(_FIELD_STD_PX)
         std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
         std_px = max(float(std_px), _LEAST_FIELD_PX)
-        weighted = information @ self.mean
+        right = information @ self.mean
         information[field, field] += np.eye(len(own)) * (std_px**-2 - self.field_std_px**-2)
         cov = symmetric_inverse(symmetric(information))
-        return replace(self, mean=cov @ weighted, cov=cov, field_std_px=std_px)
+        return replace(self, mean=cov @ right, cov=cov, field_std_px=std_px)
 
     def _terms(self, left_px: Array, row_speed_px_s: Array) -> Array:
         """Return what amplitudes of 1 do to v_left − v_right (n, k)."""

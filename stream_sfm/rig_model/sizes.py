@@ -51,6 +51,15 @@ class Mixture:
     p_wrong: float
 
 
+def log_evidence(information: Array, weighted: Array, variance: Array | float = 1.0) -> Array:
+    """Return by how much likelier errors are N(0, `variance`) than 0, as a logarithm, eq. (72a).
+
+    Of independent ones, from the information that views have about each and their sum weighted by it; all of one shape.
+    """
+    ratio = variance * information
+    return np.asarray(0.5 * (variance * weighted**2 / (1 + ratio) - np.log1p(ratio)))
+
+
 def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     """Return the size of each physical term that views make likely, from N(`mean`, `cov`) with sizes so far, eq. (72a).
 
@@ -60,9 +69,8 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     information = np.maximum(1 / var - size[: len(TERMS)] ** -2.0, 0.0)
     weighted = mean[: len(TERMS)] / var
     s2 = (_SIZES**2)[:, None]
-    ratio = s2 * information
-    log_likelihood = 0.5 * (s2 * weighted**2 / (1 + ratio) - np.log1p(ratio))
-    weight = np.exp(log_likelihood - log_likelihood.max(axis=0))
+    evidence = log_evidence(information, weighted, s2)
+    weight = np.exp(evidence - evidence.max(axis=0))
     result = size.copy()
     result[: len(TERMS)] = np.sqrt((weight * s2).sum(axis=0) / weight.sum(axis=0))
     result[_FOCAL] = size[_FOCAL]
@@ -78,9 +86,7 @@ def log_odds_wrong(mean: Array, cov: Array, size: Array, which: slice) -> float:
     information = symmetric_inverse(var)
     views = symmetric(information - np.diag(size[which] ** -2.0))
     values, axes = np.linalg.eigh(views)
-    values = np.maximum(values, 0.0)
-    weighted = axes.T @ (information @ own)
-    return float(0.5 * (weighted**2 / (1 + values) - np.log1p(values)).sum())
+    return float(log_evidence(np.maximum(values, 0.0), axes.T @ (information @ own)).sum())
 
 
 def log_odds_lenses(mean: Array, cov: Array, size: Array) -> float:
@@ -90,8 +96,7 @@ def log_odds_lenses(mean: Array, cov: Array, size: Array) -> float:
     """
     information = symmetric_inverse(cov[_LENS, _LENS])
     views = np.maximum(np.diag(information) - size[_LENS] ** -2.0, 0.0)
-    weighted = information @ mean[_LENS]
-    alone = 0.5 * (weighted**2 / (1 + views) - np.log1p(views))
+    alone = log_evidence(views, information @ mean[_LENS])
     together = log_odds_wrong(mean, cov, size, _LENS)
     largest = max(together, float(alone.max()))
     likelihoods = (1 - _ALONE) * np.exp(together - largest) + _ALONE * np.exp(alone - largest).mean()
@@ -140,8 +145,7 @@ def _combinations(mean: Array, cov: Array, size: Array) -> tuple[Array, Array]:
     values, axes = np.linalg.eigh(symmetric(information - prior[:, :, None] * np.eye(len(prior[0]))))
     values = _COUNTS * np.maximum(values, 0.0)
     along = _COUNTS * (weighted[:, None] @ axes)[:, 0]
-    log_odds = 0.5 * (along**2 / (1 + values) - np.log1p(values)).sum(axis=1)
-    log_p = _LOG_PRIOR - log_odds
+    log_p = _LOG_PRIOR - log_evidence(values, along).sum(axis=1)
     p = np.exp(log_p - log_p.max())
     return p / p.sum(), weighted
 
