@@ -28,8 +28,8 @@ from .geometry.stereo import StereoProjection as StereoProjection
 from .importers.data_sets import import_euroc as import_euroc
 from .importers.data_sets import import_images as import_images
 from .importers.data_sets import import_kitti as import_kitti
+from .importers.recover import recover as recover
 from .inspection.overview import inspect_log as inspect
-from .mcap_file.recover import recover as recover
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .places.place_map import PlaceMap as PlaceMap

@@ -25,7 +25,7 @@ def recover(
         out: the file to write
         force: replace OUT.mcap if it exists
     """
-    from ..mcap_file.recover import recover as recover_file
+    from ..importers.recover import recover as recover_file
     from .printing import print_json, print_notes, print_table
 
     done = recover_file(log, out, overwrite=force)

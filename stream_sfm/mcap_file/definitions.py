@@ -6,8 +6,10 @@ They are kept while a file is read, and a compressed chunk of some kilobytes can
 from copy import copy
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Schema
 
+from .message import Channel
 from .records import BrokenRecord, RecordTooLarge, parse_record
 
 _MAX_ONE_BYTES = 8 * 2**20  # one schema or channel; those of ROS and Foxglove messages are kilobytes
@@ -21,13 +23,14 @@ class Definitions:
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, ChannelRecord] = {}
+        self._described: dict[int, tuple[ChannelRecord, Schema | None, Channel]] = {}
         self._bytes = 0
 
     def copy(self) -> "Definitions":
         """A copy with dictionaries of its own."""
         other = copy(self)
-        other.schemas, other.channels = dict(self.schemas), dict(self.channels)
+        other.schemas, other.channels, other._described = dict(self.schemas), dict(self.channels), {}
         return other
 
     def add(self, opcode: int, body: bytes | memoryview, replace: bool = True) -> None:
@@ -45,13 +48,24 @@ class Definitions:
                 self._charge(len(body))
                 self.schemas[schema.id] = schema
         else:
-            channel = parse_record(Channel.read, body)
+            channel = parse_record(ChannelRecord.read, body)
             if len(channel.metadata) > _MAX_METADATA:
                 channel.metadata = {}
             if (described := self.channels.get(channel.id)) != channel:
                 _check_new(described, replace)
                 self._charge(len(body) + _OBJECT_BYTES * len(channel.metadata))
                 self.channels[channel.id] = channel
+
+    def channel(self, channel_id: int) -> Channel:
+        """A channel with its schema; the same object as long as neither is described anew."""
+        found = self.channels[channel_id]
+        schema = self.schemas.get(found.schema_id)
+        known = self._described.get(channel_id)
+        if known is None or known[0] is not found or known[1] is not schema:
+            of_schema = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
+            described = Channel(found.topic, found.message_encoding, *of_schema, tuple(found.metadata.items()))
+            known = self._described[channel_id] = found, schema, described
+        return known[2]
 
     def add_missing(self, others: "Definitions") -> None:
         """Add those of other definitions whose numbers are not taken; they have been charged there."""
@@ -64,6 +78,6 @@ class Definitions:
         self._bytes += size_bytes + _OBJECT_BYTES
 
 
-def _check_new(known: Schema | Channel | None, replace: bool) -> None:
+def _check_new(known: Schema | ChannelRecord | None, replace: bool) -> None:
     if known is not None and not replace:
         raise BrokenRecord("it differs from the definition of the same number")

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
+from mcap.records import Attachment, Header, Metadata
 
 from ..errors import LogError
 from ..inputs import open_regular
@@ -23,7 +23,8 @@ from .chunks import Allowance, chunk_size, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
 from .heads import MESSAGE_HEAD
-from .index import Index, read_index
+from .index import read_index
+from .message import Message
 from .records import MAGIC, BrokenRecord, RecordTooLarge, parse_record, split_records
 from .walk import READ, Record, Walk
 
@@ -31,23 +32,12 @@ _MAX_HEADER_BYTES = 2**16  # profile and library name, a few dozen bytes
 _MAX_ATTACHMENT_BYTES = 2**20  # attachments are read whole; a calibration is kilobytes
 
 
-class LogMessage(NamedTuple):
-    """One message as stored: `channel` and `schema` (None: schemaless) describe the bytes in `data`."""
-
-    channel: Channel
-    schema: Schema | None
-    log_time_ns: int
-    data: bytes
-    sequence: int
-    publish_time_ns: int
-
-
 class LogFile:
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
-    `index` is None where the file has none that can be trusted; `index_problem` then says why, and is empty where the
-    file simply has none. `descriptor`: of an open file with the content, in place of what lies at `path`; it is closed
-    with this object. Raises LogError where the path cannot be opened, is empty, or is not MCAP.
+    `index` is None where the file has none that can be trusted; `damage` then says why. `descriptor`: of an open file
+    with the content, in place of what lies at `path`; it is closed with this object. Raises LogError where the path
+    cannot be opened, is empty, or is not MCAP.
     """
 
     def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
@@ -55,17 +45,19 @@ class LogFile:
         self._descriptor = descriptor
         if descriptor is not None:
             weakref.finalize(self, os.close, descriptor)
+        self.damage = Damage()  # of its beginning and of its index
         with self._open() as stream:
             try:
-                self.size = os.fstat(stream.fileno()).st_size
+                self.size_bytes = os.fstat(stream.fileno()).st_size
                 start = stream.read(len(MAGIC))
-                if self.size == 0:
+                if self.size_bytes == 0:
                     raise LogError(f"{self.path} is empty (0 bytes): nothing was recorded")
-                if start != MAGIC and not _ends_with_magic(stream):
-                    version = " of this version" if start.startswith(MAGIC[:5]) else ""
-                    raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
-                self._starts_damaged = start != MAGIC
-                self.index, self.index_problem = _read_index(stream)
+                if start != MAGIC:
+                    if not _ends_with_magic(stream):
+                        version = " of this version" if start.startswith(MAGIC[:5]) else ""
+                        raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
+                    self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
+                self.index = read_index(stream, self.damage)
             except OSError as error:
                 raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
@@ -76,33 +68,28 @@ class LogFile:
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
-    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[LogMessage]:
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in file order; what cannot be read is added to `damage`.
 
         With `topics` given, chunks in which the index lists none of them are not even opened.
         """
-        read: Counter[int] = Counter()
-        if self._starts_damaged:
-            damage.note(f"{self.path}: its first bytes are not those of an MCAP file, its last ones are")
-        if self.index_problem:
-            verdict = "does not fit the file" if self.index else "is not used"
-            damage.note(f"{self.path}: its index {verdict}: {self.index_problem}")
-        try:
-            for message in self._messages(damage, topics):
-                read[message.channel.id] += 1
-                yield message
-        except OSError as error:
-            damage.add(self._reading_failed(damage, error))
-        if damage.complete and self.index is not None:
-            for channel_id, count in self.index.counts.items():
-                topic = self.index.channels[channel_id].topic
-                if (topics is None or topic in topics) and read[channel_id] < count:
-                    damage.add(f"{self.path}: {read[channel_id]} of {count} messages of {topic} could be read")
-
-    def _messages(self, damage: Damage, topics: frozenset[str] | None) -> Iterator[LogMessage]:
+        damage.complete &= self.damage.complete
+        for note in self.damage.notes:
+            damage.note(f"{self.path}: {note}")
         # The index's definitions serve where the chunk that first described a channel is damaged.
         definitions = self.index.definitions.copy() if self.index else Definitions()
         parser = _Parser(definitions, topics, damage, lambda: self._definitions_anywhere)
+        try:
+            yield from self._messages(parser, damage, topics)
+        except OSError as error:
+            damage.add(self._reading_failed(damage, error))
+        if damage.complete and self.index is not None:
+            for number, count in self.index.counts.items():
+                topic, read = self.index.definitions.channels[number].topic, parser.read[number]
+                if (topics is None or topic in topics) and read < count:
+                    damage.add(f"{self.path}: {read} of {count} messages of {topic} could be read")
+
+    def _messages(self, parser: "_Parser", damage: Damage, topics: frozenset[str] | None) -> Iterator[Message]:
         allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
         with self._open() as stream:
             walk = self._walk(stream, damage, parser.knows_channel)
@@ -141,11 +128,11 @@ class LogFile:
         if topics is None or self.index is None or record.opcode != Opcode.CHUNK:
             return False
         listed = self.index.chunk_channels.get(record.offset)
-        return listed is not None and not any(self.index.channels[i].topic in topics for i in listed)
+        return listed is not None and not any(self.index.definitions.channels[i].topic in topics for i in listed)
 
     def _walk(self, stream: IO[bytes], damage: Damage, knows_channel: Callable[[int], bool]) -> Walk:
         chunks = list(self.index.chunk_channels) if self.index else []
-        return Walk(self.path, stream, self.size, chunks, damage, knows_channel)
+        return Walk(self.path, stream, self.size_bytes, chunks, damage, knows_channel)
 
     def attachments(self, damage: Damage, max_bytes: int = _MAX_ATTACHMENT_BYTES) -> Iterator[Attachment]:
         """Yield the attachments of at most `max_bytes`, in file order."""
@@ -211,10 +198,11 @@ class _Parser:
         find_definitions: Callable[[], Definitions],
     ) -> None:
         self.may_redefine = True
+        self.read: Counter[int] = Counter()  # messages of the wanted topics, by the number of their channel
         self._definitions, self._topics, self._damage = definitions, topics, damage
         self._find_definitions: Callable[[], Definitions] | None = find_definitions  # None: called already
 
-    def parse(self, opcode: int, body: bytes | memoryview, where: str) -> LogMessage | None:
+    def parse(self, opcode: int, body: bytes | memoryview, where: str) -> Message | None:
         """The message in a record, if it is of a wanted topic. Raises BrokenRecord."""
         if opcode == Opcode.MESSAGE:
             return self._message(body, where)
@@ -232,19 +220,19 @@ class _Parser:
             self._definitions.add_missing(find())
         return channel_id in self._definitions.channels
 
-    def _message(self, body: bytes | memoryview, where: str) -> LogMessage | None:
+    def _message(self, body: bytes | memoryview, where: str) -> Message | None:
         if len(body) < MESSAGE_HEAD.size:
             raise BrokenRecord("a message shorter than its header")
-        channel_id, sequence, log_time_ns, publish_time_ns = MESSAGE_HEAD.unpack_from(body)
-        if not self.knows_channel(channel_id):
-            self._damage.add(f"{where}: messages of channel {channel_id}, which is not described, were skipped")
+        number, sequence, log_time_ns, publish_time_ns = MESSAGE_HEAD.unpack_from(body)
+        if not self.knows_channel(number):
+            self._damage.add(f"{where}: messages of channel {number}, which is not described, were skipped")
             return None
-        channel = self._definitions.channels[channel_id]
+        channel = self._definitions.channel(number)
         if self._topics is not None and channel.topic not in self._topics:
             return None
+        self.read[number] += 1
         data = bytes(body[MESSAGE_HEAD.size :])  # a copy: a view would keep its whole chunk in memory
-        schema = self._definitions.schemas.get(channel.schema_id)
-        return LogMessage(channel, schema, log_time_ns, data, sequence, publish_time_ns)
+        return Message(channel, log_time_ns, data, publish_time_ns, sequence)
 
 
 def _records_in(
@@ -274,15 +262,6 @@ def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowan
         finally:
             found.add_missing(new)
     return False
-
-
-def _read_index(stream: IO[bytes]) -> tuple[Index | None, str]:
-    """The index as far as it can be trusted, and what is wrong with it."""
-    try:
-        index = read_index(stream)
-        return index, index.problem if index else ""
-    except BrokenRecord as error:
-        return None, str(error)
 
 
 def _ends_with_magic(stream: IO[bytes]) -> bool:

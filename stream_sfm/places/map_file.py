@@ -18,8 +18,8 @@ from ..errors import InputError
 from ..geometry.stereo import StereoProjection
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
+from ..mcap_file.message import Channel, Message
 from ..recording.log_writer import MessageWriter
-from ..sources.source import Channel, Message
 from .chain import Link
 from .graph import GraphState, Loop
 from .keyframes import Keyframe, are_patches

@@ -3,13 +3,16 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+from mcap.records import Attachment
+
 from ..camera.calibration.read import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Message
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
-from ..sources.source import Attachment, Contents, Message, Source
+from ..sources.source import Contents, Source
 from .images import UndecodableImage, check_encoding, decode_grey
 from .messages import MessageDecoder, UndecodableMessage
 from .rig_finder import first_size

@@ -4,14 +4,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, cast
 
+from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from .. import __version__
 from ..camera.rig import StereoRig
 from ..files import PartFile
 from ..geometry.se3 import Array
+from ..mcap_file.message import Channel, Message
 from ..sources.profile import ProfileEncoder
-from ..sources.source import Channel, Message
 
 
 class MessageWriter:
@@ -22,28 +23,43 @@ class MessageWriter:
     written.
     """
 
-    def __init__(self, path: str | Path, *, keep: bool = False, compressed: bool = False) -> None:
+    def __init__(
+        self, path: str | Path, *, keep: bool = False, compressed: bool = False, profile: str = ""
+    ) -> None:
         self.path = Path(path)
-        self._channels: dict[Channel, int] = {}
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[Channel | tuple[object, ...], int] = {}  # by identity, and by content
+        self._schemas: dict[tuple[str, str, bytes], int] = {("", "", b""): 0}
         self._file = PartFile(path, keep=keep)
         # Images are compressed already, as a rule; only the index of chunks is worth having then.
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
         self._writer = Writer(cast("IO[bytes]", self._file), compression=compression)
-        self._writer.start("", f"stream_sfm {__version__}")
+        self._writer.start(profile, f"stream_sfm {__version__}")
 
     def write(self, message: Message) -> None:
         """Append one message."""
-        channel, log_time_ns, data = message
+        channel, log_time_ns, data, publish_time_ns, sequence = message
         if channel not in self._channels:
             self._channels[channel] = self._register(channel)
-        self._writer.add_message(self._channels[channel], log_time_ns, data, log_time_ns)
+        published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
+        self._writer.add_message(self._channels[channel], log_time_ns, data, published_ns, sequence)
+
+    def attach(self, attachment: Attachment) -> None:
+        """Append a file."""
+        times = attachment.create_time, attachment.log_time
+        self._writer.add_attachment(*times, attachment.name, attachment.media_type, attachment.data)
+
+    def add_metadata(self, record: Metadata) -> None:
+        """Append facts about the recording."""
+        self._writer.add_metadata(record.name, record.metadata)
 
     def _register(self, channel: Channel) -> int:
         schema = (channel.schema_name, channel.schema_encoding, channel.definition)
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(*schema)
-        return self._writer.register_channel(channel.topic, channel.message_encoding, self._schemas[schema])
+        content = channel.topic, channel.message_encoding, self._schemas[schema], channel.metadata
+        if content not in self._channels:
+            self._channels[content] = self._writer.register_channel(*content[:3], dict(channel.metadata))
+        return self._channels[content]
 
     def __enter__(self) -> "MessageWriter":
         return self

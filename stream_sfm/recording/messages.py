@@ -12,7 +12,7 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..sources.source import Channel, Message
+from ..mcap_file.message import Channel, Message
 from .message_limits import MAX_REPEATED_BYTES, decode_json
 from .ros import ros_decoder
 

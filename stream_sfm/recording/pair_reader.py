@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
-from ..sources.source import Message, Source
+from ..mcap_file.message import Message
+from ..sources.source import Source
 from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer, PairingCounts

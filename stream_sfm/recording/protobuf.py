@@ -10,7 +10,7 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from ..sources.source import Channel
+from ..mcap_file.message import Channel
 from .message_limits import Decoder, bounded
 
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from ..mcap_file.damage import Damage
-from ..sources.source import Channel, Source
+from ..mcap_file.message import Channel
+from ..sources.source import Source
 from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, kind_of
 from .rig import calibration_error
 

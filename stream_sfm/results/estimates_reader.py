@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
-from ..mcap_file.log_file import LogFile, LogMessage
+from ..mcap_file.log_file import LogFile
+from ..mcap_file.message import Message
 from ..recording.ros import ros_decoder
 from .record_messages import from_message
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
@@ -55,14 +56,14 @@ def read_clouds(
     yield from _read(Path(path), topic, _cloud, warnings)
 
 
-def _record(stored: LogMessage, message: Any) -> EstimateRecord:
+def _record(stored: Message, message: Any) -> EstimateRecord:
     version = getattr(message, "schema_version", None)
     if isinstance(version, int) and version > SCHEMA_VERSION:
         raise LogError(f"it was written by a newer stream_sfm (estimate schema {version})")
     return from_message(message, EstimateRecord)
 
 
-def _cloud(stored: LogMessage, message: Any) -> Cloud:
+def _cloud(stored: Message, message: Any) -> Cloud:
     rows, stamp = np.frombuffer(message.data, POINT_DTYPE), message.header.stamp
     upper = np.stack([rows[name] for name in COVARIANCE_FIELDS], axis=-1)
     return Cloud(
@@ -77,7 +78,7 @@ def _cloud(stored: LogMessage, message: Any) -> Cloud:
 
 
 def _read(
-    path: Path, topic: str, convert: Callable[[LogMessage, Any], Result], warnings: list[str] | None
+    path: Path, topic: str, convert: Callable[[Message, Any], Result], warnings: list[str] | None
 ) -> Iterator[Result]:
     """Yield what `convert` makes of each message of a topic. Raises LogError, also for a file that is not ours."""
     damage, found = Damage(), False
@@ -99,14 +100,14 @@ def _read(
         raise LogError("; ".join(damage.notes))
 
 
-def _decoded(stored: LogMessage, topic: str) -> Any:
-    encoding, schema = stored.channel.message_encoding, stored.schema
-    if encoding != MessageEncoding.CDR:
+def _decoded(stored: Message, topic: str) -> Any:
+    channel = stored.channel
+    if (encoding := channel.message_encoding) != MessageEncoding.CDR:
         raise LogError(
             f"{topic} is encoded as {encoding!r}, not as this version writes it (cdr): replay the log again"
         )
-    decode = schema and ros_decoder(encoding, schema.encoding, schema.name, schema.data)
-    if not decode:
+    decode = ros_decoder(encoding, channel.schema_encoding, channel.schema_name, channel.definition)
+    if decode is None:
         raise ValueError("its type is not described")
     return decode(stored.data)
 

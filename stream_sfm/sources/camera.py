@@ -15,9 +15,10 @@ from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Channel, Message
 from .devices import Device
 from .profile import ProfileEncoder
-from .source import Channel, Contents, Message, Source
+from .source import Contents, Source
 
 _LAST_PICTURE_S = 6.0  # to wait for it at the end: the packages of makers wait five
 WAITING_PAIRS = 4  # of pictures; an older one is left out, because a late estimate is of no use live

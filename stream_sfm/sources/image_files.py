@@ -15,9 +15,10 @@ from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Message
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder
-from .source import Contents, Message, Source
+from .source import Contents, Source
 
 _MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 

@@ -6,10 +6,12 @@ from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 import zstandard
+from mcap.records import Attachment
 
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Message
 from ..mcap_file.records import MAX_RECORD_BYTES
-from .source import Attachment, Contents, Message, Source
+from .source import Contents, Source
 
 _Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
 

@@ -13,7 +13,7 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .source import Channel, Message
+from ..mcap_file.message import Channel, Message
 
 _SIDES = ("left", "right")
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")

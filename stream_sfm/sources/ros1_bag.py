@@ -20,8 +20,9 @@ from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.chunks import Allowance, decompress
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Channel, Message
 from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
-from .source import Channel, Contents, Message, Source
+from .source import Contents, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7

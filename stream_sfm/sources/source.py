@@ -4,40 +4,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
+
+from mcap.records import Attachment
 
 from ..mcap_file.damage import Damage
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Channel:
-    """What describes the bytes of a message: its topic, its encoding and its schema.
-
-    Encodings have the names of the MCAP specification ("cdr" with "ros2msg", "protobuf" with "protobuf", …).
-    `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
-    of several publishers, has several.
-    """
-
-    topic: str
-    message_encoding: str
-    schema_name: str
-    schema_encoding: str
-    definition: bytes
-
-
-class Message(NamedTuple):
-    """One message as stored; `log_time_ns` is the recorder's clock."""
-
-    channel: Channel
-    log_time_ns: int
-    data: bytes
-
-
-class Attachment(NamedTuple):
-    """A file that was put into the recording."""
-
-    name: str
-    data: bytes
+from ..mcap_file.message import Channel, Message
 
 
 @dataclass(slots=True)

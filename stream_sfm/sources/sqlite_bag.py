@@ -18,8 +18,9 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Channel, Message
 from ..mcap_file.records import MAX_RECORD_BYTES
-from .source import Channel, Contents, Message, Source
+from .source import Contents, Source
 
 MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron

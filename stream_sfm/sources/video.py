@@ -9,8 +9,9 @@ import cv2
 from ..camera.pixels import to_grey
 from ..errors import LogError
 from ..mcap_file.damage import Damage
+from ..mcap_file.message import Message
 from .profile import ProfileEncoder
-from .source import Contents, Message, Source
+from .source import Contents, Source
 
 
 class VideoSource(Source):

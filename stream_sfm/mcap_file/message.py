@@ -1,0 +1,31 @@
+"""Messages as they are stored, of MCAP and of every other container, with what describes their bytes."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """What describes the bytes of a message: its topic, its encoding and its schema.
+
+    Encodings have the names of the MCAP specification ("cdr" with "ros2msg", "protobuf" with "protobuf", …).
+    `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
+    of several publishers, has several. `metadata`: what a recorder says of the channel.
+    """
+
+    topic: str
+    message_encoding: str
+    schema_name: str
+    schema_encoding: str
+    definition: bytes
+    metadata: tuple[tuple[str, str], ...] = ()
+
+
+class Message(NamedTuple):
+    """One message as stored; `log_time_ns` is the recorder's clock, `publish_time_ns` the sender's, if it is known."""
+
+    channel: Channel
+    log_time_ns: int
+    data: bytes
+    publish_time_ns: int | None = None
+    sequence: int = 0
