@@ -13,7 +13,7 @@ import numpy as np
 from ..camera.refinement import TERMS
 from ..config import Config
 from ..estimators import make_estimator
-from ..estimators.baselines.calibration_bound import bound_with_rig
+from ..estimators.baselines.full_batch import cramer_rao_bound
 from ..frontend.persistence import Persistence
 from ..geometry.se3 import Array
 from ..rig_model.model import RigModel
@@ -90,7 +90,7 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
         result[window.label] = followed(estimator, told, frames, tuple(EXPECTED), figures)
     known = observations if wrong_rig else tuple(replace(o, rig=None) for o in observations)
     rho, truth = scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
-    bounds = [bound_with_rig(sequence.projection, known, *truth, n, rho) for n in frames]
+    bounds = [cramer_rao_bound(sequence.projection, known, *truth, n, rho) for n in frames]
     result["bound"] = {q: v for q, v in bound_variances(bounds).items() if q in QUANTITIES}
     return result
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.estimators.baselines.bundle_adjustment import (
-    Covariances,
-    NormalEquations,
+    Reduced,
     WeightedViews,
     adjust,
     residuals_and_jacobians,
@@ -104,8 +103,8 @@ def test_marginals_are_monte_carlo():
         xi.append(se3.log(se3.inverse(poses[1]) @ result.ref_from_cam[1]))
         in_ref.append(result.points)
         in_cam.append(se3.transform(se3.inverse(result.ref_from_cam[1]), result.points))
-    normal = NormalEquations.build(P, poses, points, WeightedViews.sorted_by_point(frame, index, exact, cov))
-    marginals = Covariances.of(normal.eliminate_points(free), free)
+    views = WeightedViews.sorted_by_point(frame, index, exact, cov)
+    marginals = Reduced.build(P, poses, points, views, free).covariances()
     local = se3.transform(se3.inverse(poses[1]), points)
     assert_same_covariance(sample_cov(np.array(xi)), marginals.cov_pose(1), 0.25)
     assert_same_covariance(sample_cov(np.array(in_ref)), marginals.cov_points, 0.3)

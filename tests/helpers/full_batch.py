@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stream_sfm.estimators.baselines.bundle_adjustment import Adjustment, Covariances, NormalEquations, adjust
+from stream_sfm.estimators.baselines.bundle_adjustment import Adjustment, Reduced, adjust
 from stream_sfm.estimators.baselines.full_batch import gather_views
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
@@ -46,8 +46,7 @@ def batch_adjust(
     result: Adjustment = adjust(
         projection, world_from_cam_start, points_start, views, free, None, _MAX_ITERATIONS, tolerance=_TOLERANCE
     )
-    normal = NormalEquations.build(projection, result.ref_from_cam, result.points, views)
-    covariances = Covariances.of(normal.eliminate_points(free), free)
+    covariances = Reduced.build(projection, result.ref_from_cam, result.points, views, free).covariances()
     return BatchResult(
         world_from_cam=result.ref_from_cam,
         track_ids=ids,

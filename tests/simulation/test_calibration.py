@@ -7,8 +7,7 @@ import pytest
 
 from stream_sfm.camera.refinement import TERMS
 from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
-from stream_sfm.estimators.baselines.calibration_bound import bound_with_rig
-from stream_sfm.estimators.baselines.full_batch import gather_views
+from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_views
 from stream_sfm.simulation import calibration
 from stream_sfm.simulation.calibration import seen_by_wrong_rig
 from stream_sfm.simulation.scenes import Scene, Sequence
@@ -63,7 +62,7 @@ def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
     ]
     order = np.argsort(np.concatenate([o.track_ids for o in observations]), kind="stable")
     last = SMALL.frames - 1
-    found = bound_with_rig(
+    found = cramer_rao_bound(
         sequence.projection, observations, sequence.world_from_cam, sequence.points_in_world, last, RHO
     )
     expected = dense_bound(sequence, by_track[order])[6 * last - 6 : 6 * last, 6 * last - 6 : 6 * last]

@@ -11,18 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, symmetric, symmetric_inverse
+from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
 
-# Levenberg-Marquardt: a damping d multiplies the diagonal of the normal equations by 1 + d. Small at first, because the
-# starts are robust motions near the minimum; changed a hundredfold, so that few trials find a value that works.
-_FIRST_DAMPING = 1e-7
-_LEAST_DAMPING = 1e-12  # no effect on a step, yet a hundred times it is still small
-_LEAST_DAMPING_AFTER_FAILURE = 1e-6
-_DAMPING_FACTOR = 100.0
-_MAX_TRIALS = 8  # dampings per iteration: up to 10⁶ at least, where a step is a short one down the gradient
+_MAX_HALVINGS = 8  # of a step that does not lower the sum of squares: starts are near the minimum
 _ROUNDING = 1e-14  # relative increase of the sum of squares that is rounding of the sum and not a failure
 _LEAST_DECREASE = 1e-12  # squared standard deviations: converged, where an exact fit leaves nothing to compare with
 
@@ -91,14 +86,32 @@ def cost(
 
 
 @dataclass(frozen=True, slots=True)
-class NormalEquations:
-    """The normal equations: U (b, 6, 6), V (p, 3, 3), W (p, 3, 6b) of points and poses, gradients (b, 6), (p, 3)."""
+class Reduced:
+    """The normal equations without the points, S = U − W V⁻¹ Wᵀ (n, n), and their right side `g` (n,).
 
-    u: Array
-    w: Array
-    v: Array
-    g_pose: Array
+    The first unknowns are the poses marked `free` (b,), six each; the others are held. Of the points, `root` L
+    (p, 3, 3) with L Lᵀ = V⁻¹, `reach` LᵀW (p, 3, n), and `g_point` (p, 3).
+    """
+
+    free: NDArray[np.bool_]
+    s: Array
+    g: Array
+    root: Array
+    reach: Array
     g_point: Array
+
+    @classmethod
+    def eliminate(
+        cls, free: NDArray[np.bool_], u: Array, w: Array, v: Array, g: Array, g_point: Array
+    ) -> "Reduced":
+        """Eliminate the points from U (n, n), W (p, 3, n), V (p, 3, 3). Raises LinAlgError where V is not definite."""
+        none = np.zeros((0, 3, 0))
+        *_, root, reach = core.eliminate_points(
+            v, w, np.zeros((len(v), 3, 0)), np.empty(0, np.intp), np.zeros((0, 3, 3)), none
+        )
+        flat = reach.reshape(3 * len(v), len(u))
+        given = matvec(np.swapaxes(root, 1, 2), g_point)
+        return cls(free, symmetric(u - flat.T @ flat), g - flat.T @ given.ravel(), root, reach, g_point)
 
     @classmethod
     def build(
@@ -107,87 +120,54 @@ class NormalEquations:
         ref_from_cam: Array,
         points: Array,
         views: WeightedViews,
+        free: NDArray[np.bool_],
         priors: PointPriors | None = None,
-    ) -> "NormalEquations":
+    ) -> "Reduced":
         """Linearise at the given poses (b, 4, 4) and points (p, 3)."""
         b, p = len(ref_from_cam), len(points)
         r, j_pose, j_point = residuals_and_jacobians(projection, ref_from_cam, points, views)
         jt_pose = np.swapaxes(j_pose, 1, 2) @ views.information
         jt_point = np.swapaxes(j_point, 1, 2) @ views.information
-        w = np.zeros((p, b, 3, 6))
-        w[views.point, views.frame] = jt_point @ j_pose
+        w = np.zeros((p, 3, b, 6))
+        w[views.point, :, views.frame] = jt_point @ j_pose
         v = _sum_by_point(views, jt_point @ j_point)
         g_point = _sum_by_point(views, matvec(jt_point, r))
         if priors is not None:
             v = v + priors.information
             g_point = g_point + matvec(priors.information, priors.mean - points)
-        return cls(
-            u=_sum_by_frame(views, jt_pose @ j_pose, b),
-            w=np.ascontiguousarray(np.swapaxes(w, 1, 2)).reshape(p, 3, 6 * b),
-            v=v,
-            g_pose=_sum_by_frame(views, matvec(jt_pose, r), b),
-            g_point=g_point,
-        )
+        u, g = np.zeros((b, 6, b, 6)), np.zeros((b, 6))
+        np.add.at(u.swapaxes(1, 2), (views.frame, views.frame), jt_pose @ j_pose)
+        np.add.at(g, views.frame, matvec(jt_pose, r))
+        n = 6 * int(free.sum())
+        of_poses, to_poses = u[free][:, :, free].reshape(n, n), w[:, :, free].reshape(p, 3, n)
+        return cls.eliminate(free, of_poses, to_poses, v, g[free].ravel(), g_point)
 
-    def eliminate_points(self, free: NDArray[np.bool_], damping: float = 0.0) -> "Reduced":
-        """Return the Schur complement onto the poses marked `free` (b,); the others are held exactly."""
-        columns = np.repeat(free, 6)
-        v = self.v * (1 + damping * np.eye(3))
-        v_inv = symmetric_inverse(v)
-        w = self.w[:, :, columns]
-        y = v_inv @ w
-        n = w.shape[2]
-        b = int(free.sum())
-        s = np.zeros((b, 6, b, 6))
-        s[np.arange(b), :, np.arange(b), :] = self.u[free] * (1 + damping * np.eye(6))
-        s = s.reshape(n, n) - w.reshape(3 * len(w), n).T @ y.reshape(3 * len(w), n)
-        g = self.g_pose[free].ravel() - y.reshape(3 * len(w), n).T @ self.g_point.ravel()
-        return Reduced(symmetric(s), g, v_inv, y)
-
-
-@dataclass(frozen=True, slots=True)
-class Reduced:
-    """The reduced system: S (6b, 6b) and its right side over the free poses, V⁻¹ (p, 3, 3) and V⁻¹Wᵀ (p, 3, 6b)."""
-
-    s: Array
-    g: Array
-    v_inv: Array
-    y: Array
-
-    def solve(self, g_point: Array) -> tuple[Array, Array]:
+    def solve(self) -> tuple[Array, Array]:
         """Return steps of poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""
         xi = Cholesky(self.s, repair=False).solve(self.g) if len(self.s) else np.zeros(0)
-        points = matvec(self.v_inv, g_point) - self.y @ xi
-        return xi.reshape(-1, 6), points
+        given = matvec(np.swapaxes(self.root, 1, 2), self.g_point)
+        return xi.reshape(-1, 6), matvec(self.root, given - self.reach @ xi)
 
-    def cov_poses(self) -> Array:
-        """Return S⁻¹ (6b, 6b), m² and rad²."""
-        if not len(self.s):
-            return self.s
-        return Cholesky(self.s, repair=False).inverse()
+    def covariances(self, points: NDArray[np.intp] | slice = slice(None)) -> "Covariances":
+        """Return S⁻¹ with the covariances of the points selected."""
+        cov = Cholesky(self.s, repair=False).inverse() if len(self.s) else self.s
+        root, reach = self.root[points], self.reach[points]
+        cross = root @ reach @ cov
+        cov_points = root @ np.swapaxes(root, 1, 2) + cross @ np.swapaxes(root @ reach, 1, 2)
+        return Covariances(self.free, cov, symmetric(cov_points), -cross)
 
 
 @dataclass(frozen=True, slots=True)
 class Covariances:
-    """The joint covariance of the free poses (6b, 6b), and of every point with them.
+    """The joint covariance of the unknowns of `Reduced` (n, n), and of every point with them.
 
-    `cov_points` (p, 3, 3) m² in ref; `cross` (p, 3, 6b) of points with poses.
+    `cov_points` (p, 3, 3) m² in ref; `cross` (p, 3, n) of points with the others.
     """
 
     free: NDArray[np.bool_]
     cov_poses: Array
     cov_points: Array
     cross: Array
-
-    @classmethod
-    def of(cls, reduced: Reduced, free: NDArray[np.bool_], points: NDArray[np.intp] | None = None) -> "Covariances":
-        """Invert the reduced system; `points` selects for which points (default all)."""
-        cov = reduced.cov_poses()
-        y = reduced.y if points is None else reduced.y[points]
-        v_inv = reduced.v_inv if points is None else reduced.v_inv[points]
-        cross = -y @ cov
-        cov_points = v_inv - cross @ np.swapaxes(y, 1, 2)
-        return cls(free, cov, symmetric(cov_points), cross)
 
     def columns(self, frame: int) -> slice | None:
         """Return the columns of a frame's pose, or None where it is held."""
@@ -235,46 +215,29 @@ def adjust(
     max_iterations: int = 20,
     tolerance: float = 1e-10,
 ) -> Adjustment:
-    """Minimise by Levenberg-Marquardt from a start.
+    """Minimise by Gauss-Newton from a start, with steps halved until they lower the sum of squares.
 
-    Ends where the sum of squares falls by less than `tolerance` of itself, or where no step lowers it, which is the
-    minimum to rounding; `converged` is False where the iterations ran out first.
+    Ends where that falls by less than `tolerance` of itself, or where no step lowers it, which is the minimum to
+    rounding; `converged` is False where the iterations ran out first. Raises LinAlgError where the views do not
+    determine the poses.
     """
     best, squares = cost(projection, ref_from_cam, points, views, priors)
-    damping, done, converged = _FIRST_DAMPING, 0, False
+    done, converged = 0, False
     while done < max_iterations and np.isfinite(best) and not converged:
-        normal = NormalEquations.build(projection, ref_from_cam, points, views, priors)
-        done += 1
-        improved = False
-        for _ in range(_MAX_TRIALS):
-            try:
-                xi, delta = normal.eliminate_points(free, damping).solve(normal.g_point)
-            except np.linalg.LinAlgError:
-                damping = max(damping * _DAMPING_FACTOR, _LEAST_DAMPING_AFTER_FAILURE)
-                continue
+        xi, delta = Reduced.build(projection, ref_from_cam, points, views, free, priors).solve()
+        done, before = done + 1, best
+        for scale in 0.5 ** np.arange(_MAX_HALVINGS):
             poses = ref_from_cam.copy()
-            poses[free] = se3.orthonormalise(ref_from_cam[free] @ se3.exp(xi))
-            value, new_squares = cost(projection, poses, points + delta, views, priors)
+            poses[free] = se3.orthonormalise(ref_from_cam[free] @ se3.exp(scale * xi))
+            value, new_squares = cost(projection, poses, points + scale * delta, views, priors)
             if value <= best * (1 + _ROUNDING):
-                converged = best - value <= tolerance * best + _LEAST_DECREASE
-                ref_from_cam, points, best, squares = poses, points + delta, value, new_squares
-                damping, improved = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), True
+                ref_from_cam, points, best, squares = poses, points + scale * delta, value, new_squares
                 break
-            damping = max(damping * _DAMPING_FACTOR, _LEAST_DAMPING_AFTER_FAILURE)
-        if not improved:
-            converged = np.isfinite(best)  # no step helps: at the minimum, to rounding
-            break
-    return Adjustment(ref_from_cam, points, best, squares, done, bool(converged))
+        converged = before - best <= tolerance * before + _LEAST_DECREASE
+    return Adjustment(ref_from_cam, points, best, squares, done, converged)
 
 
 def _sum_by_point(views: WeightedViews, values: Array) -> Array:
     """Sum the rows of `values` (k, …) of each point; views are sorted by point."""
     starts = np.flatnonzero(np.diff(views.point, prepend=-1))
     return np.add.reduceat(values, starts, axis=0)
-
-
-def _sum_by_frame(views: WeightedViews, values: Array, n: int) -> Array:
-    """Sum the rows of `values` (k, …) of each frame in [0, n)."""
-    one_hot = np.zeros((n, len(values)))
-    one_hot[views.frame, np.arange(len(values))] = 1.0
-    return (one_hot @ values.reshape(len(values), -1)).reshape(n, *values.shape[1:])

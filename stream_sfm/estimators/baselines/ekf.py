@@ -17,10 +17,11 @@ from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
-from ...types import Observations
-from ..lifecycle import WorldPoints
+from ...types import Observations, Solution, Status
+from ..initial_motion import initial_motion
+from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
+from ..motion_model import MotionModel
 from ..triangulation import counted_cov, triangulate, usable_births
-from .joint_filter import JointFilter, Structure
 
 # The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
@@ -28,14 +29,80 @@ from .joint_filter import JointFilter, Structure
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
-class Ekf(JointFilter):
-    """Joint covariance of the pose and the visible points; world-centred."""
+class Ekf:
+    """Joint covariance (6 + 3m, 6 + 3m) of the pose and the m visible points; world-centred."""
 
     name = "ekf"
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
-        super().__init__(projection, config)
+        self._projection = projection
+        self._config = config
+        self._motion = MotionModel(config.motion)
+        self._world_from_cam = np.eye(4)
+        self._ids = np.empty(0, np.int64)
         self._points = np.empty((0, 3))  # in the world
+        self._cov = np.zeros((6, 6))
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`."""
+        obs, robust = observations, self._config.robust
+        if not len(self._ids):
+            return self._start(obs)
+        ended = self._drop(np.isin(self._ids, obs.track_ids))
+        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
+        rows = np.searchsorted(obs.track_ids, self._ids)
+        if obs.lasting.std_drift_px is not None:  # part of the prediction, ahead of the gate
+            self._let_drift(obs.lasting.std_drift_px[rows])
+        found = self._initial_motion(obs, rows, predicted)
+        if found is None:
+            ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])
+            return lost_solution(obs, too_few_inliers(0, len(rows), robust), predicted, cov_predicted, ended)
+        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
+        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
+        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
+        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
+        rejected = self._ids[~found.accepted]
+        self._add(obs)
+        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
+        in_cam, cov_in_cam = self._in_camera()
+        solution = Solution(
+            status=status,
+            reason=reason,
+            world_from_cam=self._world_from_cam,
+            cov_pose=self._cov[:6, :6].copy(),
+            track_ids=self._ids,
+            points_in_cam=in_cam,
+            cov_points=cov_in_cam,
+            points_in_world=self._points,
+            cov_points_in_world=self._blocks(),
+            window_frame_indices=np.array([obs.frame_index], np.int64),
+            window_world_from_cam=self._world_from_cam[None],
+            rejected_ids=rejected,
+            ended_ids=ended.ids,
+            ended_points_in_world=ended.points,
+            ended_cov_points_in_world=ended.cov_points,
+            iterations=1,
+            nis=found.chi2,
+            nis_dof=found.dof,
+        )
+        return recorded(self._motion, obs, solution)
+
+    def _start(self, obs: Observations) -> Solution:
+        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
+        if solution.status is Status.INITIALISING:
+            self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
+            self._add(obs)
+        return solution
+
+    def _initial_motion(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
+        """Find the motion since the previous camera, and the inliers, from the points as that camera knew them."""
+        start = se3.inverse(predicted) @ self._world_from_cam
+        return initial_motion(self._projection, self._config.robust, obs, rows, *self._in_camera(), start)
+
+    def _blocks(self) -> Array:
+        """Covariances (m, 3, 3) of the points as the state has them."""
+        m = len(self._ids)
+        return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
 
     def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
         return resected
@@ -61,13 +128,6 @@ class Ekf(JointFilter):
             a @ cam_from_world[:3, :3]
         )
         return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
-
-    def _take(self, obs: Observations, rows: NDArray[np.intp], found: Resection, predicted: Array) -> int:
-        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
-        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
-        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
-        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
-        return 1
 
     def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
         """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50), (51)."""
@@ -119,10 +179,12 @@ class Ekf(JointFilter):
         own = (g @ self._cov[:6, :6] @ g.T).reshape(n // 3, 3, n // 3, 3)
         own[np.arange(n // 3), :, np.arange(n // 3), :] += r @ cov @ r.T
         joint[d:, d:] = own.reshape(n, n)
-        order = self._insert(obs.track_ids[new], joint)
+        order = np.argsort(together := np.concatenate([self._ids, obs.track_ids[new]]))
+        rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
+        self._ids, self._cov = together[order], joint[np.ix_(rows, rows)]
         self._points = np.concatenate([self._points, se3.transform(self._world_from_cam, in_cam)])[order]
 
-    def _in_previous(self) -> tuple[Array, Array]:
+    def _in_camera(self) -> tuple[Array, Array]:
         """Return points in the camera (m, 3) and covariances (m, 3, 3), eq. (45): δX_c = Rᵀ δX + [−I, [X_c]×] ξ."""
         cam_from_world = se3.inverse(self._world_from_cam)
         in_cam = se3.transform(cam_from_world, self._points)
@@ -132,10 +194,6 @@ class Ekf(JointFilter):
         mixed = r @ cross @ jt
         cov = r @ self._blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
         return in_cam, symmetric(cov)
-
-    def _structure(self) -> Structure:
-        in_cam, cov_points = self._in_previous()  # which is the newest one by now
-        return Structure(self._ids, in_cam, cov_points, self._points, self._blocks())
 
 
 class EkfConstantVelocity(Ekf):

@@ -20,14 +20,7 @@ from ..initial_motion import initial_motion
 from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
 from ..motion_model import MotionModel
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
-from .bundle_adjustment import (
-    Covariances,
-    NormalEquations,
-    Reduced,
-    WeightedViews,
-    adjust,
-    residuals_and_jacobians,
-)
+from .bundle_adjustment import Covariances, Reduced, WeightedViews, adjust, residuals_and_jacobians
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
 _MAX_ITERATIONS = 10  # measured: five to eight are needed with 1 px of noise
@@ -154,9 +147,8 @@ class FrameToFrame:
                 break
             kept = kept.copy()
             kept[np.flatnonzero(kept)[~good]] = False
-        normal = NormalEquations.build(self._projection, poses, result.points, views)
-        reduced = normal.eliminate_points(_FREE)
-        covariances = Covariances.of(reduced, _FREE)
+        reduced = Reduced.build(self._projection, poses, result.points, views, _FREE)
+        covariances = reduced.covariances()
         _, j_pose, j_point = residuals_and_jacobians(self._projection, poses, result.points, views)
         gains = _gains(shared.ids[kept], covariances.cov_pose(1), reduced, j_pose, j_point, views.information)
         nis, nis_dof = float(chi2.sum()), int(dof.sum()) - 6
@@ -246,11 +238,12 @@ def _gains(
     n = len(ids)
     by_point = (np.swapaxes(j_point, 1, 2) @ information).reshape(n, 2, 3, 4)
     by_pose = (np.swapaxes(j_pose, 1, 2) @ information).reshape(n, 2, 6, 4)[:, 1]
-    through_points = np.swapaxes(reduced.y, 1, 2)
+    y = reduced.root @ reduced.reach
+    through_points = np.swapaxes(y, 1, 2)
     return _Gains(
         ids,
         of_previous=-cov_motion @ through_points @ by_point[:, 0],
         of_current=cov_motion @ (by_pose - through_points @ by_point[:, 1]),
-        of_point=reduced.v_inv @ by_point[:, 0],
-        y=reduced.y,
+        of_point=reduced.root @ np.swapaxes(reduced.root, 1, 2) @ by_point[:, 0],
+        y=y,
     )

@@ -13,7 +13,7 @@ from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
-from .bundle_adjustment import Adjustment, Covariances, NormalEquations, PointPriors, WeightedViews, adjust
+from .bundle_adjustment import Adjustment, Covariances, PointPriors, Reduced, WeightedViews, adjust
 from .per_point_priors import Leaving, LeavingRule, with_every_point
 
 _TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
@@ -130,8 +130,8 @@ class PerPointMap:
                 out = self.ids[views.point[bad & (views.frame == k)]]
                 self.window[k] = frame.select(~np.isin(frame.ids, out))
             self._drop_undetermined()
-        normal = NormalEquations.build(self._projection, result.ref_from_cam, self._points, views, self._priors)
-        return result, Covariances.of(normal.eliminate_points(free), free)
+        reduced = Reduced.build(self._projection, result.ref_from_cam, self._points, views, free, self._priors)
+        return result, reduced.covariances()
 
     def let_oldest_leave(self, rule: LeavingRule) -> Array:
         """Turn the oldest frame into priors of its points, and return new_from_ref.

@@ -13,7 +13,7 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from .bundle_adjustment import Covariances, NormalEquations, PointPriors, WeightedViews, residuals_and_jacobians
+from .bundle_adjustment import PointPriors, Reduced, WeightedViews, residuals_and_jacobians
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +68,14 @@ def camera_centred(leaving: Leaving) -> CarriedPriors:
     That covariance is of priors and leaving views alone, linearised at the estimate of the window.
     """
     free = np.array([not leaving.held])
-    normal = NormalEquations.build(
-        leaving.projection, leaving.ref_from_cam[None], leaving.points, leaving.views, leaving.priors
-    )
-    reduced = normal.eliminate_points(free)
-    covariances = Covariances.of(reduced, free)
-    xi, delta = reduced.solve(normal.g_point)  # how far their minimum is from the estimate
+    poses = leaving.ref_from_cam[None]
+    reduced = Reduced.build(leaving.projection, poses, leaving.points, leaving.views, free, leaving.priors)
+    xi, delta = reduced.solve()  # how far their minimum is from the estimate
     cam_from_ref = se3.inverse(leaving.ref_from_cam)
     in_cam = se3.transform(cam_from_ref, leaving.points)
     j = se3.point_in_source_jacobian(in_cam)
     mean = in_cam + delta @ cam_from_ref[:3, :3].T + j @ xi.reshape(-1, 6).sum(axis=0)
-    cov = covariances.cov_points_in_cam(0, leaving.ref_from_cam, in_cam)
+    cov = reduced.covariances().cov_points_in_cam(0, leaving.ref_from_cam, in_cam)
     return CarriedPriors(PointPriors(mean, np.asarray(np.linalg.inv(cov))), cam_from_ref)
 
 
@@ -94,9 +91,10 @@ def camera_centred_literal(leaving: Leaving) -> CarriedPriors:
     cov = r @ cov @ r.T + j @ leaving.cov_pose @ np.swapaxes(j, 1, 2)
     carried = PointPriors(mean, np.where(known, np.linalg.inv(cov), 0.0))
     in_cam = se3.transform(cam_from_ref, leaving.points)  # where the view is linearised
-    normal = NormalEquations.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, carried)
-    _, delta = normal.eliminate_points(np.array([False])).solve(normal.g_point)
-    return CarriedPriors(PointPriors(in_cam + delta, normal.v), cam_from_ref)
+    held = np.array([False])
+    reduced = Reduced.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, held, carried)
+    information = np.asarray(np.linalg.inv(reduced.covariances().cov_points))
+    return CarriedPriors(PointPriors(in_cam + reduced.solve()[1], information), cam_from_ref)
 
 
 def with_every_point(views: WeightedViews, points: int) -> WeightedViews:
