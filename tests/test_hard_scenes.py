@@ -17,7 +17,7 @@ from render.textures import Image, crate, ground
 from stream_sfm.geometry import se3
 
 SEED = 1
-SMALL = {"width": 96, "frames": 8, "texel_m": 0.1}
+SMALL = {"width": 96, "frames": 8, "texel_m": 0.05}
 
 
 @lru_cache

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.batch.logs import names_for
 from stream_sfm.files import PartFile, write_whole
 from stream_sfm.outputs import only_writer, refuse_overwriting
 from stream_sfm.results.folder import ResultFolder
@@ -71,27 +70,12 @@ def test_settings_are_not_replaced_by_others(tmp_path: Path, cli: CommandLine) -
     cli("replay", log, "--out", tmp_path / "b", "--config", same, "-q")  # the same settings: nothing of it is lost
 
 
-def test_the_library_refuses_too(tmp_path: Path) -> None:
-    log = write_log(tmp_path / "estimates.mcap")
-    before = everything(tmp_path)
-    with pytest.raises(sfm.OutputError, match="it is an input"):
-        sfm.replay(log, tmp_path)
-    assert everything(tmp_path) == before
-
-
 def test_the_files_of_a_folder_are_inputs_but_not_results_in_it(tmp_path: Path) -> None:
     for name in ("image_0/000.png", "out/summary.json", "out/estimates.mcap"):
         write_whole_with_folder(tmp_path / name)
     refuse_overwriting([tmp_path / "out/estimates.mcap", tmp_path / "new.ply"], [tmp_path])
     with pytest.raises(sfm.OutputError, match=r"000\.png"):
         refuse_overwriting([tmp_path / "image_0/000.png"], [tmp_path])
-
-
-def test_a_name_with_a_nul_is_refused(tmp_path: Path) -> None:
-    log = write_log(tmp_path / "log.mcap")
-    for write in (sfm.replay, sfm.recover):
-        with pytest.raises(sfm.OutputError, match="NUL"):
-            write(log, tmp_path / "a\0b")  # type: ignore[operator]
 
 
 def write_whole_with_folder(path: Path) -> None:
@@ -178,12 +162,6 @@ def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: 
         write_whole(tmp_path / "x", b"content")
 
 
-def test_names_are_plain() -> None:
-    odd = ("/l/...mcap", "/l/.hidden.mcap", "/l/a\nb.mcap", "/l/....mcap", "/l/\x1b[31m.mcap")
-    names = list(names_for({Path(log): 1 for log in odd}).values())
-    assert names == ["l-..", "hidden", "a_b", "l-...", "_[31m"]
-
-
 def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, cli: CommandLine) -> None:
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     (out / "log").mkdir(parents=True)
@@ -192,12 +170,3 @@ def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, cli: Comman
     assert "no batch wrote (config.toml)" in cli("batch", log, "--out", out, *FAST, code=3).err
     assert (out / "stop").read_text() == "mine"
     assert everything(out / "log") == {"config.toml": b"mine too"}
-
-
-def test_two_batches_do_not_share_a_folder(tmp_path: Path, cli: CommandLine) -> None:
-    log = write_log(tmp_path / "log.mcap")
-    (tmp_path / "out").mkdir()
-    with only_writer(tmp_path / "out"):
-        said = cli("batch", log, "--out", tmp_path / "out", *FAST, code=3)
-    assert "another run is writing there" in said.err
-    assert not list((tmp_path / "out").iterdir())
