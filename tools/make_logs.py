@@ -1,4 +1,4 @@
-"""Render logs with exact ground truth: `python -m tools.make_logs` writes logs/room.mcap anew.
+"""Render logs with exact ground truth: `python -m tools.make_logs` writes those of logs/ anew.
 
     python -m tools.make_logs --hard build/hard                       # all hard logs
     python -m tools.make_logs --hard build/hard corridor 'walking_*'  # some, in this order
@@ -35,7 +35,7 @@ from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 
 sys.path.insert(0, str(Path(__file__).parent))
-from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, room_recording
+from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, demo_recording, room_recording
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
@@ -43,15 +43,16 @@ from stream_sfm.geometry import se3
 
 START_NS = 1_760_000_000_000_000_000
 SEED = 7
-JPEG_QUALITY = 80
-DEPTH_EVERY = 10
+JPEG_QUALITY = {"demo": 72}  # other logs: 80
+DEPTH_EVERY = {"demo": 60}  # frames; other logs: 10
 DEPTH_UNIT_M = 1e-4
 SENSOR = Sensor(gain_right=0.98)
 FRAME_IDS = {"left": "left_camera_optical_frame", "right": "right_camera_optical_frame"}
 
 
 MESSAGES = {kind.__name__: kind for kind in (CameraCalibration, CompressedImage, PoseInFrame)}
-HARD = [*RECORDINGS, *LOOPS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
+SAMPLES = ("room", "demo")
+HARD = ["demo", *RECORDINGS, *LOOPS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class Order:
     name: str = "room"
     width: int = 640
     frames: int | None = None
-    seed: int = 0  # of a world with loops
+    seed: int = 0  # of a world with loops, and of the demo
 
     def recording(self) -> Recording:
         """Build the scene, which takes some seconds unless it was built before."""
@@ -80,6 +81,8 @@ class Order:
 def _clean(name: str, width: int, frames: int | None, seed: int) -> Recording:
     if name == "room":
         return room_recording(SEED, SENSOR)
+    if name == "demo":
+        return demo_recording(SEED + seed)
     asked = {} if frames is None else {"frames": frames}
     if name in LOOPS:
         return LOOPS[name](width=width, seed=seed, **asked)
@@ -120,11 +123,11 @@ def calibration_messages(rig: StereoRig, stamp_ns: int) -> dict[str, CameraCalib
 
 def _image(recording: Recording, order: Order, i: int, side: str, shared: Path) -> CompressedImage:
     """The image of a side in frame i; taken from the folder `shared` where another log had the same one."""
-    view = recording.view(i, side, SEED)
+    view = recording.view(i, side, SEED + order.seed)
     made_of = (order.name.partition("_")[0], order.width, order.frames, order.seed, recording.readout_s, view)
     kept = shared / hashlib.sha256(pickle.dumps(made_of)).hexdigest()
     if not kept.exists():
-        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY.get(order.name, 80), cv2.IMWRITE_JPEG_OPTIMIZE, 1]
         ok, data = cv2.imencode(".jpg", recording.image(view), options)
         assert ok
         kept.write_bytes(data.tobytes())
@@ -165,7 +168,7 @@ def frame_messages(order: Order, i: int, shared: Path) -> Iterator[tuple[str, Me
     for side in SIDES:
         yield f"/camera/{side}/image", _image(recording, order, i, side, shared)
     yield "/ground_truth/pose", _pose(stamp_ns, recording.pose(i))
-    if i % DEPTH_EVERY == 0:
+    if i % DEPTH_EVERY.get(order.name, 10) == 0:
         yield "/ground_truth/depth", _depth(stamp_ns, recording.depth_m(i))
 
 
@@ -205,7 +208,7 @@ def write_logs(folder: Path, orders: Sequence[Order], workers: int) -> None:
                     print(f"\r{path.name}: frame {i + 1} of {frames}", end="", file=sys.stderr, flush=True)
             part.replace(path)
             print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
-            if order.name != "room":
+            if order.name not in SAMPLES:
                 _note(folder / "README.txt", path.stem, order.truth.format(middle=frames // 2))
 
 
@@ -225,11 +228,11 @@ def main() -> None:
                         f"of {', '.join(FAULTS)}; default: all")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
-    parser.add_argument("--seed", type=int, default=0, help="of worlds with loops; not 0: part of the log's name")
+    parser.add_argument("--seed", type=int, default=0, help="of demo and of loops; not 0: in the log's name")
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
     if not arguments.hard:
-        write_logs(Path(__file__).parents[1] / "logs", [Order()], arguments.workers)
+        write_logs(Path(__file__).parents[1] / "logs", [Order(name) for name in SAMPLES], arguments.workers)
         return
     folder, *patterns = arguments.hard
     names = {name: None for pattern in patterns or ["*"] for name in HARD if fnmatchcase(name, pattern)}

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from ..camera.refinement import TERMS, disparity_rms_px
 from ..geometry.se3 import Array
@@ -12,12 +11,10 @@ from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import DELAY, FOCAL, READOUT
-from .svg import WIDTH
 
 _SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
 _CELLS = (3, 5)  # of the picture
 _TELLING = 0.1  # relative error of a distance: the sentence says from which distance on it is exceeded
-_CELL_HEIGHT = 40
 _LEAST_SCALE_PX = 0.1  # error in the strongest colour, at least, so that negligible errors stay pale
 
 
@@ -79,27 +76,14 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
     }
 
 
-def picture(calibration: CalibrationError | None) -> Markup:
-    """The left image in cells, coloured by sign and size of the error; empty where nothing is known."""
-    if calibration is None:
-        return Markup("")
-    rows, columns = calibration.disparity_px.shape
-    strongest_px = max(float(np.abs(calibration.disparity_px).max()), _LEAST_SCALE_PX)
-    w, h = 2 * WIDTH / columns, _CELL_HEIGHT
-    cells = []
-    for row in range(rows):
-        for column in range(columns):
-            error_px, std_px = calibration.disparity_px[row, column], calibration.std_px[row, column]
-            sign = "more" if error_px > 0 else "less"
-            x, y = column * w, row * h
-            text = f"{error_px:+.2f} ± {std_px:.2f}".replace("-", "−")
-            cells.append(
-                f'<rect class="f-{sign}" x="{x:.1f}" y="{y}" width="{w:.1f}" height="{h}" '
-                f'style="fill-opacity:{0.75 * abs(error_px) / strongest_px:.2f}"/>'
-                f'<text class="tick mid figure" x="{x + w / 2:.1f}" y="{y + h / 2 + 4:.0f}">{text}</text>'
-            )
-    return Markup(
-        '<figure class="wide"><figcaption><b>Error of the disparity</b> '
-        "<span>of the given calibration, over the left image, px</span></figcaption>"
-        '<svg viewBox="0 0 {} {}" role="img">{}</svg></figure>'
-    ).format(2 * WIDTH, rows * h, Markup("".join(cells)))
+def cells(calibration: CalibrationError) -> list[list[tuple[str, str, float]]]:
+    """The left image in cells: the error with its σ as text, the class of its sign, and how strong its colour is."""
+    error_px, std_px = calibration.disparity_px, calibration.std_px
+    strongest_px = max(float(np.abs(error_px).max()), _LEAST_SCALE_PX)
+    return [
+        [
+            (f"{e:+.2f} ± {s:.2f}".replace("-", "−"), "more" if e > 0 else "less", 0.75 * abs(e) / strongest_px)
+            for e, s in zip(*row, strict=True)
+        ]
+        for row in zip(error_px.tolist(), std_px.tolist(), strict=True)
+    ]

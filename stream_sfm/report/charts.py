@@ -8,17 +8,18 @@ from markupsafe import Markup
 
 from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..geometry.se3 import Array
+from .front_record import FrontRecord
 from .lengths import LengthUnit
 from .methods import Look, of_method, short, style
 from .records import NO_LOOPS, RunRecord
-from .svg import SMOOTHED, Chart, Row, Series, draw, intervals, smoothed
+from .svg import Chart, Row, Series, draw, figure, intervals, lifetimes
 from .traces import Trace, broken
 from .verdict import NEES_INTERVAL, REFERENCE
 
 Traces = dict[str, Trace]
 _LEAST_NEES = 0.1  # drawn: the first poses are exact by definition
 _COINCIDE = 0.01  # of the path's extent: four pixels of a chart
-
+_MOST_LIVES = 1200  # lines; more cannot be told apart
 
 Looks = Callable[[str], Look]
 
@@ -28,15 +29,10 @@ def _line(look: Look, x: Array, y: Array, dots: bool = False) -> Series:
     return Series(look.name, x, y, look.style, dots, look.quiet)
 
 
-def _along(look: Look, t: Trace, y: Array) -> Series:
-    """A line over the distance travelled."""
-    _, distance_m, y = broken(t.frames, t.distance_m, y)
-    return _line(look, distance_m, y)
-
-
-def _pair(columns: list[Array]) -> tuple[Array, Array]:
-    x, y = columns
-    return x, y
+def _along(look: Look, t: Trace, x: Array, y: Array) -> Series:
+    """A line that is broken where frames have no truth."""
+    _, x, y = broken(t.frames, x, y)
+    return _line(look, x, y)
 
 
 def _grey_first(series: Iterable[Series]) -> list[Series]:
@@ -85,13 +81,13 @@ def _farthest_m(one: Array, other: Array) -> float:
 
 def errors(traces: Traces, unit: LengthUnit, looks: Looks = of_method) -> Markup:
     """Position errors over the distance travelled."""
-    series = [_along(looks(name), t, t.position_m) for name, t in traces.items()]
+    series = [_along(looks(name), t, t.distance_m, t.position_m) for name, t in traces.items()]
     return _over_distance("Position error", unit.name, unit.of(series), "first poses aligned")
 
 
 def rotation_errors(traces: Traces, looks: Looks = of_method) -> Markup:
     """Rotation errors over the distance travelled."""
-    series = [_along(looks(name), t, t.rotation_deg) for name, t in traces.items()]
+    series = [_along(looks(name), t, t.distance_m, t.rotation_deg) for name, t in traces.items()]
     return _over_distance("Rotation error", "degrees", series, "first poses aligned")
 
 
@@ -113,7 +109,7 @@ def ratios(content: dict[str, Any]) -> Markup:
 def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> Markup:
     """NEES of the pose over the frames."""
     series = [
-        _line(looks(name), *_pair(broken(t.frames, np.maximum(t.nees, _LEAST_NEES))))
+        _along(looks(name), t, t.frames.astype(float), np.maximum(t.nees, _LEAST_NEES))
         for name, t in traces.items()
         if t.nees is not None and np.isfinite(t.nees).any()
     ]
@@ -123,8 +119,8 @@ def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> 
 
 def innovations(runs: Iterable[RunRecord], gaps: Sequence[int] = ()) -> Markup:
     """Squared innovations per degree of freedom over the frames."""
-    series = [_per_frame(run.name, smoothed(run.nis_over_dof)) for run in runs]
-    note = f"1 expected; {SMOOTHED}"
+    series = [_per_frame(run.name, _smoothed(run.nis_over_dof)) for run in runs]
+    note = "1 expected; mean over 5 frames"
     return _over_frames("Squared innovations per degree of freedom", "NIS / dof", series, note, gaps, zero=True)
 
 
@@ -166,6 +162,25 @@ def structure(runs: Iterable[RunRecord], unit: LengthUnit) -> Markup:
         return _over_frames(title, "RMS error / RMS σ", series, note, log_y=True)
     series = [_per_frame(run.name, unit.per_m * run.column("sigma_local_m")) for run in runs]
     return _over_frames("σ of local points", f"along the ray, {unit.name}", series, "median", log_y=True)
+
+
+def lives(front: FrontRecord) -> Markup:
+    """The lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
+    spans = list(front.lives.values())
+    if not spans:
+        return Markup('<p class="none">No point was tracked.</p>')
+    drawn = lifetimes(spans[:: max(1, -(-len(spans) // _MOST_LIVES))])
+    note = f"{len(spans)} points, one line each, seen in {front.tracks()['mean_frames']:.1f} frames in the mean"
+    return figure("Track lifetimes", note, drawn, "wide")
+
+
+def _smoothed(y: Array) -> Array:
+    """The running mean over five frames; short series are returned as they are, NaN is left out."""
+    if len(y) < 15:
+        return y
+    good = np.isfinite(y)
+    weight, total = (np.convolve(v, np.ones(5), "same") for v in (good, np.where(good, y, 0.0)))
+    return np.where(weight > 0, total / np.maximum(weight, 1), np.nan)
 
 
 def _per_frame(name: str, y: Array) -> Series:

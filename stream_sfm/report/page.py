@@ -1,5 +1,6 @@
 """The page of a comparison: a sentence, a table and four charts; details folded. One HTML file, beside report.json."""
 
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +9,14 @@ from markupsafe import Markup
 
 from ..files import json_bytes, write_whole
 from ..types import Status
-from . import calibration_field, charts, pictures
+from . import calibration_field, charts
 from .charts import Traces
 from .figures import ACCURACY, OF_COMPARISON, table
 from .lengths import LengthUnit, unit_for
-from .methods import label, style
-from .records import Comparison
+from .methods import label, short, style
+from .records import Comparison, RunRecord
 from .template import render
-from .traces import trace
+from .traces import trace_of
 from .verdict import verdict
 
 REPORT = ("report.json", "report.html")  # the files of a report
@@ -50,9 +51,10 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         charts=_charts(c, content, traces, errors),
         more_charts=_more_charts(c, traces, errors, local),
         view=Markup("") if c.view is None else c.view.figure(),
-        lives=pictures.lives(c.front),
-        timeline=pictures.timeline(c.runs, len(c.front), c.front.gaps),
-        calibration=calibration_field.picture(c.calibration),
+        lives=charts.lives(c.front),
+        timeline=_timeline(c.runs),
+        statuses=list(Status),
+        cells=calibration_field.cells(c.calibration) if c.calibration else [],
         warnings=warnings[:_MOST_WARNINGS],
         unseen=len(warnings[_MOST_WARNINGS:]),
     )
@@ -62,7 +64,7 @@ def _traces(c: Comparison) -> Traces:
     """The traces of the methods that can be compared with ground truth."""
     if c.truth.poses is None:
         return {}
-    found = ((run.name, trace(run, c.truth.poses)) for run in c.runs if len(run) > 1)
+    found = ((run.name, trace_of(run.trajectory(), c.truth.poses)) for run in c.runs if len(run) > 1)
     return {name: t for name, t in found if t is not None}
 
 
@@ -123,3 +125,17 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         if lost := run.count(Status.LOST):
             notes.append(f"{label(run.name)}: tracking was lost in {lost} of {len(run)} frames.")
     return notes
+
+
+def _timeline(runs: list[RunRecord]) -> list[tuple[str, list[tuple[str, int, str]]]]:
+    """The statuses of all methods, those with the same in one row: a name, and how many frames have which, and why."""
+    groups: dict[tuple[Status, ...], list[RunRecord]] = {}
+    for run in runs:
+        groups.setdefault(tuple(run.statuses), []).append(run)
+    rows = []
+    for first, *others in groups.values():
+        name = short(first.name) + (f" and {len(others)} more" if others else "")
+        frames = groupby(zip(first.statuses, first.reasons, strict=True), key=lambda f: f[0])
+        parts = [(status, [reason for _, reason in part]) for status, part in frames]
+        rows.append((name, [(str(status), len(reasons), reasons[0]) for status, reasons in parts]))
+    return rows

@@ -12,39 +12,23 @@ from ..evaluation.drift import distances_m
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .records import RunRecord
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
     """One method against ground truth, in the k frames that have one, first poses aligned.
 
-    `xi` (k, 6): truth = estimate·Exp(ξ), metres and radians; `sigma` (k, 6) its estimated standard deviations and
-    `nees` (k,) are None where the ground truth does not begin with the first frame.
+    `position_m` (k,): lengths of the position errors; `rotation_deg` (k,): angles of the rotation errors; `nees` (k,):
+    None where the ground truth does not begin with the first frame.
     """
 
     frames: NDArray[np.int64]
     distance_m: Array
     estimate: Array
     truth: Array
-    xi: Array
-    sigma: Array | None
+    position_m: Array
+    rotation_deg: Array
     nees: Array | None
-
-    @property
-    def position_m(self) -> Array:
-        """Length (k,) of the position error, metres."""
-        return np.linalg.norm(self.estimate[:, :3, 3] - self.truth[:, :3, 3], axis=1)
-
-    @property
-    def rotation_deg(self) -> Array:
-        """Angle (k,) of the rotation error, degrees."""
-        return np.degrees(np.linalg.norm(self.xi[:, 3:], axis=1))
-
-
-def trace(run: RunRecord, truth: Trajectory) -> Trace | None:
-    """The trace of a method; None where fewer than two frames have a ground truth."""
-    return trace_of(run.trajectory(), truth)
 
 
 def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
@@ -53,12 +37,17 @@ def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
     if len(rows) < 2:
         return None
     e, t = from_first_camera(estimate.world_from_cam[rows]), from_first_camera(true.world_from_cam)
-    sigma = nees = None
-    if estimate.cov_pose is not None and rows[0] == 0:
-        cov = estimate.cov_pose[rows]
-        sigma = np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2), 0))
-        nees = nees_pose(e, cov, t)
-    return Trace(rows, distances_m(t), e, t, se3.log(se3.inverse(e) @ t), sigma, nees)
+    xi = se3.log(se3.inverse(e) @ t)
+    known = estimate.cov_pose is not None and rows[0] == 0
+    return Trace(
+        rows,
+        distances_m(t),
+        e,
+        t,
+        np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1),
+        np.degrees(np.linalg.norm(xi[:, 3:], axis=1)),
+        nees_pose(e, estimate.cov_pose[rows], t) if known and estimate.cov_pose is not None else None,
+    )
 
 
 def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:

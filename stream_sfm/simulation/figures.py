@@ -1,4 +1,4 @@
-"""Figure 6 of the paper as PNG and SVG. Only this file loads matplotlib, and without a display."""
+"""Figure 6 of the paper as PNG and SVG, drawn without a display."""
 
 from pathlib import Path
 from typing import Any

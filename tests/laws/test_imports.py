@@ -59,7 +59,7 @@ HOMES = {
     "gtsam": ("places/graph.py",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
-    "matplotlib": ("simulation/figures.py",),
+    "matplotlib": ("simulation/figures.py", "report/svg.py"),
     "jinja2": ("report",),
     "markupsafe": ("report",),
     "rich": ("cli",),

@@ -1,6 +1,7 @@
 """A ray caster for stereo test images: exact geometry, anti-aliased textures, ground-truth depth."""
 
 from .caster import CLEAN, Sensor, pixel_rays
+from .demo import demo_recording
 from .faults import FAULTS, Fault
 from .hard import RECORDINGS
 from .loops import LOOPS
@@ -23,6 +24,7 @@ __all__ = [
     "Sensor",
     "Shot",
     "build_scene",
+    "demo_recording",
     "pixel_rays",
     "room_path",
     "room_recording",

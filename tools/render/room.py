@@ -34,7 +34,7 @@ def room_rig() -> StereoRig:
     return StereoRig(left, right, se3.inverse(left_from_right))
 
 
-def _furniture() -> tuple[Box, ...]:
+def furniture() -> tuple[Box, ...]:
     def standing(x: float, y: float, w: float, d: float, h: float, paint, yaw: float = 0.0, z: float = 0.0) -> Box:
         return Box((x, y, z + h / 2), (w, d, h), paint, yaw)
 
@@ -107,7 +107,7 @@ def room_path(frames: int = 84, rate_hz: float = RATE_HZ) -> NDArray[np.float64]
     return se3.inverse(room_from_cam[0]) @ room_from_cam
 
 
-def _room_from_first_cam() -> NDArray[np.float64]:
+def room_from_first_cam() -> NDArray[np.float64]:
     heading, pitch = np.deg2rad(4), np.deg2rad(-5.0)
     mount = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
     rotation = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([0, -pitch, 0])) @ mount
@@ -122,4 +122,4 @@ def room_recording(seed: int = 7, sensor: Sensor = CLEAN) -> Recording:
 
 def room_scene(seed: int = 7, texel_m: float = 0.0025) -> Scene:
     """The furnished room. A coarser `texel_m` is quicker to build, for tests that need no fine detail."""
-    return build_scene(_furniture(), seed, texel_m, _room_from_first_cam())
+    return build_scene(furniture(), seed, texel_m, room_from_first_cam())
