@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
-from stream_sfm.evaluation.consistency import nees_pose
+from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
 from stream_sfm.recording.log_writer import StereoLogWriter
 from stream_sfm.rig_model.terms import TERMS, TURNING

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.evaluation.consistency import nees_pose
+from stream_sfm.evaluation.trajectory import nees_pose
 from tests.helpers.turning import AXES, Corner, FarWall, turning
 from tests.helpers.wall import Wall, rig
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..types import Trajectory
-from .drift import path_length_m
+from .trajectory import path_length_m
 
 
 def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:

@@ -7,8 +7,8 @@ Under equal methods intervals exclude equality as often as they say; `tests/eval
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,7 @@ _HALVINGS = 10
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """A value and its 95 % interval."""
 
     value: float
@@ -101,10 +100,8 @@ def growth_exponents(estimate: Array, truth: Array) -> tuple[Interval, Interval]
 def _exponent(spans: list[int], squares: list[Array]) -> Interval:
     x = np.log(spans)
     design = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=1))[1]
-    blocks = [_Blocks.of(s) for s in squares]
-    slopes = design @ np.log(np.stack([b.means for b in blocks]))
-    shares = np.mean([b.shares for b in blocks], axis=0)
-    return _interval(slopes, shares)
+    means, shares = zip(*map(_jackknife, squares), strict=True)
+    return _interval(design @ np.log(np.stack(means)), np.mean(shares, axis=0))
 
 
 def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interval, Interval] | None:
@@ -167,20 +164,12 @@ def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
     return value + sign * outside
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Blocks:
-    """Squared errors in contiguous blocks: their mean, then those without one block each; each block's share."""
-
-    means: Array
-    shares: Array
-
-    @classmethod
-    def of(cls, squares: Array) -> "_Blocks":
-        """Divide squared errors into blocks; NaN are left out."""
-        blocks = np.array_split(squares[np.isfinite(squares)], _BLOCKS)
-        sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
-        rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
-        return cls(np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum())
+def _jackknife(squares: Array) -> tuple[Array, Array]:
+    """Return the mean of squared errors in blocks, then those without one block each, and each block's share."""
+    blocks = np.array_split(squares[np.isfinite(squares)], _BLOCKS)
+    sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
+    rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
+    return np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum()
 
 
 def _interval(estimates: Array, shares: Array) -> Interval:

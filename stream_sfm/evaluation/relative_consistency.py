@@ -6,8 +6,7 @@ estimates from disjoint parts of the observations (`run/self_test.py`).
 """
 
 from array import array
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,7 @@ _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
 _LONGEST = max(SPANS)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Motions:
+class Motions(NamedTuple):
     """Motions over one span of frames that end at the frames `ends` (n,): poses (n, 4, 4) with `cov` (n, 6, 6)."""
 
     ends: NDArray[np.int64]
@@ -36,10 +34,13 @@ class Motions:
 
 
 class RelativeRecord:
-    """A sink's memory of relative motions: some 1300 bytes per frame, and more of the last hundred."""
+    """A sink's memory of relative motions: some 1300 bytes per frame, and more of the last hundred.
+
+    `stamps_ns`, `frame_indices`: of all frames; some indices are missing where a file was damaged.
+    """
 
     def __init__(self) -> None:
-        self._stamps_ns, self._frame_indices = array("q"), array("q")
+        self.stamps_ns, self.frame_indices = array("q"), array("q")
         self._motions = {span: array("d") for span in SPANS}
         self._recent: dict[int, dict[int, Motion | None]] = {}  # of the window, by the frame of the end and by span
 
@@ -49,8 +50,8 @@ class RelativeRecord:
         Where a span is longer than the window, they are composed of the window's.
         """
         end = estimate.frame_index
-        self._stamps_ns.append(estimate.stamp_ns)
-        self._frame_indices.append(end)
+        self.stamps_ns.append(estimate.stamp_ns)
+        self.frame_indices.append(end)
         self._recent.pop(end - _LONGEST, None)
         self._recent[end] = {span: Motion.of(estimate, span) for span in _OF_WINDOW}
         for span, motions in self._motions.items():
@@ -78,24 +79,14 @@ class RelativeRecord:
         rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
         cov = np.zeros((len(rows), 6, 6))
         cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[rows, 6:]
-        return Motions(self.frame_indices[rows], se3.exp(numbers[rows, :6]), cov)
-
-    @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        """The stamps of all frames (n,)."""
-        return np.array(self._stamps_ns, np.int64)
-
-    @property
-    def frame_indices(self) -> NDArray[np.int64]:
-        """The indices of all frames (n,), some of which are missing where a file was damaged."""
-        return np.array(self._frame_indices, np.int64)
+        return Motions(np.array(self.frame_indices, np.int64)[rows], se3.exp(numbers[rows, :6]), cov)
 
 
 def against_truth(
     record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float]
 ) -> list[dict[str, Any]]:
     """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
-    stamps_ns, indices = record.stamps_ns, record.frame_indices
+    stamps_ns, indices = (np.array(x, np.int64) for x in (record.stamps_ns, record.frame_indices))
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
     at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth, by the index of the frame
     at[indices[rows]] = np.arange(len(rows))

@@ -6,29 +6,25 @@ import numpy as np
 
 from ..types import Trajectory
 from .association import check_rigid, matched
-from .ate import ate_rmse_aligned_m, ate_rmse_m, ate_rmse_sim3_m
-from .consistency import nees_pose_mean
-from .drift import final_drift_percent, path_length_m, scale_error_percent
 from .relative_consistency import RelativeRecord, against_truth
-from .segments import segment_errors
 from .structure import StructureComparison
+from .trajectory import (
+    ate_rmse_aligned_m,
+    ate_rmse_m,
+    ate_rmse_sim3_m,
+    final_drift_percent,
+    nees_pose,
+    path_length_m,
+    scale_error_percent,
+    segment_errors,
+)
 
 FIGURES = (  # against ground truth, of every run
-    "ate_rmse_m",
-    "ate_rmse_aligned_m",
-    "final_drift_percent",
-    "t_rel_percent",
-    "r_rel_deg_per_100m",
-    "segment_lengths_m",
-    "scale_error_percent",
-    "nees_pose_mean",
-    "local_structure_rms_m",
-    "local_structure_median_m",
-    "local_structure_error_over_sigma",
-    "local_structure_error_over_sigma_median",
-    "local_structure_beyond_3_sigma_percent",
-    "frames_compared",
-)
+    "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
+    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", "local_structure_rms_m", "local_structure_median_m",
+    "local_structure_error_over_sigma", "local_structure_error_over_sigma_median",
+    "local_structure_beyond_3_sigma_percent", "frames_compared",
+)  # fmt: skip
 
 
 def evaluate(
@@ -58,7 +54,8 @@ def evaluate(
             "scale_error_percent": scale_error_percent(e, t),
         }
         if estimate.cov_pose is not None and rows[0] == 0:
-            figures["nees_pose_mean"] = nees_pose_mean(e, estimate.cov_pose[rows], t)
+            nees = nees_pose(e, estimate.cov_pose[rows], t)
+            figures["nees_pose_mean"] = float(nees[~np.isnan(nees)].mean()) if not np.isnan(nees).all() else None
     if structure is not None:
         figures |= structure.figures()
     return {key: _or_none(value) for key, value in figures.items()}

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched, truth_of_frames
-from ..evaluation.drift import path_length_m
 from ..evaluation.relative import (
     Interval,
     enough_known,
@@ -20,6 +19,7 @@ from ..evaluation.relative import (
     turning,
 )
 from ..evaluation.summary import FIGURES, evaluate_run
+from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .records import Comparison, RunRecord, quantiles

@@ -13,9 +13,9 @@ from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import FrameError
-from ..evaluation.drift import path_length_m
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
+from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory

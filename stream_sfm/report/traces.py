@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evaluation.alignment import from_first_camera
 from ..evaluation.association import matched
-from ..evaluation.consistency import nees_pose
-from ..evaluation.drift import distances_m
+from ..evaluation.trajectory import distances_m, from_first_camera, nees_pose
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory

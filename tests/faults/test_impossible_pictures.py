@@ -9,7 +9,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.models import Camera
 from stream_sfm.evaluation.association import matched
-from stream_sfm.evaluation.consistency import nees_pose
+from stream_sfm.evaluation.trajectory import nees_pose
 from tests.helpers.places import ROOM
 
 pytestmark = pytest.mark.slow
