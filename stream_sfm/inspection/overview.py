@@ -19,8 +19,7 @@ from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
-from ..recording.rig import baseline_warnings, check_rig
-from ..recording.rig_finder import find_rig
+from ..recording.rig import baseline_warnings, check_rig, find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
@@ -125,6 +124,7 @@ class _Inspection:
         rig: StereoRig | None = None
         try:
             found = find_rig(self.source, self.survey, choice, calibration)
+            assert isinstance(found.rig, StereoRig)
             rig = found.rig
             facts = {"source": found.origin, "rectified_images": is_rectified(choice.left)}
             self.result["rig"] = facts | describe_rig(rig)
@@ -195,7 +195,7 @@ class _Inspection:
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
         if np.isnan(check.negative_share):  # else the images tell which of both is wrong
             try:
-                check_rig(self.source.path, rig)
+                check_rig(self.source, rig)
             except LogError as error:
                 self.problems.append(str(error))
         if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:

@@ -15,7 +15,7 @@ from ..sources.profile import ProfileEncoder
 from ..sources.source import Contents, Source
 from .images import UndecodableImage, check_encoding, decode_grey
 from .messages import MessageDecoder, UndecodableMessage
-from .rig_finder import first_size
+from .rig import first_size
 from .survey import Survey
 from .topics import is_camera
 

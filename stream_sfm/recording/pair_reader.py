@@ -1,9 +1,8 @@
 """The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from pathlib import Path
 
 from ..errors import LogError
 from ..mcap_file.damage import Damage
@@ -11,7 +10,7 @@ from ..mcap_file.message import Message
 from ..sources.source import Source
 from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
-from .pairing import Pairer, PairingCounts
+from .pairing import Pairer
 
 # Recorders start and stop between two images of a pair: one or two without a partner are normal
 _USUAL_UNPAIRED = 2
@@ -59,40 +58,50 @@ class ReadStats:
 
 
 class PairReader:
-    """Reads pairs from two topics of a source; each reading starts anew and renews `stats`.
+    """One reading of the pairs on two topics of a source; iterate `pairs` once.
 
     Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
-    `calibrations`: messages of the cameras. A reading ends where others of the same topics differ from them.
+    `calibrations`: messages of the cameras. The reading ends where others of the same topics differ from them.
     """
 
     def __init__(
         self, source: Source, left_topic: str, right_topic: str, calibrations: Sequence[CalibrationMessage] = ()
     ) -> None:
-        self.source = source
-        self.left_topic, self.right_topic = left_topic, right_topic
+        self._source, self._topics = source, (left_topic, right_topic)
         self._calibrations = {message.topic: message for message in calibrations}
+        self._decoder = MessageDecoder(source.path)
+        self._damage = Damage()
+        self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
+        self._began_ns: int | None = None  # the time at which the first left image was recorded
+        self._problem = ""  # of the first message that could not be decoded
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
     def pairs(self) -> Generator[StereoPair, None, None]:
         """Yield all pairs, not decoded; the bytes are those of the log.
 
         Their stamps ascend; only where the clock of both cameras was set back they begin again at an earlier one. A
-        log that is cut off or damaged gives what can be read; `stats` says what was lost. Raises LogError where the
-        images are of a kind that is not supported, or where nothing could be paired.
+        log that is cut off or damaged gives what can be read; `stats` says in the end what was lost. Raises LogError
+        where the images are of a kind that is not supported, or where nothing could be paired.
         """
-        reading = _Reading(self.source, (self.left_topic, self.right_topic), self._calibrations)
-        self.stats = reading.stats
+        last_ns: int | None = None
         try:
-            yield from reading.pairs()
+            for left, right in self._paired():
+                if last_ns is not None and left.stamp_ns <= last_ns:
+                    back_s = (last_ns - left.stamp_ns) / 1e9
+                    self._damage.note(
+                        f"{self._source.path}: the clock of both cameras was set back by {back_s:.3f} s"
+                    )
+                last_ns = left.stamp_ns
+                yield StereoPair(left, right)
         finally:
-            reading.finish()
+            self._finish()
         if self.stats.paired == 0:
-            raise LogError(self._nothing_paired(self.stats, reading.problem))
+            raise LogError(self._nothing_paired())
 
-    def _nothing_paired(self, stats: ReadStats, problem: str) -> str:
-        topics = f"{self.left_topic} ({stats.left_read} images) and {self.right_topic} ({stats.right_read})"
+    def _nothing_paired(self) -> str:
+        stats, (left, right) = self.stats, self._topics
         if not stats.left_read or not stats.right_read:
-            remedy = problem or "; ".join(stats.warnings) or "both cameras must have images"
+            remedy = self._problem or "; ".join(stats.warnings) or "both cameras must have images"
         elif stats.dropped_backwards:
             remedy = (
                 f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
@@ -102,32 +111,8 @@ class PairReader:
                 "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
                 "after the other (then sort the file with `mcap sort`)?"
             )
-        return f"{self.source.path}: no stereo pair in {topics}: {remedy}"
-
-
-class _Reading:
-    """One pass over the two topics."""
-
-    def __init__(
-        self, source: Source, topics: tuple[str, str], calibrations: Mapping[str, CalibrationMessage]
-    ) -> None:
-        self._source, self._topics, self._calibrations = source, topics, calibrations
-        self._decoder = MessageDecoder(source.path)
-        self._damage = Damage()
-        self._pairer: Pairer[ImageMessage] = Pairer(0) if source.in_order else Pairer()
-        self._began_ns: int | None = None  # the time at which the first left image was recorded
-        self.stats = ReadStats(bytes_total=source.size_bytes)
-        self.problem = ""  # of the first message that could not be decoded
-
-    def pairs(self) -> Generator[StereoPair, None, None]:
-        last_ns: int | None = None
-        for left, right in self._paired():
-            self._count(self._pairer.counts)
-            if last_ns is not None and left.stamp_ns <= last_ns:
-                back_s = (last_ns - left.stamp_ns) / 1e9
-                self._damage.note(f"{self._source.path}: the clock of both cameras was set back by {back_s:.3f} s")
-            last_ns = left.stamp_ns
-            yield StereoPair(left, right)
+        topics = f"{left} ({stats.left_read} images) and {right} ({stats.right_read})"
+        return f"{self._source.path}: no stereo pair in {topics}: {remedy}"
 
     def _paired(self) -> Iterator[tuple[ImageMessage, ImageMessage]]:
         for image in self._stamped(self._images()):
@@ -147,7 +132,7 @@ class _Reading:
                 image = self._decoder.image(message)
             except UndecodableMessage as error:
                 self.stats.undecodable += 1
-                self.problem = self.problem or str(error)
+                self._problem = self._problem or str(error)
                 continue
             if image.topic in unchecked:
                 check_encoding(image, self._source.path)
@@ -192,41 +177,31 @@ class _Reading:
         for image, log_time_ns in chain(first, images):
             yield replace(image, stamp_ns=log_time_ns) if by_log_time else image
 
-    def finish(self) -> None:
+    def _finish(self) -> None:
         """Bring `stats` up to date, wherever the reading ended."""
-        self._count(self._pairer.counts)
-        stats = self.stats
-        stats.complete = self._damage.complete and not stats.dropped_backwards and not stats.undecodable
-        self.stats.warnings += _warnings(self.stats, self._damage, self.problem, self._source.path)
-
-    def _count(self, counts: PairingCounts) -> None:
-        stats = self.stats
+        stats, damage, counts, path = self.stats, self._damage, self._pairer.counts, self._source.path
         stats.left_read, stats.right_read = counts.read
         stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
         stats.unpaired_left, stats.unpaired_right = counts.unpaired
-        stats.unpaired_within = counts.unpaired_within
+        stats.unpaired_within, stats.largest_offset_ns = counts.unpaired_within, counts.largest_offset_ns
         stats.dropped_backwards = sum(counts.disordered)
-        stats.largest_offset_ns = counts.largest_offset_ns
-        stats.bytes_read = self._damage.bytes_read
-
-
-def _warnings(stats: ReadStats, damage: Damage, problem: str, path: Path) -> list[str]:
-    notes = list(damage.notes)
-    if not damage.complete:
-        notes.append(
-            f"{path} could be read in part only: {stats.paired} stereo frames from "
-            f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
-        )
-    if stats.dropped_backwards:
-        notes.append(
-            f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from those "
-            "of the images around them"
-        )
-    if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > _USUAL_UNPAIRED:
-        notes.append(
-            f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
-            "frame period"
-        )
-    if problem:
-        notes.append(f"messages that could not be read were skipped, the first: {problem}")
-    return notes
+        stats.bytes_read = damage.bytes_read
+        stats.complete = damage.complete and not stats.dropped_backwards and not stats.undecodable
+        stats.warnings += damage.notes
+        if not damage.complete:
+            stats.warnings.append(
+                f"{path} could be read in part only: {stats.paired} stereo frames from "
+                f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
+            )
+        if stats.dropped_backwards:
+            stats.warnings.append(
+                f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from "
+                "those of the images around them"
+            )
+        if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > _USUAL_UNPAIRED:
+            stats.warnings.append(
+                f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
+                "frame period"
+            )
+        if self._problem:
+            stats.warnings.append(f"messages that could not be read were skipped, the first: {self._problem}")

@@ -1,20 +1,31 @@
 """Pairs left and right frames by their own stamps: equal stamps first, else the nearest within half a frame.
 
-Works on streams, with bounded memory: each side is put in order (`ordering.py`), then both are merged; no stamp is
-ever used twice.
+Works on streams, with bounded memory. Each side is put in order first: recorders swap neighbours, and clocks go wrong.
+Frames wait in a window, and the earliest one that is later than the last one released is released next. What cannot
+be put in order is dropped: stamps that repeat, and single stamps far from those around them. Where most of the window
+is earlier than what was released, the clock was set back: a new segment begins, in which stamps ascend again. Then both
+sides are merged; no stamp is ever used twice.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median
 from typing import Generic, TypeVar
-
-from .ordering import MAX_BYTES, WINDOW, Ordering, Timed
 
 T = TypeVar("T")
 
 _PENDING_FRAMES = 128  # of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
 _UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
+# Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
+# recorders with several threads swap.
+_WINDOW, _WINDOW_OF_LARGE = 12, 4
+_LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
+_MAX_OVERTAKEN = 8  # a frame that more later arrivals than this have overtaken has a wrong stamp
+_FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
+_FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
+_RECENT = 32  # released stamps remembered, for the period and for repeats
 
 
 @dataclass(slots=True)
@@ -30,41 +41,110 @@ class PairingCounts:
     largest_offset_ns: int = 0
 
 
+@dataclass(slots=True, eq=False)
+class _Frame(Generic[T]):
+    """A frame: stamps ascend within a segment, and segments follow each other. `overtaken`: by later arrivals."""
+
+    stamp_ns: int
+    size_bytes: int
+    item: T
+    segment: int = 0
+    overtaken: int = 0
+
+
 class _Side(Generic[T]):
-    """The frames of one camera: those being put in order, and those in order that wait for the other camera."""
+    """The frames of one camera: those being put in order, as they have arrived, and those in order that wait."""
 
     def __init__(self, held: int) -> None:
-        self.ordering: Ordering[T] = Ordering(held)
-        self.queue: deque[Timed[T]] = deque()
-        self._queued_bytes = 0
+        self.window: list[_Frame[T]] = []
+        self.queue: deque[_Frame[T]] = deque()
+        self.dropped = 0  # that have no place in the order
+        self._held, self._segment = held, 0
+        self._last_ns: int | None = None
+        self._recent: deque[int] = deque(maxlen=_RECENT)
 
     @property
     def full(self) -> bool:
         """Whether no more frames can wait."""
-        size_bytes = self._queued_bytes + self.ordering.size_bytes
-        return len(self.queue) >= _PENDING_FRAMES or (len(self.queue) > 1 and size_bytes > MAX_BYTES)
+        size_bytes = sum(frame.size_bytes for frame in (*self.queue, *self.window))
+        return len(self.queue) >= _PENDING_FRAMES or (len(self.queue) > 1 and size_bytes > _MAX_BYTES)
 
-    def add(self, frame: Timed[T]) -> None:
-        """Let a frame wait."""
+    def push(self, frame: _Frame[T]) -> None:
+        """Add the frame that arrives next; those whose turn has come are released."""
+        if frame.stamp_ns in self._recent:
+            self.dropped += 1
+            return
+        self.window.append(frame)
+        most = min(self._held, _WINDOW if self._window_bytes() <= _LARGE_BYTES else _WINDOW_OF_LARGE)
+        while len(self.window) > most or self._window_bytes() > _MAX_BYTES:
+            self.release()
+
+    def release(self) -> None:
+        """Let the frame wait that is next by what has arrived, or several where the clock was set back."""
+        last_ns = self._before_first() if self._last_ns is None else self._last_ns
+        self._last_ns = last_ns
+        behind = [n for n, frame in enumerate(self.window) if frame.stamp_ns <= last_ns]
+        if len(behind) >= _FEWEST and 2 * len(behind) > len(self.window):
+            for frame in sorted(self.window[: behind[0]], key=_stamp):
+                self._take(frame)
+            self._segment += 1
+            self._last_ns = None
+            self._recent.clear()
+            return
+        ahead = [frame for frame in self.window if frame.stamp_ns > last_ns]
+        if not ahead:
+            self._drop(self.window)
+            return
+        first = min(ahead, key=_stamp)
+        if first.overtaken and first.stamp_ns - last_ns > _FAR_NS:  # nothing before it has arrived for a while
+            self._drop([first])
+            return
+        for frame in self.window[: self.window.index(first)]:
+            frame.overtaken += 1
+        self._take(first)
+        self._drop([f for f in self.window if f.overtaken > _MAX_OVERTAKEN or f.stamp_ns == first.stamp_ns])
+
+    def period_ns(self) -> float | None:
+        """The median period of the frames released last; None before the second one."""
+        periods = [b - a for a, b in pairwise(self._recent)]
+        return median(periods) if periods else None
+
+    def _before_first(self) -> int:
+        """A time before all stamps of the window but those that are far too early."""
+        stamps = sorted(map(_stamp, self.window))
+        if len(stamps) < _FEWEST:
+            return stamps[0] - 1
+        middle_half_ns = stamps[3 * len(stamps) // 4 - 1] - stamps[len(stamps) // 4]
+        return max(stamps[0] - 1, round(median(stamps)) - max(_FAR_NS, 2 * middle_half_ns))
+
+    def _window_bytes(self) -> int:
+        return sum(frame.size_bytes for frame in self.window)
+
+    def _take(self, frame: _Frame[T]) -> None:
+        self.window.remove(frame)
+        frame.segment, self._last_ns = self._segment, frame.stamp_ns
+        self._recent.append(frame.stamp_ns)
         self.queue.append(frame)
-        self._queued_bytes += frame.size_bytes
 
-    def take(self) -> T:
-        """The frame that has waited longest."""
-        frame = self.queue.popleft()
-        self._queued_bytes -= frame.size_bytes
-        return frame.item
+    def _drop(self, frames: list[_Frame[T]]) -> None:
+        self.dropped += len(frames)
+        self.window = [frame for frame in self.window if frame not in frames]
+
+
+def _stamp(frame: _Frame[T]) -> int:
+    return frame.stamp_ns
 
 
 class Pairer(Generic[T]):
     """Pairs two streams of frames: `push` takes the frames of both sides as they arrive and yields certain pairs.
 
     Pairs come in ascending order of the left stamp; it is smaller than that of the pair before only where both clocks
-    were set back. `held`: as in `Ordering`.
+    were set back. `in_order`: frames come so, and need not be sorted.
     """
 
-    def __init__(self, held: int = WINDOW) -> None:
+    def __init__(self, in_order: bool = False) -> None:
         self.counts = PairingCounts()
+        held = 0 if in_order else _WINDOW
         self._sides: tuple[_Side[T], _Side[T]] = (_Side(held), _Side(held))
         self._unpaired_since = 0  # the last pair
         self._finished = False
@@ -73,41 +153,29 @@ class Pairer(Generic[T]):
         """Add a frame of `side` (0 left, 1 right); yield the pairs that are certain now."""
         self.counts.read[side] += 1
         mine, other = self._sides[side], self._sides[1 - side]
-        yield from self._enqueue(mine, mine.ordering.push(stamp_ns, item, size_bytes))
-        if mine.full:
+        mine.push(_Frame(stamp_ns, size_bytes, item))
+        yield from self._merge()
+        while mine.full and other.window and not other.queue:
             # The other side is silent: what it still holds back to be sorted must not be missed.
-            while other.ordering.waiting and not other.queue:
-                yield from self._enqueue(other, other.ordering.release())
+            other.release()
+            yield from self._merge()
         while mine.full:
             self._drop(side)
-        self._count()
 
     def finish(self) -> Iterator[tuple[T, T]]:
         """Yield the pairs still waiting; the frames left over are unpaired."""
         for side in self._sides:
-            for frame in side.ordering.finish():
-                side.add(frame)
+            while side.window:
+                side.release()
         self._finished = True
         yield from self._merge()
         for number, side in enumerate(self._sides):
             self.counts.unpaired[number] += len(side.queue)
             side.queue.clear()
-        self._count()
-
-    def _count(self) -> None:
-        self.counts.disordered = [side.ordering.dropped for side in self._sides]
-
-    def _enqueue(self, side: _Side[T], frames: Iterable[Timed[T]]) -> Iterator[tuple[T, T]]:
-        for frame in frames:
-            side.add(frame)
-            yield from self._merge()
-
-    def _half_period_ns(self) -> float:
-        """Half the shorter of the two periods."""
-        periods = [period for side in self._sides if (period := side.ordering.period_ns()) is not None]
-        return min(periods, default=_UNKNOWN_PERIOD_NS) / 2
 
     def _merge(self) -> Iterator[tuple[T, T]]:
+        counts = self.counts
+        counts.disordered = [side.dropped for side in self._sides]
         lefts, rights = (side.queue for side in self._sides)
         while lefts and rights:
             left, right = lefts[0], rights[0]
@@ -122,19 +190,20 @@ class Pairer(Generic[T]):
                     return  # the next frame of the early side may fit better
                 following = queue[1] if len(queue) > 1 and queue[1].segment == queue[0].segment else None
                 nearer = following is not None and abs(following.stamp_ns - other[0].stamp_ns) < offset_ns
-                if nearer or offset_ns > self._half_period_ns():
+                periods_ns = [period for side in self._sides if (period := side.period_ns()) is not None]
+                if nearer or offset_ns > min(periods_ns, default=_UNKNOWN_PERIOD_NS) / 2:
                     self._drop(early)
                     continue
             else:
-                self.counts.paired_exactly += 1
-            if self.counts.paired:
-                self.counts.unpaired_within += self._unpaired_since
+                counts.paired_exactly += 1
+            if counts.paired:
+                counts.unpaired_within += self._unpaired_since
             self._unpaired_since = 0
-            self.counts.paired += 1
-            self.counts.largest_offset_ns = max(self.counts.largest_offset_ns, offset_ns)
-            yield self._sides[0].take(), self._sides[1].take()
+            counts.paired += 1
+            counts.largest_offset_ns = max(counts.largest_offset_ns, offset_ns)
+            yield lefts.popleft().item, rights.popleft().item
 
     def _drop(self, side: int) -> None:
-        self._sides[side].take()
+        self._sides[side].queue.popleft()
         self.counts.unpaired[side] += 1
         self._unpaired_since += 1

@@ -1,64 +1,97 @@
-"""The stereo rig from two calibration messages, in the ROS sense of K, D, R and P.
+"""The rig that a log is read with: given by the user, attached to the log, or sent by its cameras, in this order.
 
-What R and P say of the pose is in `camera/calibration/projections.py`. Images that are rectified (by the name of
-their topic) are pinholes with P and neither D nor R. A pose of the right camera that comes from elsewhere takes the
-place of R and P[3].
+An attachment precedes messages because somebody put it there on purpose, whereas drivers send CameraInfo of cameras
+that were never calibrated. Messages are in the ROS sense of K, D, R and P; what R and P say of the pose is in
+`camera/calibration/projections.py`. Where P gives no baseline, the transform between the frames of the two cameras
+does. Images that are rectified, by the name of their topic, are pinholes with P and neither D nor R.
 """
 
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera.calibration import projections
 from ..camera.calibration.document import make_camera
+from ..camera.calibration.projections import gives_baseline, pose_from_projections
+from ..camera.calibration.read import Where, named
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import MonoRig, StereoRig, baseline_question
 from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .messages import CalibrationMessage
+from ..mcap_file.damage import Damage
+from ..sources.source import Source
+from .images import image_size
+from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
+from .survey import Survey
+from .topics import PairChoice, choose_calibration, is_rectified
+from .transforms import fixed_transform
 
-_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
+ATTACHMENT = "calibration.toml"
 REMEDY = "give the calibration of these cameras"
+_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
 
 
-def calibration_error(problem: str, *hints: str) -> LogError:
-    """The error of a calibration in a log that cannot be used: giving another one always helps."""
-    return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
+@dataclass(frozen=True, slots=True)
+class FoundRig:
+    """A rig and, for people, where it comes from (`origin`); `sent`: the messages that it was made of, if it was."""
+
+    rig: StereoRig | MonoRig
+    origin: str
+    sent: Sequence[CalibrationMessage] = ()
 
 
-def gives_baseline(left: CalibrationMessage, right: CalibrationMessage) -> bool:
-    """Whether P of both cameras is filled in and contains the baseline."""
-    return projections.gives_baseline(left.P, right.P)
+def find_rig(
+    source: Source,
+    survey: Survey,
+    choice: PairChoice,
+    calibration: Where | StereoRig | MonoRig | None = None,
+    mono: bool = False,
+) -> FoundRig:
+    """The rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
 
-
-def rig_from_messages(
-    path: Path,
-    left: CalibrationMessage,
-    right: CalibrationMessage,
-    rectified: bool,
-    right_from_left: Array | None = None,
-) -> StereoRig:
-    """The rig; its pose comes from R and P unless `right_from_left` (4, 4) is given.
-
-    Raises LogError naming the file, the topic and what to do.
+    Raises LogError naming the file, the topic and what to do; ConfigError for `calibration`.
     """
-    try:
-        if right_from_left is None:
-            r_left, r_right = (np.eye(3) if rectified else _rotation(path, m) for m in (left, right))
-            right_from_left = projections.pose_from_projections(r_left, left.P, r_right, right.P)
-        return StereoRig(_camera(path, left, rectified), _camera(path, right, rectified), right_from_left)
-    except ConfigError as error:
-        raise calibration_error(f"{path}: topics {left.topic} and {right.topic}: {error}") from None
+    if isinstance(calibration, StereoRig | MonoRig):
+        return FoundRig(MonoRig(calibration.left) if mono else calibration, "given by the caller")
+    kind = MonoRig if mono else StereoRig
+    if calibration is not None:
+        return FoundRig(kind.from_calibration(calibration, first_size(source, choice.left)), named(calibration))
+    for attachment in source.attachments(Damage()):
+        if attachment.name.split("/")[-1] == ATTACHMENT:
+            try:
+                rig = kind.parse_calibration(attachment.data, "attached to the log")
+            except ConfigError as error:
+                raise _error(f"{source.path}: {error}") from None
+            return FoundRig(rig, f"attachment {ATTACHMENT}")
+    return _sent(source, survey, (choice.left,) if mono else (choice.left, choice.right))
 
 
-def camera_from_message(path: Path, message: CalibrationMessage, rectified: bool) -> MonoRig:
-    """The rig of the one camera of a message. Raises LogError as `rig_from_messages`."""
+def first_size(source: Source, topic: str) -> tuple[int, int] | None:
+    """The size of the first image of a topic that can be told, for calibrations that do not contain it."""
+    decoder = MessageDecoder(source.path)
+    for message in source.messages(Damage(), frozenset([topic])):
+        try:
+            if (size := image_size(decoder.image(message))) is not None:
+                return size
+        except UndecodableMessage:
+            continue
+    return None
+
+
+def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
+    """Raise LogError where the images of a log cannot be used with this rig, whatever they show."""
+    if isinstance(rig, StereoRig) and (distance_m := right_is_left(rig)) is not None:
+        raise _error(
+            f"{source.path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left "
+            "one: left and right are swapped, or the sign of P[3] is wrong: exchange the topics, or correct the sign",
+            *("left", "right", "inspect"),
+        )
     try:
-        return MonoRig(_camera(path, message, rectified))
-    except ConfigError as error:
-        raise calibration_error(f"{path}: topic {message.topic}: {error}") from None
+        check_rectifiable(rig)
+    except RigError as error:
+        raise _error(f"{source.path}: {error}", *error.hint) from None
 
 
 def right_is_left(rig: StereoRig) -> float | None:
@@ -73,44 +106,87 @@ def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
     return [question] if question else []
 
 
-def check_rig(path: Path, rig: StereoRig | MonoRig) -> None:
-    """Raise LogError where the images of a log cannot be used with this rig, whatever they show."""
-    if isinstance(rig, StereoRig):
-        check_sides(path, rig)
+def _error(problem: str, *hints: str) -> LogError:
+    """The error of a calibration in a log that cannot be used: giving another one always helps."""
+    return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
+
+
+def _sent(source: Source, survey: Survey, topics: Sequence[str]) -> FoundRig:
+    """The rig by the messages of the cameras of these image topics."""
+    sent = _sent_messages(source, survey, topics)
+    rectified = is_rectified(topics[0])
+    origin = " and ".join(message.topic for message in sent)
     try:
-        check_rectifiable(rig)
-    except RigError as error:
-        raise calibration_error(f"{path}: {error}", *error.hint) from None
-
-
-def check_sides(path: Path, rig: StereoRig) -> None:
-    """Raise LogError where the right camera stands to the left of the left one."""
-    if (distance_m := right_is_left(rig)) is not None:
-        raise calibration_error(
-            f"{path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left one: "
-            "left and right are swapped, or the sign of P[3] is wrong: exchange the topics, or correct the sign",
-            "left",
-            "right",
-            "inspect",
+        if len(sent) == 1:
+            return FoundRig(MonoRig(_camera(sent[0], rectified)), origin, sent)
+        left, right = sent
+        if gives_baseline(left.P, right.P):
+            r_left, r_right = (np.eye(3) if rectified else _rotation(message) for message in sent)
+            pose, by = pose_from_projections(r_left, left.P, r_right, right.P), "P"
+        else:
+            frames = left.frame_id, right.frame_id
+            found = fixed_transform(source, survey, frames[1], frames[0]) if len(set(frames)) == 2 else None
+            if found is None:
+                raise _error(
+                    f"{source.path}: the baseline is not known: P of topics {left.topic} and {right.topic} gives none, "
+                    f"and no fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}"
+                )
+            pose, by = found, f"the transform between {frames[0]} and {frames[1]}"
+        return FoundRig(
+            StereoRig(_camera(left, rectified), _camera(right, rectified), pose),
+            f"{origin}, baseline from {by}",
+            sent,
         )
+    except ConfigError as error:
+        raise _error(f"{source.path}: topics {origin}: {error}") from None
 
 
-def _rotation(path: Path, message: CalibrationMessage) -> Array:
+def _sent_messages(source: Source, survey: Survey, image_topics: Sequence[str]) -> list[CalibrationMessage]:
+    """The calibration of each topic that is in force at the first image of the first one, else the first sent later."""
+    calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
+    topics = []
+    for side, image_topic in enumerate(image_topics):
+        if (topic := choose_calibration(image_topic, side, calibrations)) is None:
+            listed = f"; calibration topics are: {', '.join(sorted(calibrations))}" if calibrations else ""
+            raise _error(f"{source.path} has no calibration for topic {image_topic}{listed}")
+        topics.append(topic)
+    decoder, begun = MessageDecoder(source.path), False
+    found: dict[str, CalibrationMessage] = {}
+    problems: dict[str, str] = {}
+    for message in source.messages(Damage(), frozenset((*topics, image_topics[0]))):
+        topic = message.channel.topic
+        if topic == image_topics[0]:
+            begun = True
+        elif not begun or topic not in found:
+            try:
+                found[topic] = decoder.calibration(message)
+            except UndecodableMessage as error:
+                problems[topic] = f" ({error})"
+        if begun and len(found) == len(set(topics)):
+            break
+    for topic in topics:
+        if topic not in found:
+            problem = f"no calibration could be read from topic {topic}{problems.get(topic, '')}"
+            raise _error(f"{source.path}: {problem}")
+    return [found[topic] for topic in topics]
+
+
+def _rotation(message: CalibrationMessage) -> Array:
+    """R as a rotation; the identity where it was not sent. Raises ConfigError."""
     if not message.R.any():
         return np.eye(3)
     orthogonal = np.allclose(message.R @ message.R.T, np.eye(3), atol=_ROTATION_TOLERANCE)
     if not orthogonal or np.linalg.det(message.R) < 0:
-        raise calibration_error(f"{path}: topic {message.topic}: R is not a rotation matrix: {message.R.tolist()}")
+        raise ConfigError(f"{message.topic}: R is not a rotation matrix: {message.R.tolist()}")
     pose: Array = se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]
 
 
-def _camera(path: Path, message: CalibrationMessage, rectified: bool) -> Camera:
+def _camera(message: CalibrationMessage, rectified: bool) -> Camera:
+    size = message.width, message.height
     if rectified:
-        k = message.P[:3, :3] if message.P[0, 0] > 0 else message.K
-        return Camera(message.width, message.height, k, (), "none")
-    size = (message.width, message.height)
+        return Camera(*size, message.P[:3, :3] if message.P[0, 0] > 0 else message.K, (), "none")
     try:
         return make_camera(size, message.K, message.distortion_model, message.D)
     except ConfigError as error:
-        raise calibration_error(f"{path}: topic {message.topic}: {error}") from None
+        raise ConfigError(f"{message.topic}: {error}") from None

@@ -19,8 +19,7 @@ from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_tru
 from .log_writer import MessageWriter
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .rig import baseline_warnings, check_rig
-from .rig_finder import FoundRig, find_camera, find_rig
+from .rig import FoundRig, baseline_warnings, check_rig, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
 from .truth_file import GroundTruthFile, load_truth, time_warning
@@ -86,17 +85,15 @@ def _open(
 ) -> "StereoLog":
     damage = Damage()
     survey = survey_log(source, damage)
-    found: FoundRig[StereoRig] | FoundRig[MonoRig]
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
-        found = find_camera(source, survey, choice.left, calibration)
     elif isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera: a pair is needed, or mono")
     else:
         source, survey, calibration = both_sides(source, survey, calibration)
         choice = choose_cameras(source, survey, left, right, damage.notes)
-        found = find_rig(source, survey, choice, calibration)
-    check_rig(source.path, found.rig)
+    found = find_rig(source, survey, choice, calibration, mono)
+    check_rig(source, found.rig)
     return StereoLog(source, survey, choice, found)
 
 
@@ -139,15 +136,14 @@ class StereoLog:
     recorder's clock, None where it is not known.
     """
 
-    def __init__(
-        self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig[StereoRig] | FoundRig[MonoRig]
-    ) -> None:
+    def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig) -> None:
         self._source = source
         self.survey = survey
         self.path = source.path
         self.rig: StereoRig | MonoRig = found.rig
         self.left_topic, self.right_topic, self.choice_reason = choice.left, choice.right, choice.reason
-        self._reader = PairReader(source, choice.left, choice.right, found.sent)
+        self._sent = found.sent
+        self._reader = PairReader(source, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
         self._camera_frame = ""
@@ -169,6 +165,7 @@ class StereoLog:
 
     def pairs(self) -> Generator[StereoPair, None, None]:
         """Yield all pairs, not decoded; see `PairReader.pairs`."""
+        self._reader = PairReader(self._source, self.left_topic, self.right_topic, self._sent)
         return self._reader.pairs()
 
     def frames(self, selection: Selection | None = None) -> Generator[RecordedFrame, None, None]:

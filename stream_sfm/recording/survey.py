@@ -1,12 +1,11 @@
-"""What a log holds, found before anything is estimated: topics, counts, duration, first calibrations."""
+"""What a log holds, found before anything is estimated: topics, counts, duration."""
 
 from dataclasses import dataclass
 
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Channel
 from ..sources.source import Source
-from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, kind_of
-from .rig import calibration_error
+from .messages import kind_of
 
 # A log without an index is scanned this far at most, once cameras and calibrations have been met: some seconds of
 # reading, and enough for calibrations that are sent every few seconds.
@@ -77,31 +76,3 @@ def _scan(source: Source, damage: Damage) -> Survey:
             survey.whole = False
             break
     return survey
-
-
-def read_calibration_messages(
-    source: Source, topics: tuple[str, str], image_topic: str, decoder: MessageDecoder
-) -> tuple[CalibrationMessage, CalibrationMessage]:
-    """The calibration in force at the first image on each of the two topics, else the first one sent later.
-
-    Raises LogError where one of them is never sent.
-    """
-    found: dict[str, CalibrationMessage] = {}
-    problems: dict[str, str] = {}
-    begun = False
-    for message in source.messages(Damage(), frozenset((*topics, image_topic))):
-        topic = message.channel.topic
-        if topic == image_topic:
-            begun = True
-        elif not begun or topic not in found:
-            try:
-                found[topic] = decoder.calibration(message)
-            except UndecodableMessage as error:
-                problems[topic] = f" ({error})"
-        if begun and len(found) == len(set(topics)):
-            break
-    for topic in topics:
-        if topic not in found:
-            problem = f"no calibration could be read from topic {topic}{problems.get(topic, '')}"
-            raise calibration_error(f"{source.path}: {problem}")
-    return found[topics[0]], found[topics[1]]
