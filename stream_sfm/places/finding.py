@@ -5,7 +5,7 @@ nearest was 1.0 on every log tried. After a loss a bag of binary words answers (
 words trained on the run itself.
 """
 
-from collections.abc import Set
+from collections.abc import Iterable, Set
 
 import cv2
 import numpy as np
@@ -19,34 +19,42 @@ MAX_ANGLE_RAD = np.radians(40)  # the same
 _SIGMAS = 3.0
 _WORDS = 256
 _TRAIN_AT = 8  # keyframes, and again whenever there are four times as many
-_SAMPLE = 8192  # descriptors of the training
+_SAMPLE = 4096  # descriptors of the training
+_EVERY = 2  # of a keyframe's descriptors one is counted
+NEAREST = 64  # keyframes by predicted pose, whose covariances are looked at: a query costs the same in any map
 _ROUNDS = 4  # of k-majority: the fifth moves no word by more than a bit
 
 
-def near(
-    olds_from_new: Array, covs: Array, depth_m: float, count: int, apart: int, order: NDArray[np.int64]
-) -> NDArray[np.intp]:
-    """Rows of up to `count` keyframes that may overlap with the new one, the best first.
+def nearest_poses(olds_from_new: Array, depth_m: float) -> NDArray[np.intp]:
+    """Rows of up to `NEAREST` predicted motions (n, 4, 4), the nearest first."""
+    motion = se3.log_so3(olds_from_new[:, :3, :3])
+    apart = np.linalg.norm(olds_from_new[:, :3, 3], axis=1) / depth_m + np.linalg.norm(motion, axis=1)
+    return np.argsort(apart, kind="stable")[:NEAREST]
 
-    `olds_from_new` (n, 4, 4) predicted motions with covariances (n, 6, 6); rows whose numbers in `order` (n,) differ
-    by less than `apart` show the same, and one of them is enough.
-    """
+
+def may_overlap(olds_from_new: Array, covs: Array, depth_m: float) -> NDArray[np.bool_]:
+    """Which keyframes (n,) may show what a new one does, by motions (n, 4, 4) and their covariances (n, 6, 6)."""
     offset = np.linalg.norm(olds_from_new[:, :3, 3], axis=1)
     angle = np.linalg.norm(se3.log_so3(olds_from_new[:, :3, :3]), axis=1)
-    std_m, std_rad = (np.sqrt(np.trace(covs[:, s, s], axis1=1, axis2=2)) for s in (slice(0, 3), slice(3, 6)))
-    fits = (offset < MAX_OFFSET_DEPTHS * depth_m + _SIGMAS * std_m) & (angle < MAX_ANGLE_RAD + _SIGMAS * std_rad)
-    rows = np.flatnonzero(fits)
-    return _apart(rows[np.argsort((offset / depth_m + angle)[rows], kind="stable")], count, apart, order)
+    std_m, std_rad = stds(covs)
+    near = offset < MAX_OFFSET_DEPTHS * depth_m + _SIGMAS * std_m
+    return np.asarray(near & (angle < MAX_ANGLE_RAD + _SIGMAS * std_rad))
 
 
-def _apart(rows: NDArray[np.intp], count: int, apart: int, order: NDArray[np.int64]) -> NDArray[np.intp]:
+def stds(covs: Array) -> tuple[Array, Array]:
+    """σ of position and rotation (n,) of covariances (n, 6, 6)."""
+    return tuple(np.sqrt(np.trace(covs[:, s, s], axis1=1, axis2=2)) for s in (slice(0, 3), slice(3, 6)))
+
+
+def apart(numbers: Iterable[int], count: int, distance: int) -> list[int]:
+    """The first `count` numbers that differ by at least `distance`: keyframes in a row show the same."""
     chosen: list[int] = []
-    for row in rows.tolist():
-        if all(abs(int(order[row] - order[other])) >= apart for other in chosen):
-            chosen.append(row)
+    for number in numbers:
+        if all(abs(number - other) >= distance for other in chosen):
+            chosen.append(number)
         if len(chosen) == count:
             break
-    return np.array(chosen, np.intp)
+    return chosen
 
 
 class Words:
@@ -61,7 +69,7 @@ class Words:
 
     def add(self, number: int, descriptors: NDArray[np.uint8]) -> None:
         """Add a keyframe by its descriptors (n, 32)."""
-        self._descriptors[number] = descriptors
+        self._descriptors[number] = descriptors = descriptors[::_EVERY]
         if len(self._descriptors) >= max(_TRAIN_AT, 4 * self._trained_at):
             self._train()
         elif self._words is not None:
@@ -80,19 +88,19 @@ class Words:
             self._numbers[row], self._bags[row] = self._numbers[last], self._bags[last]
             self._numbers.pop()
 
-    def alike(self, descriptors: NDArray[np.uint8], count: int, apart: int, among: Set[int]) -> list[int]:
-        """Numbers of up to `count` keyframes that look most alike, `apart` from each other."""
+    def alike(self, descriptors: NDArray[np.uint8], among: Set[int]) -> list[int]:
+        """Numbers of keyframes, those that look most alike first."""
         if self._words is None:
-            return sorted(among)[:_TRAIN_AT]  # so few that any will do
+            return sorted(among)  # so few that any will do
         bags = self._bags[: len(self._numbers)]
         rarity = np.log(len(bags) / np.maximum(1, (bags > 0).sum(axis=0))).astype(np.float32)
         weighted = bags * rarity
         norm = np.linalg.norm(weighted, axis=1)
-        score = weighted @ (self._bag(descriptors) * rarity) / np.maximum(norm, 1e-6)
+        score = weighted @ (self._bag(descriptors[::_EVERY]) * rarity) / np.maximum(norm, 1e-6)
         order = np.array(self._numbers)
         ranked = np.argsort(-score, kind="stable")
         ranked = ranked[np.isin(order[ranked], list(among))]
-        return [int(number) for number in order[_apart(ranked, count, apart, order)]]
+        return [int(number) for number in order[ranked]]
 
     def _empty(self) -> NDArray[np.float32]:
         return np.zeros((_TRAIN_AT, _WORDS), np.float32)

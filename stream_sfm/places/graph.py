@@ -78,7 +78,7 @@ class PoseGraph:
         self.numbers: list[int] = []
         self.loops: list[Loop] = []
         self.links: dict[tuple[int, int], Link] = {}  # odometry between nodes, by their numbers
-        self._segment: dict[int, int] = {}
+        self._segments = np.zeros(64, np.int64)
         self._row: dict[int, int] = {}
         self._poses = np.zeros((64, 4, 4))
         self._chain = np.zeros((64, 6, 6))  # own covariance of a pose in its segment by odometry alone
@@ -104,12 +104,16 @@ class PoseGraph:
 
     def home(self, number: int) -> int:
         """The segment in whose world a node's pose is."""
-        return self._home[self._segment[number]]
+        return self._home[self.segment(number)]
+
+    def segment(self, number: int) -> int:
+        """The segment of one node."""
+        return int(self._segments[self._row[number]])
 
     @property
     def segments(self) -> list[int]:
         """The segment (n,) of each node."""
-        return [self._segment[number] for number in self.numbers]
+        return self._segments[: len(self)].tolist()
 
     def state(self) -> GraphState:
         """What is to be kept of the graph."""
@@ -143,17 +147,17 @@ class PoseGraph:
         """
         row = len(self.numbers)
         if row == len(self._poses):
-            for name in ("_poses", "_chain", "_jacobian"):
+            for name in ("_poses", "_chain", "_jacobian", "_segments"):
                 array = getattr(self, name)
                 setattr(self, name, np.concatenate([array, np.zeros_like(array)]))
         if link is None or not self.numbers:
             new_segment = max(self._home, default=-1) + 1 if segment is None else segment
             self._home.setdefault(new_segment, new_segment)
-            self._segment[number] = new_segment
+            self._segments[row] = new_segment
             self._poses[row], self._chain[row], self._jacobian[row] = pose, 0.0, 0.0
         else:
             last, before = self.numbers[-1], row - 1
-            self._segment[number] = self._segment[last]
+            self._segments[row] = self._segments[before]
             self.links[last, number] = link
             motion = link.given(self._mean)
             turn = se3.adjoint(se3.inverse(motion))
@@ -174,37 +178,47 @@ class PoseGraph:
             self._poses[:rows] = se3.orthonormalise(self._poses[:rows] @ se3.exp(change))
         self._mean, self._cov_common = mean, symmetric(cov)
 
-    def predicted(self, number: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Motions (n, 4, 4) from each node to this one, their covariances (n, 6, 6), and which are known (n,).
+    def in_world_of(self, number: int) -> NDArray[np.bool_]:
+        """Which nodes (n,) are in the same world as one."""
+        home = self.home(number)
+        return np.isin(self._segments[: len(self)], [s for s, other in self._home.items() if other == home])
+
+    def in_other_worlds(self, number: int) -> set[int]:
+        """The nodes that are not."""
+        if len(set(self._home.values())) == 1:
+            return set()
+        return {self.numbers[row] for row in np.flatnonzero(~self.in_world_of(number))}
+
+    def predicted(self, number: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Motions (k, 4, 4) from nodes in rows (k,) to this one, their covariances (k, 6, 6), infinite if unknown.
 
         The covariance is that of the best of few ways: odometry alone, or over one of the latest bridges between.
         """
-        motions = se3.inverse(self.poses) @ self.pose(number)
-        covs = np.full((len(self), 6, 6), np.inf)
+        motions = se3.inverse(self._poses[rows]) @ self.pose(number)
+        covs = np.full((len(rows), 6, 6), np.inf)
         ways = [(number, Link.none())]
         for bridge in self._bridges:
-            if self._segment[bridge.new] == self._segment[number]:
+            if self.segment(bridge.new) == self.segment(number):
                 row = self._row[bridge.new]
                 own, jacobian = self._to(np.array([row]), self._row[number])
                 onward = se3.inverse(self._poses[row]) @ self.pose(number)
                 rest = Link(onward, own[0], jacobian[0], self._mean)
                 ways.append((bridge.old, bridge.motion.then(rest)))
-        segments, size = np.array(self.segments), self._jacobian.shape[2]
+        segments, size = self._segments[rows], self._jacobian.shape[2]
         for start, rest in ways:
-            rows = np.flatnonzero(segments == self._segment[start])
-            own, jacobian = self._to(rows, self._row[start])
+            here = np.flatnonzero(segments == self.segment(start))
+            own, jacobian = self._to(rows[here], self._row[start])
             turn = se3.adjoint(se3.inverse(rest.first_from_second))
             j = turn @ jacobian + padded(rest.jacobian, size)
             cov = turn @ own @ turn.T + rest.cov + j @ self._cov_common @ np.swapaxes(j, 1, 2)
-            better = np.trace(cov, axis1=1, axis2=2) < np.trace(covs[rows], axis1=1, axis2=2)
-            covs[rows[better]] = cov[better]
-        return motions, covs, np.isfinite(covs[:, 0, 0])
+            better = np.trace(cov, axis1=1, axis2=2) < np.trace(covs[here], axis1=1, axis2=2)
+            covs[here[better]] = cov[better]
+        return motions, covs
 
     def between(self, first: int, second: int) -> Link | None:
         """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
-        motions, covs, known = self.predicted(second)
-        row = self._row[first]
-        return Link(motions[row], covs[row]) if known[row] else None
+        (motion,), (cov,) = self.predicted(second, np.array([self._row[first]]))
+        return Link(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
         """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
@@ -234,7 +248,7 @@ class PoseGraph:
         return refused
 
     def _joins(self, loop: Loop) -> bool:
-        return self._segment[loop.old] != self._segment[loop.new]
+        return self.segment(loop.old) != self.segment(loop.new)
 
     def _join(self, loop: Loop) -> bool:
         """Move the younger of two worlds into the older one, if a loop is the first between them."""
@@ -384,10 +398,9 @@ class PoseGraph:
 
     def _drop(self, number: int) -> None:
         row, n = self._row[number], len(self.numbers)
-        for array in (self._poses, self._chain, self._jacobian):
+        for array in (self._poses, self._chain, self._jacobian, self._segments):
             array[row : n - 1] = array[row + 1 : n]
         self.numbers.pop(row)
-        del self._segment[number]
         self._row = {other: k for k, other in enumerate(self.numbers)}
 
 

@@ -25,7 +25,6 @@ _SMOOTHING_PX = 1.0  # as in the front-end: without it interpolation shifts patc
 _FEATURES = 500  # ORB; points of the engine alone gave a recall of .2 instead of 1.0 on a corridor
 _FAST_THRESHOLD = 10  # grey values; the default of 20 leaves bare walls without features
 _MAX_ROW_DIFFERENCE_PX = 1.5
-_MAX_RETURN_PX = 0.5  # of the flow there and back
 _MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
 _FEATURE_STD_PX = 0.3  # of the flow from left to right
 
@@ -155,7 +154,7 @@ def _features(
     nearest = np.argmin(((left[:, None] - z_px[None, :, :2]) ** 2).sum(axis=2), axis=1)
     start = left.copy()
     start[:, 0] += (z_px[:, 2] - z_px[:, 0])[nearest]
-    right, found = flow(images[0], images[1], left, start)
+    right, found = _flow(images[0], images[1], left, start)
     z = np.hstack([left, right]).astype(float)
     found &= np.abs(left[:, 1] - right[:, 1]) < _MAX_ROW_DIFFERENCE_PX
     found &= projection.inverse_depth(z) > _MIN_INVERSE_DEPTH
@@ -169,18 +168,10 @@ def _cov_features(projection: StereoProjection, points: Array) -> Array:
     return np.asarray(_FEATURE_STD_PX**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))
 
 
-def flow(
+def _flow(
     a: Image, b: Image, px: NDArray[np.float32], start_px: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points (n, 2) of image a are in image b, and which are found and come back."""
-    there, found = _flow_once(a, b, px, start_px)
-    back, returned = _flow_once(b, a, there, px)
-    return there, found & returned & (np.abs(back - px).max(axis=1) < _MAX_RETURN_PX)
-
-
-def _flow_once(
-    a: Image, b: Image, px: NDArray[np.float32], start_px: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Where points (n, 2) of image a are in image b, and which are found."""
     at, status, _ = cv2.calcOpticalFlowPyrLK(
         a,
         b,

@@ -7,7 +7,7 @@ loops must agree.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate, Trajectory
 from .chain import UNSEEN, Chain, Link
-from .finding import Words, near
+from .finding import Words, apart, may_overlap, nearest_poses, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
 from .map_file import load_map, save_map
@@ -50,6 +50,7 @@ _MIN_GAIN = 2.0
 _CONFUSED_SIGMAS, _CONFUSED_DEPTHS, _CONFUSED_RAD = 5.0, 0.25, np.radians(15)
 _AGREEING = 3  # loops, of different keyframes
 _MAX_PENDING = 30
+_SEARCH_FRAMES = 30  # after a loss, in which every other frame is a keyframe; later only if a place looks known
 _WAITING = 2  # keyframes, of which one is being worked on
 _THINNED = 0.1  # of all keyframes, at once
 
@@ -71,6 +72,7 @@ class _Found:
     frame_index: int
     world_from_odom: Array
     located: bool
+    hopeful: bool  # some place looks as if it were known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +135,7 @@ class PlaceMap:
                 self._words.add(number, keyframe.descriptors)
         self._number = self._first = max(self._nodes, default=-1) + 1
         self.world_from_odom, self.located = np.eye(4), False
-        self._lost_until = -1  # frame: what is known of earlier ones is of the world before
+        self._hopeful, self._lost_until = False, -1  # frame: what is known of earlier ones is of the world before
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
         self._jobs: list[Future[_Found | None]] = []
 
@@ -166,7 +168,8 @@ class PlaceMap:
         self._before = estimate.world_from_cam
         if not self._wait:
             self._settle(False)
-        due = self._chain.step(estimate, eager=not self.located)
+        soon = self._hopeful or estimate.frame_index - self._lost_until < _SEARCH_FRAMES
+        due = self._chain.step(estimate, eager=not self.located and soon)
         if self._chain.link is None:
             self.located, self._lost_until = False, estimate.frame_index
         if not due:
@@ -235,6 +238,7 @@ class PlaceMap:
             found = self._jobs.pop(0).result()
             if found is not None and found.frame_index >= self._lost_until:
                 self.world_from_odom, self.located = found.world_from_odom, found.located
+                self._hopeful = found.hopeful
 
     def _take(self, job: _Job) -> "_Found | None":
         if self.problem:
@@ -265,7 +269,8 @@ class PlaceMap:
         if self.loops:  # before there are any the engine's own poses are at least as good
             corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
         located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
-        return _Found(estimate.frame_index, se3.orthonormalise(corrected), located)
+        hopeful = bool(self._pending) and self._pending[-1].new == number
+        return _Found(estimate.frame_index, se3.orthonormalise(corrected), located, hopeful)
 
     def _described(self, estimate: FrameEstimate, images: Sequence[NDArray[np.uint8]]) -> Keyframe:
         turn = self._rectifier.rect_from_cam
@@ -280,52 +285,56 @@ class PlaceMap:
         )
 
     def _find(self, number: int, seen: Seen) -> None:
-        """Look for older keyframes of the same place, and stop at the first that is verified."""
+        """Look for older keyframes of the same place: by the predicted pose, and where that is not enough by words."""
         graph, keyframe = self._graph, seen.keyframe
-        motions, covs, known = graph.predicted(number)
-        rows = np.flatnonzero(known & self._away(number, motions))
-        numbers = np.array(graph.numbers)
-        found = near(motions[rows], covs[rows], keyframe.depth_m, _CANDIDATES, _APART, numbers[rows])
-        for row in rows[found].tolist():
-            if self._try(int(numbers[row]), number, seen, (motions[row], covs[row])):
+        olds_from_new = se3.inverse(graph.poses) @ graph.pose(number)
+        rows = np.flatnonzero(graph.in_world_of(number) & self._by_detour(number, olds_from_new))
+        rows = rows[nearest_poses(olds_from_new[rows], keyframe.depth_m)]
+        motions, covs = graph.predicted(number, rows)
+        gate = may_overlap(motions, covs, keyframe.depth_m)
+        near = {
+            graph.numbers[row]: Link(*known)
+            for row, *known in zip(rows[gate], motions[gate], covs[gate], strict=True)
+        }
+        sure = {old: link for old, link in near.items() if not is_ambiguous(link.cov, keyframe.depth_m)}
+        for old in apart(filter(self._unseen_since(number), sure), _CANDIDATES, _APART):
+            if (loop := self._verified(old, number, seen)) and agrees(sure[old], loop.motion):
+                if gain(sure[old], loop.motion) > _MIN_GAIN:
+                    self._graph.close([loop], doubtful=False)
                 return
-        others = {other for other in graph.numbers if graph.home(other) != graph.home(number)}
-        for other in self._words.alike(keyframe.descriptors, _CANDIDATES, _APART, others) if others else ():
-            if self._try(other, number, seen, None):
-                return
+        doubtful = {*near} - {*sure} | graph.in_other_worlds(number)
+        alike = filter(
+            self._unseen_since(number), self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
+        )
+        found = [self._verified(old, number, seen) for old in apart(alike, _CANDIDATES, _APART)]
+        self._close_doubtful([loop for loop in found if loop is not None], keyframe.depth_m)
 
-    def _away(self, number: int, motions: Array) -> NDArray[np.bool_]:
-        """Which nodes (n,) the camera has been away from, by predicted motions (n, 4, 4) from there.
-
-        It has come by a detour, and hardly a point is followed any more that was seen there.
-        """
-        new = self._nodes[number]
+    def _by_detour(self, number: int, motions: Array) -> NDArray[np.bool_]:
+        """Which nodes (n,) the camera has come from by a detour, by predicted motions (n, 4, 4) from there."""
+        nodes, new = self._nodes, self._nodes[number]
         far_m = _MIN_DETOUR_DEPTHS * new.keyframe.depth_m + np.linalg.norm(motions[:, :3, 3], axis=1)
-        away = np.zeros(len(self._graph), bool)
-        for row, old in enumerate(self._nodes[other] for other in self._graph.numbers):
-            if len(new.ids) and new.path_m - old.path_m > far_m[row]:
-                away[row] = new.ids[0] > old.ids[-1] or np.isin(new.ids, old.ids).mean() < _IN_COMMON
-        return away
+        return np.asarray(new.path_m - np.array([nodes[old].path_m for old in self._graph.numbers]) > far_m)
 
-    def _try(self, old: int, new: int, seen: Seen, predicted: tuple[Array, Array] | None) -> bool:
-        """Verify one candidate, and use the loop if it tells something; whether it shows the same place."""
+    def _unseen_since(self, number: int) -> Callable[[int], bool]:
+        """Of which nodes hardly a point is followed any more."""
+        ids = self._nodes[number].ids
+
+        def test(old: int) -> bool:
+            return bool(len(ids)) and np.isin(ids, self._nodes[old].ids).mean() < _IN_COMMON
+
+        return test
+
+    def _verified(self, old: int, new: int, seen: Seen) -> Loop | None:
         found = self._verifier.motion(self._nodes[old].keyframe, seen)
         if found is None:
-            return False
-        motion = Link(self._axes.poses(found.first_from_second), self._axes.cov_pose(found.cov))
-        loop = Loop(old, new, motion)
-        if predicted is None or is_ambiguous(predicted[1], seen.keyframe.depth_m):
-            self._close_doubtful(loop)
-            return True
-        if not agrees(Link(*predicted), motion):
-            return False
-        gain = 0.5 * np.linalg.slogdet(np.eye(6) + np.linalg.solve(motion.cov, predicted[1]))[1]
-        if gain > _MIN_GAIN:
-            self._graph.close([loop], doubtful=False)
-        return True
+            return None
+        return Loop(old, new, Link(self._axes.poses(found.first_from_second), self._axes.cov_pose(found.cov)))
 
-    def _close_doubtful(self, loop: Loop) -> None:
-        """Keep a loop until others agree with it; then close them all."""
+    def _close_doubtful(self, loops: list[Loop], depth_m: float) -> None:
+        """Keep a loop until others agree with it; then close them all. What looks like two places says nothing."""
+        if not loops or any(self._are_rivals(loops[0], other, depth_m) for other in loops[1:]):
+            return
+        loop = loops[0]
         agreeing = [other for other in self._pending if other.new != loop.new and self._agree(other, loop)]
         self._pending = [*self._pending[-_MAX_PENDING:], loop]
         if len({other.new for other in agreeing}) + 1 < _AGREEING:
@@ -338,6 +347,16 @@ class PlaceMap:
         """Whether two loops say the same, by the ways between their ends."""
         olds, news = self._graph.between(a.old, b.old), self._graph.between(a.new, b.new)
         return olds is not None and news is not None and agrees(a.motion.then(news), olds.then(b.motion))
+
+    def _are_rivals(self, a: Loop, b: Loop, depth_m: float) -> bool:
+        """Whether two loops of one keyframe have it at different places."""
+        olds = self._graph.between(a.old, b.old)
+        if olds is None or agrees(a.motion, olds.then(b.motion)):
+            return False
+        apart = se3.log(se3.inverse(a.motion.first_from_second) @ olds.then(b.motion).first_from_second)
+        return bool(
+            np.linalg.norm(apart[:3]) > _CONFUSED_DEPTHS * depth_m or np.linalg.norm(apart[3:]) > _CONFUSED_RAD
+        )
 
     def _thin(self) -> None:
         """Let those keyframes go that lie closest to older ones."""
@@ -362,9 +381,13 @@ class PlaceMap:
 
 def is_ambiguous(cov: Array, depth_m: float) -> bool:
     """Whether another place may lie within a prediction's covariance (6, 6)."""
-    std_m, std_rad = np.sqrt(np.trace(cov[:3, :3])), np.sqrt(np.trace(cov[3:, 3:]))
-    far = _CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m
-    return bool(far or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
+    (std_m,), (std_rad,) = stds(cov[None])
+    return bool(_CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
+
+
+def gain(known: Link, loop: Link) -> float:
+    """What a loop tells beyond a prediction, nats."""
+    return float(0.5 * np.linalg.slogdet(np.eye(6) + np.linalg.solve(loop.cov, known.cov))[1])
 
 
 def agrees(one: Link, other: Link) -> bool:

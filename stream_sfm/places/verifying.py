@@ -147,17 +147,11 @@ class Verifier:
 
 
 def matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Pairs (k, 2) of descriptors that are each other's nearest, and clearly nearer than the second."""
-    none = np.zeros((0, 2), np.intp)
+    """Pairs (k, 2) of descriptors, of a with the nearest of b, if clearly nearer than the second; each once."""
     if len(a) < 2 or len(b) < 2:
-        return none
-    matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
-    back = {match.queryIdx: match.trainIdx for match in matcher.match(b, a)}
-    pairs = [
-        (first.queryIdx, first.trainIdx)
-        for first, second in matcher.knnMatch(a, b, 2)
-        if first.distance <= _MAX_HAMMING
-        and first.distance < _MAX_RATIO * second.distance
-        and back[first.trainIdx] == first.queryIdx
-    ]
-    return np.array(pairs, np.intp) if pairs else none
+        return np.zeros((0, 2), np.intp)
+    bits, nearest = cv2.batchDistance(a, b, cv2.CV_32S, None, None, cv2.NORM_HAMMING, 2)
+    rows = np.flatnonzero((bits[:, 0] <= _MAX_HAMMING) & (bits[:, 0] < _MAX_RATIO * bits[:, 1]))
+    rows = rows[np.argsort(bits[rows, 0], kind="stable")]
+    rows = np.sort(rows[np.unique(nearest[rows, 0], return_index=True)[1]])
+    return np.stack([rows, nearest[rows, 0]], axis=1)

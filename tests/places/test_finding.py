@@ -3,16 +3,17 @@
 import numpy as np
 
 from stream_sfm.geometry import se3
-from stream_sfm.places.finding import Words, near
+from stream_sfm.places.finding import Words, apart, may_overlap, nearest_poses
 
 
-def test_the_nearest_predicted_poses_within_their_covariance() -> None:
-    at = np.array([0.1, 5.0, 5.0, 0.3, 0.32, 0.9])
+def test_places_within_reach_of_the_predicted_pose_by_its_covariance() -> None:
+    at = np.array([0.3, 5.0, 5.0, 0.1, 0.32, 0.9])
     motions = np.array([se3.exp([x, 0, 0, 0, 0, 0]) for x in at])
     covs = np.tile(1e-6 * np.eye(6), (6, 1, 1))
     covs[2, 0, 0] = 4.0  # so uncertain that it may be near
-    found = near(motions, covs, depth_m=1.0, count=4, apart=3, order=np.array([0, 10, 20, 30, 31, 40]))
-    assert found.tolist() == [0, 3, 2]  # 4 shows what 3 shows, 5 is beyond half the depth
+    assert nearest_poses(motions, depth_m=1.0).tolist() == [3, 0, 4, 5, 1, 2]
+    assert may_overlap(motions, covs, depth_m=1.0).tolist() == [True, False, True, True, True, False]
+    assert apart([8, 7, 10, 20, 30, 11], count=3, distance=3) == [8, 20, 30]
 
 
 def _descriptors(rng: np.random.Generator, place: np.ndarray) -> np.ndarray:
@@ -29,15 +30,15 @@ def test_words_of_the_run_itself_find_a_place_again() -> None:
         words.add(number, place)
     everything = set(range(60))
     for number in range(0, 60, 7):
-        assert words.alike(_descriptors(rng, places[number]), 1, 3, everything) == [number]
-    assert words.alike(places[8], 3, 3, {20, 40}) and set(words.alike(places[8], 3, 3, {20, 40})) <= {20, 40}
+        assert words.alike(_descriptors(rng, places[number]), everything)[0] == number
+    assert {*words.alike(places[8], {20, 40})} == {20, 40}
     words.forget(14)
-    assert 14 not in words.alike(places[14], 60, 1, everything)
-    assert words.alike(places[21], 1, 3, everything) == [21]
+    assert 14 not in words.alike(places[14], everything)
+    assert words.alike(places[21], everything)[0] == 21
 
 
 def test_before_there_are_words_any_keyframe_will_do() -> None:
     words = Words()
     words.add(0, np.zeros((10, 32), np.uint8))
-    assert words.alike(np.zeros((10, 32), np.uint8), 3, 3, {0}) == [0]
-    assert words.alike(np.zeros((0, 32), np.uint8), 3, 3, {0}) == [0]
+    assert words.alike(np.zeros((10, 32), np.uint8), {0}) == [0]
+    assert words.alike(np.zeros((0, 32), np.uint8), {0}) == [0]

@@ -191,6 +191,32 @@ def test_a_second_run_goes_on_in_a_saved_map(room: Room, tmp_path: Path) -> None
     assert len(PlaceMap(room.rig, known=tmp_path / "room.mcap")) == len(places)
 
 
+def test_where_two_rooms_are_the_same_neither_is_taken_for_it(room: Room, tmp_path: Path) -> None:
+    """A saved map with a copy of its room next door: every view fits twice."""
+    mapped(room).save(tmp_path / "room.mcap")
+    places = PlaceMap(room.rig)
+    projection, turn = places._rectifier.projection, places._rectifier.rect_from_cam
+    keyframes, state = load_map(tmp_path / "room.mcap", projection, turn)
+    n = state.numbers[-1] + 1
+    next_door = se3.exp([8, 0, 0, 0, 0, 0]) @ state.poses
+    twice = replace(
+        state,
+        numbers=[*state.numbers, *(n + number for number in state.numbers)],
+        segments=2 * state.segments,
+        homes=2 * state.homes,
+        poses=np.concatenate([state.poses, next_door]),
+        covs=np.concatenate([state.covs, state.covs]),
+        loops=[],
+    )
+    save_map(tmp_path / "twice.mcap", projection, turn, 2 * keyframes, twice)
+    for known, found in (("room.mcap", True), ("twice.mcap", False)):
+        places = PlaceMap(room.rig, wait=True, known=tmp_path / known)
+        for estimate, frame in room.again:
+            places.write(estimate, frame)
+        places.close()
+        assert not places.problem and bool(places.loops) == found == places.located
+
+
 def test_a_map_of_nothing_known_goes_on_as_any_other(room: Room, tmp_path: Path) -> None:
     """What is kept says the same as what was saved, to the bit."""
     first = mapped(room, room.run[:30])
