@@ -47,6 +47,7 @@ from ._core import pose_exp as pose_exp
 from ._core import pose_log as pose_log
 from ._core import quaternions as quaternions
 from ._core import rig_columns as rig_columns
+from ._core import rig_mixture as rig_mixture
 from ._core import rotation_vectors as rotation_vectors
 from ._core import sample_weights as sample_weights
 from ._core import store_patches as store_patches

@@ -111,6 +111,24 @@ def field_basis(left_px: Array, u: Array, v: Array, length: float, root: Array) 
     Columns `u` and rows `v` of the grid, K = len(u) len(v), and `length` ℓ in pixels. 0 where a position is not finite.
     """
 
+def rig_mixture(
+    mean: Array,
+    cov: Array,
+    size: Array,
+    lenses: int,
+    is_zero: Mask,
+    log_prior: Array,
+    counts: float,
+    known_wrong: bool,
+) -> tuple[Array, Array, float]:
+    """Return mean (m,) and covariance (m, m) of a rig's errors as a mixture, and the probability that lenses are wrong.
+
+    N(`mean` (m,), `cov` (m, m)) by all views, with the sizes (m,) so far. The first `lenses` terms are of lenses; the
+    next n may be 0 in the combinations `is_zero` (c, n) of log probability `log_prior` (c,), for which the share
+    `counts` of their information counts; the others are of a field, which goes with the lenses. `known_wrong`: lenses
+    have errors. Raises LinAlgError where the arguments are not finite.
+    """
+
 def velocities_by_twist(pinholes: tuple[float, float, float, float, float], points_in_cam: Array) -> Array:
     """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
 

@@ -155,6 +155,14 @@ NB_MODULE(_core, m) {
     m.def("field_basis", [](const Floats& at, const In<double, 1>& u, const In<double, 1>& v, double length, const Floats& root) {
         return numpy(unlocked([&] { return field_basis(view(at), view(u), view(v), length, view(root)); }));
     });
+    m.def("rig_mixture", [](const In<double, 1>& mean, const Floats& cov, const In<double, 1>& size, std::size_t lenses,
+                            const In<bool, 2>& is_zero, const In<double, 1>& log_prior, double counts, bool known_wrong) {
+        auto r = unlocked([&] {
+            return rig_mixture(view(mean), view(cov), view(size), lenses, view(is_zero), view(log_prior), counts, known_wrong);
+        });
+        require_definite(r.finite, "the errors of the rig are not determined");
+        return nb::make_tuple(numpy(std::move(r.mean)), numpy(std::move(r.cov)), r.p_wrong);
+    });
     m.def("velocities_by_twist", [](const nb::tuple& camera, const Floats& points) {
         Pinholes of = pinholes(camera);
         return numpy(unlocked([&] { return velocities_by_twist(of, view(points)); }));

@@ -78,6 +78,16 @@ Array<double, 2> rotation_vectors(const View<double, 3>& rotations);
 Array<double, 2> quaternions(const View<double, 3>& rotations);
 Array<double, 3> orthonormalise(const View<double, 3>& poses);
 
+// mixture.cpp
+struct Mixture {
+    Array<double, 1> mean;
+    Array<double, 2> cov;
+    double p_wrong;
+    bool finite;
+};
+Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
+                    const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong);
+
 // dense.cpp
 Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);
 Array<double, 2> invert_triangle(const View<double, 2>& lower);

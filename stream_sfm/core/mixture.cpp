@@ -1,0 +1,239 @@
+// A rig's errors as a mixture over what may be exactly zero, by ratios of densities there (Dickey 1971), eqs. (72).
+
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+using Numbers = std::vector<double>;
+using Which = std::vector<std::size_t>;
+
+constexpr double ROUNDING = 1e-15;  // of a variance: what is left of one that is known better than that
+constexpr int SWEEPS = 30;          // of Jacobi's method, which needs six or so
+constexpr double ALONE = 0.05;      // of wrong calibrations are wrong in one term only
+constexpr double MAX_ODDS = 500.0;  // log odds: exp stays finite
+
+struct Gaussian {
+    Numbers mean, cov;
+    std::size_t size() const { return mean.size(); }
+};
+
+// The rows `which` of a Gaussian.
+Gaussian part(const Gaussian& of, const Which& which) {
+    std::size_t m = of.size(), n = which.size();
+    Gaussian result{Numbers(n), Numbers(n * n)};
+    for (std::size_t i = 0; i < n; i++) {
+        result.mean[i] = of.mean[which[i]];
+        for (std::size_t j = 0; j < n; j++) result.cov[i * n + j] = of.cov[which[i] * m + which[j]];
+    }
+    return result;
+}
+
+// The lower Cholesky factor of a covariance (n, n), in place.
+void factor(Numbers& a, std::size_t n) {
+    for (std::size_t j = 0; j < n; j++) {
+        double variance = a[j * n + j], pivot = variance;
+        for (std::size_t k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
+        a[j * n + j] = std::sqrt(std::max(pivot, ROUNDING * variance));
+        for (std::size_t i = j + 1; i < n; i++) {
+            for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] /= a[j * n + j];
+        }
+    }
+}
+
+// b becomes L⁻¹ b.
+void substitute(const Numbers& lower, double* b, std::size_t n) {
+    for (std::size_t i = 0; i < n; i++) {
+        for (std::size_t k = 0; k < i; k++) b[i] -= lower[i * n + k] * b[k];
+        b[i] /= lower[i * n + i];
+    }
+}
+
+// C⁻¹ and C⁻¹ m of a Gaussian.
+Gaussian information_of(Gaussian of) {
+    std::size_t n = of.size();
+    factor(of.cov, n);
+    Gaussian result{Numbers(n), Numbers(n * n)};
+    Numbers inverse(n * n);  // its rows: columns of L⁻¹
+    for (std::size_t i = 0; i < n; i++) {
+        inverse[i * n + i] = 1;
+        substitute(of.cov, inverse.data() + i * n, n);
+    }
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) {
+            for (std::size_t k = 0; k < n; k++) result.cov[i * n + j] += inverse[i * n + k] * inverse[j * n + k];
+            result.mean[i] += result.cov[i * n + j] * of.mean[j];
+        }
+    return result;
+}
+
+// The rows `kept` of a Gaussian, given that those of `zero` are 0.
+Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
+    std::size_t m = of.size(), n = zero.size(), others = kept.size();
+    Gaussian given = part(of, zero), result = part(of, kept);
+    factor(given.cov, n);
+    substitute(given.cov, given.mean.data(), n);
+    Numbers half(others * n);  // rows: L⁻¹ of the covariances with one of the others
+    for (std::size_t i = 0; i < others; i++) {
+        double* row = half.data() + i * n;
+        for (std::size_t k = 0; k < n; k++) row[k] = of.cov[kept[i] * m + zero[k]];
+        substitute(given.cov, row, n);
+        result.mean[i] -= std::inner_product(row, row + n, given.mean.data(), 0.0);
+        for (std::size_t j = 0; j <= i; j++) {
+            result.cov[i * others + j] -= std::inner_product(row, row + n, half.data() + j * n, 0.0);
+            result.cov[j * others + i] = result.cov[i * others + j];
+        }
+    }
+    return result;
+}
+
+// A symmetric matrix (n, n) becomes diagonal, and x the same vector along its axes; Jacobi's method.
+void turn_to_axes(Numbers& a, double* x, std::size_t n) {
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        bool turned = false;
+        for (std::size_t p = 0; p < n; p++)
+            for (std::size_t q = p + 1; q < n; q++) {
+                double apq = a[p * n + q], app = a[p * n + p], aqq = a[q * n + q];
+                if (!(std::abs(apq) > ROUNDING * 0.1 * (std::abs(app) + std::abs(aqq)))) continue;
+                turned = true;
+                double theta = (aqq - app) / (2 * apq);
+                double t = (theta < 0 ? -1.0 : 1.0) / (std::abs(theta) + std::sqrt(theta * theta + 1));
+                double c = 1 / std::sqrt(t * t + 1), s = t * c;
+                auto turn = [&](double& u, double& v) {
+                    double before = u;
+                    u = c * before - s * v;
+                    v = s * before + c * v;
+                };
+                for (std::size_t k = 0; k < n; k++) turn(a[k * n + p], a[k * n + q]);
+                for (std::size_t k = 0; k < n; k++) turn(a[p * n + k], a[q * n + k]);
+                turn(x[p], x[q]);
+            }
+        if (!turned) return;
+    }
+}
+
+// As `rig_model.sizes.log_evidence`, of an error of variance 1.
+double log_evidence(double information, double weighted) {
+    return 0.5 * (weighted * weighted / (1 + information) - std::log1p(information));
+}
+
+// The log odds that errors are N(0, 1) each rather than all 0, by C⁻¹ and C⁻¹ m with sizes so far; of what the views
+// claim a share counts.
+double log_odds_wrong(Gaussian information, const Numbers& size, double counts) {
+    std::size_t n = information.size();
+    for (std::size_t i = 0; i < n; i++) information.cov[i * n + i] -= 1 / (size[i] * size[i]);
+    turn_to_axes(information.cov, information.mean.data(), n);
+    double sum = 0;
+    for (std::size_t i = 0; i < n; i++)
+        sum += log_evidence(counts * std::max(information.cov[i * n + i], 0.0), counts * information.mean[i]);
+    return sum;
+}
+
+Numbers at(const Numbers& values, const Which& which) {
+    Numbers result;
+    for (std::size_t i : which) result.push_back(values[i]);
+    return result;
+}
+
+// The log odds that lenses have errors rather than none: in all their terms, or in any one of them alone.
+double log_odds_lenses(const Gaussian& lenses, const Numbers& size) {
+    std::size_t n = lenses.size();
+    Gaussian information = information_of(lenses);
+    Numbers alone;
+    for (std::size_t i = 0; i < n; i++)
+        alone.push_back(log_evidence(std::max(information.cov[i * n + i] - 1 / (size[i] * size[i]), 0.0), information.mean[i]));
+    double together = log_odds_wrong(information, size, 1.0), largest = together, sum = 0;
+    for (double one : alone) largest = std::max(largest, one);
+    for (double one : alone) sum += std::exp(one - largest);
+    return largest + std::log((1 - ALONE) * std::exp(together - largest) + ALONE * sum / static_cast<double>(n));
+}
+
+struct Combinations {
+    Numbers weighted;  // C⁻¹ m of the considered terms, averaged over what is 0 by its probability
+    Which zero;        // of the most probable combination, among the considered terms
+};
+
+// By the density where terms of each combination are 0, of the `considered` terms alone.
+Combinations combinations(const Gaussian& considered, const Numbers& size, const View<bool, 2>& is_zero, const double* log_prior,
+                          double counts) {
+    std::size_t n = considered.size(), number = is_zero.shape[0];
+    Numbers log_p(number), weighted(number * n);
+    std::vector<Which> zeros(number);
+    for (std::size_t i = 0; i < number; i++) {
+        for (std::size_t k = 0; k < n; k++)
+            if (is_zero[i][k]) zeros[i].push_back(k);
+        Gaussian information = information_of(part(considered, zeros[i]));
+        for (std::size_t k = 0; k < zeros[i].size(); k++) weighted[i * n + zeros[i][k]] = information.mean[k];
+        log_p[i] = log_prior[i] - log_odds_wrong(std::move(information), at(size, zeros[i]), counts);
+    }
+    auto largest = std::max_element(log_p.begin(), log_p.end());
+    Combinations result{Numbers(n), zeros[static_cast<std::size_t>(largest - log_p.begin())]};
+    double sum = 0, most = *largest;
+    for (double& p : log_p) sum += p = std::exp(p - most);
+    for (std::size_t i = 0; i < number; i++)
+        for (std::size_t k = 0; k < n; k++) result.weighted[k] += log_p[i] / sum * weighted[i * n + k];
+    return result;
+}
+
+// Errors where the considered terms, of which the first is `first`, are as wrong as is probable; they count in full.
+void consider(Gaussian& of, std::size_t first, const Numbers& weighted) {
+    std::size_t m = of.size();
+    Numbers away(m);
+    for (std::size_t i = 0; i < m; i++)
+        for (std::size_t k = 0; k < weighted.size(); k++) away[i] += of.cov[i * m + first + k] * weighted[k];
+    for (std::size_t i = 0; i < m; i++) {
+        of.mean[i] -= away[i];
+        for (std::size_t j = 0; j < m; j++) of.cov[i * m + j] += away[i] * away[j];
+    }
+}
+
+}  // namespace
+
+Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
+                    const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong) {
+    std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];
+    require_shape(cov, {m, m}, "cov");
+    require_shape(size, {m}, "size");
+    require_shape(log_prior, {is_zero.shape[0]}, "log_prior");
+    require(lenses > 0 && terms <= m && is_zero.shape[0] > 0, "there are fewer errors than terms");
+    Which of_lenses(lenses), considered(terms - lenses), lens_and_field(m - considered.size());
+    std::iota(of_lenses.begin(), of_lenses.end(), 0);
+    std::iota(considered.begin(), considered.end(), lenses);
+    std::iota(lens_and_field.begin(), lens_and_field.end(), 0);
+    for (std::size_t& i : lens_and_field) i += i < lenses ? 0 : considered.size();
+    Numbers sizes(size.data, size.data + m), of_considered = at(sizes, considered);
+    Gaussian wrong{Numbers(mean.data, mean.data + m), Numbers(cov.data, cov.data + m * m)}, all = wrong;
+    auto found = combinations(part(all, considered), of_considered, is_zero, log_prior.data, counts);
+    consider(wrong, lenses, found.weighted);
+    for (std::size_t& i : found.zero) i += lenses;  // free rates and times would do for lenses, too
+    double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses));
+    double p = 1 / (1 + std::exp(-std::min(std::max(log_odds, -MAX_ODDS), MAX_ODDS)));
+    Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p, std::isfinite(log_odds)};
+    Gaussian right{Numbers(m), Numbers(m * m)};
+    if (!known_wrong) {
+        Gaussian own = without(all, lens_and_field, considered);
+        consider(own, 0, combinations(own, of_considered, is_zero, log_prior.data, counts).weighted);
+        for (std::size_t i = 0; i < considered.size(); i++) {
+            right.mean[considered[i]] = own.mean[i];
+            for (std::size_t j = 0; j < considered.size(); j++)
+                right.cov[considered[i] * m + considered[j]] = own.cov[i * considered.size() + j];
+        }
+    }
+    p = result.p_wrong;
+    for (std::size_t i = 0; i < m; i++) {
+        result.mean.data[i] = p * wrong.mean[i] + (1 - p) * right.mean[i];
+        for (std::size_t j = 0; j < m; j++) {
+            double apart = (wrong.mean[i] - right.mean[i]) * (wrong.mean[j] - right.mean[j]);
+            result.cov[i][j] = p * wrong.cov[i * m + j] + (1 - p) * right.cov[i * m + j] + p * (1 - p) * apart;
+        }
+    }
+    return result;
+}
+
+}  // namespace core
