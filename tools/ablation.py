@@ -35,6 +35,7 @@ RULES: dict[str, tuple[str, Any]] = {
     "exposure hypotheses": ("frontend.rough_motion:exposure_hypotheses", lambda before, now: [before.left_half]),
     "history weights": ("frontend.tracks:Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection:_with_second_motion", lambda views, found, weights: found),
+    "one rigid body": ("frontend.tracker:rigid_motion", lambda views, weights, found, predicted: found),
     "hidden background": ("frontend.tracker:_is_background_hidden", lambda *_: False),
     "rejected tracks": ("frontend.tracker:_AMBIGUOUS", 0.0),
     "pair check": ("frontend.front_end:problem_of", lambda *_: ""),

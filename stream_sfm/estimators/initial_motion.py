@@ -28,10 +28,10 @@ def initial_motion(
 
     `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
     The start is the front-end's own motion, else the prediction of the motion model; where few views agree with what it
-    leads to, `resect` searches the whole space of motions. `weights` (n,) and `shared`
-    (n, 4, j): as in `resect`.
+    leads to, `resect` searches the whole space of motions, unless the front-end has decided between two. `weights`
+    (n,) and `shared` (n, 4, j): as in `resect`.
     """
-    start = observations.cam_from_previous
+    start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
         found = resect(
             projection,
@@ -45,6 +45,7 @@ def initial_motion(
             start_is_close=start is not None,
             find_second=start is None,
             shared=shared,
+            start_is_decided=ambiguity is not None and ambiguity.other_from_previous is not None,
         )
     except np.linalg.LinAlgError:
         return None

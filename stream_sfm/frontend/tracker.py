@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
+from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -22,6 +23,7 @@ from .pair_check import Found
 from .prepared import PreparedImages
 from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
+from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
 from .state import FrontEndState, Setup
 from .stereo_depth import align_in_both, cov_of_rows_as_turn, learn_rows, unknown_rows, update_depths
@@ -211,18 +213,14 @@ def _resect(
     setup: Setup, state: FrontEndState, known: _Known, views: AlignedViews, start: Array, dt_s: float
 ) -> tuple[FrontEndState, Resection | None]:
     """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
-    before = known.before
+    before, robust = known.before, setup.config.robust
+    seen = before.points, known.cov_points, views.z_px[views.found], views.cov_px[views.found]
     motion = resect(
-        setup.projection,
-        before.points,
-        known.cov_points,
-        views.z_px[views.found],
-        views.cov_px[views.found],
-        start,
-        setup.config.robust.gate_probability,
-        before.weights,
-        shared=known.unknown_px,
+        setup.projection, *seen, start, robust.gate_probability, before.weights, shared=known.unknown_px
     )
+    if motion.ok:
+        point_views = PointViews(setup.projection, *seen, robust.gate_probability, known.unknown_px)
+        motion = rigid_motion(point_views, before.weights, motion, se3.exp(state.velocity * dt_s))
     enough = _MIN_AGREEMENT * known.weight
     agree = motion.ok and before.weights[motion.accepted].sum() >= enough
     hidden = _is_background_hidden(setup, state, before, motion, dt_s)

@@ -44,8 +44,8 @@ _SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and s
 # pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
 # history.
 _AMBIGUOUS_SHARE = 0.1
-_BEYOND = 2.0  # gates: views that are clearly not of the first motion
-_MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+BEYOND = 2.0  # gates: views that are clearly not of the first motion
+MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +126,7 @@ def resect(
     start_is_close: bool = False,
     find_second: bool = True,
     shared: Array | None = None,
+    start_is_decided: bool = False,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
 
@@ -135,7 +136,7 @@ def resect(
     only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
     of any; where nearly all of them do, neither another start nor annealing is needed. `find_second`: whether a second
     motion is looked for. `shared` (n, 4, j): what errors of σ = 1 that all views share do to them; they are estimated
-    with the motion.
+    with the motion. `start_is_decided`: no motion of other views is looked for.
     """
     n = len(z_px)
     if n < MIN_VIEWS:
@@ -148,7 +149,7 @@ def resect(
     start = _Motion(cam_from_ref_start, np.zeros(views.shared.shape[2]))
     if start_is_close:
         found = _least_squares(views, weights, start, *views.linearise(cam_from_ref_start))
-        if found.ok and _agrees_with_nearly_all(views, found, weights):
+        if found.ok and (start_is_decided or _agrees_with_nearly_all(views, found, weights)):
             return found
     found = _solve(views, start, weights)
     if found.share < _CALM_SHARE:
@@ -178,6 +179,11 @@ def _search(views: PointViews, start: _Motion, weights: Array) -> Resection:
     return _least_squares(views, weights, _Motion(motion, start.amplitudes), *views.linearise(motion))
 
 
+def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
+    """Find the motion of the views that agree with one (4, 4), which is close to theirs."""
+    return _least_squares(views, weights, _Motion(cam_from_ref, amplitudes), *views.linearise(cam_from_ref))
+
+
 def _support(views: PointViews, found: Resection, weights: Array) -> float:
     """Return the support of one motion, whitened where it is."""
     root, _ = views.linearise(found.cam_from_ref)
@@ -190,17 +196,17 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     Many views may agree with both motions; they say nothing about which of the two is that of the background.
     A view has three coordinates of its own: it takes so many more where it also determines errors that all share.
     """
-    off = found.squared_residuals > _BEYOND * views.gate
-    if not found.ok or off.sum() < _MIN_SECOND_VIEWS:
+    off = found.squared_residuals > BEYOND * views.gate
+    if not found.ok or off.sum() < MIN_SECOND_VIEWS:
         return found
     seen = views.without_shared(found.amplitudes)
-    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], _MIN_SECOND_VIEWS)
+    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], MIN_SECOND_VIEWS)
     other = _least_squares(views, weights, _Motion(start, found.amplitudes), *views.linearise(start))
     only_other = off & other.accepted
     determined = len(other.amplitudes) - float(np.trace(other.cov_amplitudes))
-    if not other.ok or only_other.sum() < _MIN_SECOND_VIEWS + determined / 3:
+    if not other.ok or only_other.sum() < MIN_SECOND_VIEWS + determined / 3:
         return found
-    only_found = found.accepted & (other.squared_residuals > _BEYOND * views.gate)
+    only_found = found.accepted & (other.squared_residuals > BEYOND * views.gate)
     odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
     if odds > 1 / _AMBIGUOUS_SHARE:
         second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)

@@ -1,0 +1,53 @@
+"""A near body and a far background that agree with one motion between theirs are told apart by halves of the views."""
+
+import numpy as np
+
+from stream_sfm.frontend.rigidity import rigid_motion
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.point_views import PointViews
+from stream_sfm.geometry.resection import Resection, resect
+from stream_sfm.geometry.stereo import StereoProjection
+
+P = StereoProjection(f_px=170, cx_left_px=160, cx_right_px=160, cy_px=90, baseline_m=0.12, width=320, height=180)
+STD_PX = 0.15
+TRUTH = se3.exp([0.002, 0, -0.009, 0, 0.002, 0])
+
+
+def seen(seed: int, body_moves_m: float) -> tuple[PointViews, np.ndarray, Resection]:
+    """Views of 40 points 5 m away and of 18 in the middle at 2 m, which of them are there, and what resection says."""
+    rng, on_body = np.random.default_rng(seed), np.arange(58) >= 40
+    place = rng.uniform([0.05, 0.1], [0.95, 0.9], (58, 2))
+    place[on_body] = rng.uniform([0.45, 0.1], [0.65, 0.9], (18, 2))
+    depth_m = np.where(on_body, rng.uniform(1.8, 2.2, 58), rng.uniform(4.5, 5.5, 58))
+    rays = np.column_stack([P.rays(place * [320, 180]), np.ones(58)])
+    points = rays * depth_m[:, None]
+    now = np.where(on_body[:, None], points + np.array([body_moves_m, 0, 0]), points)
+    z_px = P.project(se3.transform(TRUTH, now)) + rng.normal(size=(58, 4)) * STD_PX
+    first_px = P.project(points) + rng.normal(size=(58, 4)) * STD_PX
+    rho = P.inverse_depth(first_px)
+    before = np.column_stack([P.rays(first_px), np.ones(58), rho])
+    cov_points = np.zeros((58, 4, 4))
+    cov_points[:, [0, 1], [0, 1]] = (STD_PX / P.f_px) ** 2
+    cov_points[:, 3, 3] = 2 * (STD_PX / (P.f_px * P.baseline_m)) ** 2
+    cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (58, 4, 4))
+    found = resect(P, before, cov_points, z_px, cov_px, np.eye(4))
+    return PointViews(P, before, cov_points, z_px, cov_px, 0.999), on_body, found
+
+
+def test_a_body_that_takes_the_background_along_is_left_out() -> None:
+    taken_along = 0
+    for seed in range(20):
+        views, on_body, found = seen(seed, -0.025)
+        rigid = rigid_motion(views, np.ones(58), found, np.eye(4))
+        error = se3.log(se3.inverse(TRUTH) @ rigid.cam_from_ref)
+        taken_along += int(found.accepted[on_body].mean() > 0.5)
+        assert rigid.accepted[on_body].mean() < 0.5 and rigid.accepted[~on_body].mean() > 0.9
+        assert error @ np.linalg.solve(rigid.cov_pose, error) < 40  # P < 1e-6
+        assert rigid.second is not None and rigid.second.views[on_body].all()
+    assert taken_along > 5  # otherwise nothing is tested
+
+
+def test_the_motion_of_a_rigid_scene_is_that_of_all_views() -> None:
+    for seed in range(40):
+        views, _, found = seen(seed, 0.0)
+        assert rigid_motion(views, np.ones(58), found, np.eye(4)) is found
