@@ -12,7 +12,15 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..recording.rig import REMEDY, right_is_left
 from ..recording.topics import PairChoice
-from .calibration_check import CalibrationCheck, Images, check_as_they_are, check_calibration, matched_corners
+from .calibration_check import (
+    CalibrationCheck,
+    Corners,
+    Images,
+    better_shift,
+    check_as_they_are,
+    check_calibration,
+    matched_corners,
+)
 
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
 
@@ -56,39 +64,68 @@ def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
 
 
 def calibration_findings(
-    rig: StereoRig,
-    check: CalibrationCheck,
-    swapped: CalibrationCheck,
-    as_they_are: CalibrationCheck,
-    choice: PairChoice,
+    rig: StereoRig, check: CalibrationCheck, corners: Sequence[Corners], choice: PairChoice
 ) -> Findings:
-    """Report the first cause that explains the check; whatever else the rows show follows from it.
-
-    `swapped`: the check of the same images with left and right exchanged; `as_they_are`: as if they were rectified.
-    """
-    if (problem := side_problem(rig, check, swapped, choice)) is not None:
+    """Report the first cause that explains the check of these corners; what else the rows show follows from it."""
+    swapped = as_they_are = check
+    if not (check.row_error_px <= _GOOD_ROW_ERROR_PX and check.negative_share <= _GOOD_NEGATIVE_SHARE):
+        swapped = check_calibration(rig, [(right, left) for left, right in corners])
+        as_they_are = check_as_they_are(rig, corners)
+    if (problem := _side_problem(rig, check, swapped, choice)) is not None:
         return [problem], []
-    problems, warnings = scale_findings(rig)
-    if not problems and (problem := rectified_problem(check, as_they_are)) is not None:
-        return [problem], warnings
+    problems, warnings = _scale_findings(rig)
     if problems:
         return problems, warnings
-    more_problems, more_warnings = row_findings(check)
-    return more_problems, warnings + more_warnings + disparity_warnings(check)
+    if (problem := _rectified_problem(check, as_they_are)) is not None:
+        return [problem], warnings
+    more_problems, more_warnings = _row_findings(check)
+    warnings += more_warnings
+    if check.negative_share > _NEGATIVE_SHARE:  # too few for cameras that are swapped
+        warnings.append(
+            f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond "
+            "infinity: the angle between the cameras (rotation of right_from_left, or R) or a principal point (cx) is "
+            "wrong, and all depths with it"
+        )
+    return more_problems, warnings
 
 
 def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images]) -> list[str]:
     """Return what prevents a replay with this calibration, as `inspect_log` would report it of these frames."""
     corners = [matched_corners(*images) for images in frames]
-    check = check_calibration(rig, corners)
-    swapped = as_they_are = check
-    if check.row_error_px > _GOOD_ROW_ERROR_PX or check.negative_share > _GOOD_NEGATIVE_SHARE:
-        swapped = check_calibration(rig, [(right, left) for left, right in corners])
-        as_they_are = check_as_they_are(rig, corners)
-    return calibration_findings(rig, check, swapped, as_they_are, choice)[0]
+    return calibration_findings(rig, check_calibration(rig, corners), corners, choice)[0]
 
 
-def scale_findings(rig: StereoRig) -> Findings:
+def stamp_findings(
+    rig: StereoRig,
+    check: CalibrationCheck,
+    runs: Sequence[Sequence[Images]],
+    offset_ms: float,
+    period_ms: float,
+    right: str,
+) -> Findings:
+    """Report stamps of left and right that differ by more than a small part of the period, by the median `offset_ms`.
+
+    It is a problem where right images of a neighbouring frame fit better; `runs`: images of consecutive frames.
+    """
+    if abs(offset_ms) <= max(_STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS * period_ms):
+        return [], []
+    shift, row_error_px = better_shift(rig, runs, check)
+    if shift:
+        offset_ms += shift * period_ms
+        return [
+            f"the stamps of {right} are off by {offset_ms:+.1f} ms: with right images one frame "
+            f"{'later' if shift > 0 else 'earlier'} matched corners lie on one row to {row_error_px:.2f} px, but only "
+            f"to {check.row_error_px:.2f} px when paired by their stamps; add {-offset_ms:+.1f} ms to the stamps"
+        ], []
+    other_ms = offset_ms - np.sign(offset_ms) * period_ms
+    return [], [
+        f"the stamps of {right} differ from the left ones by {offset_ms:+.1f} ms (or by {other_ms:+.1f} ms, if the "
+        "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
+        "they are not, moving scenes do not fit"
+    ]
+
+
+def _scale_findings(rig: StereoRig) -> Findings:
     """Report intrinsics of images of another size: the principal point shows it."""
     problems, warnings = [], []
     for name, camera in (("left", rig.left), ("right", rig.right)):
@@ -109,7 +146,7 @@ def scale_findings(rig: StereoRig) -> Findings:
     return problems, warnings
 
 
-def side_problem(
+def _side_problem(
     rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
 ) -> str | None:
     """Report left and right exchanged: in the calibration, in the images, or in both."""
@@ -147,7 +184,7 @@ def side_problem(
     return None
 
 
-def rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
+def _rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
     """Report images that fit better as they are: they are rectified already, or cameras side by side are others."""
     before, after = as_they_are.row_error_px, check.row_error_px
     if after <= _WRONG_ROW_ERROR_PX or before >= min(_CLEARLY_BETTER * after, _LARGE_ROW_ERROR_PX):
@@ -159,7 +196,7 @@ def rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) ->
     )
 
 
-def row_findings(check: CalibrationCheck) -> Findings:
+def _row_findings(check: CalibrationCheck) -> Findings:
     """Report matches that do not lie on one row."""
     if not np.isfinite(check.vertical_px):
         return [], [f"the calibration could not be checked: only {check.matches} corners match left to right"]
@@ -170,35 +207,3 @@ def row_findings(check: CalibrationCheck) -> Findings:
     if offset_px > _ROW_OFFSET_WARNING_PX or spread_px > _ROW_SPREAD_WARNING_PX:
         return [], [f"{text}: the calibration is not accurate, or the cameras are not triggered together"]
     return [], []
-
-
-def disparity_warnings(check: CalibrationCheck) -> list[str]:
-    """Report matches that would lie beyond infinity, too few for cameras that are swapped."""
-    if not check.negative_share > _NEGATIVE_SHARE:  # NaN too
-        return []
-    return [
-        f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond infinity: "
-        "the angle between the cameras (rotation of right_from_left, or R) or a principal point (cx) is wrong, and "
-        "all depths with it"
-    ]
-
-
-def offset_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
-    """Report stamps of left and right that differ by more than a small part of the period."""
-    if abs(offset_ms) <= max(_STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS * period_ms):
-        return None
-    other = offset_ms - np.sign(offset_ms) * period_ms
-    return (
-        f"the stamps of {right} differ from the left ones by {offset_ms:+.1f} ms (or by {other:+.1f} ms, if the "
-        "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
-        "they are not, moving scenes do not fit"
-    )
-
-
-def shift_problem(shift: int, row_error_px: float, check: CalibrationCheck, offset_ms: float, right: str) -> str:
-    """Report right images that belong to another frame than their stamps say; `offset_ms`: error of their stamps."""
-    return (
-        f"the stamps of {right} are off by {offset_ms:+.1f} ms: with right images one frame "
-        f"{'later' if shift > 0 else 'earlier'} matched corners lie on one row to {row_error_px:.2f} px, but only to "
-        f"{check.row_error_px:.2f} px when paired by their stamps; add {-offset_ms:+.1f} ms to the stamps"
-    )

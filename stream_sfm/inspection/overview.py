@@ -28,10 +28,7 @@ from ..sources.recognise import open_source
 from ..sources.source import Source
 from . import findings
 from .calibration_check import (
-    CalibrationCheck,
     Images,
-    better_shift,
-    check_as_they_are,
     check_calibration,
     matched_corners,
 )
@@ -198,31 +195,15 @@ class _Inspection:
                 check_rig(self.source, rig)
             except LogError as error:
                 self.problems.append(str(error))
-        if (of_stamps := self._check_stamps(rig, choice, decoded, check)) is not None:
-            problems = [of_stamps]  # whatever else the rows show follows from it
-        else:
-            swapped = check_calibration(rig, [(right, left) for left, right in corners])
-            as_they_are = check_as_they_are(rig, corners)
-            problems, warnings = findings.calibration_findings(rig, check, swapped, as_they_are, choice)
-            self.warnings += warnings
+        frames, problems, warnings = self.result["frames"], list[str](), list[str]()
+        if frames["median_offset_ms"] and frames["rate_hz"]:
+            offset_ms, period_ms = frames["median_offset_ms"], 1e3 / frames["rate_hz"]
+            problems, warnings = findings.stamp_findings(rig, check, decoded, offset_ms, period_ms, choice.right)
+        if not problems:  # else whatever the rows show follows from it
+            problems, more = findings.calibration_findings(rig, check, corners, choice)
+            warnings += more
+        self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]
-
-    def _check_stamps(
-        self, rig: StereoRig, choice: PairChoice, decoded: list[list[Images]], check: CalibrationCheck
-    ) -> str | None:
-        """Add a warning where left and right stamps differ; return a problem if a neighbouring frame fits better."""
-        offset_ms, rate_hz = (self.result["frames"][k] for k in ("median_offset_ms", "rate_hz"))
-        if not offset_ms or not rate_hz:
-            return None
-        warning = findings.offset_warning(offset_ms, 1e3 / rate_hz, choice.right)
-        if warning is None:
-            return None
-        shift, row_error_px = better_shift(rig, decoded, check)
-        if shift:
-            true_ms = offset_ms + shift * 1e3 / rate_hz
-            return findings.shift_problem(shift, row_error_px, check, true_ms, choice.right)
-        self.warnings.append(warning)
-        return None
 
     def _decoded(self, run: list[StereoPair]) -> Iterator[Images]:
         scaler = GreyScaler()
