@@ -1,10 +1,13 @@
 """Executors of concurrent.futures for parallel work: processes on this machine, or a Dask cluster."""
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from multiprocessing import active_children, get_context
+from threading import Event, Thread
+from typing import TypeVar
 
 from .errors import ConfigError
 
@@ -12,8 +15,13 @@ from .errors import ConfigError
 ONE_THREAD = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
 )
-_ANSWER_S = 10  # a running scheduler answers in milliseconds
-_WORKER_S = 30  # workers that have just been started need some seconds
+# Dask itself may wait forever, for a scheduler that takes connections and is silent, and for workers that have died.
+_ANSWER_S = 8.0  # a running scheduler answers in milliseconds
+_WORKER_S = 20.0  # workers that have just been started need some seconds
+_LOST_S = 15.0  # without any worker: one that is started again needs as long
+_CLOSE_S = 5.0  # to cancel what is left
+_POLL_S = 1.0
+T = TypeVar("T")
 
 
 @contextmanager
@@ -43,10 +51,12 @@ def processes(workers: int) -> Iterator[Executor]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Executor]:
+def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     """Use the workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
 
-    Work that is not done when the context ends is cancelled. Raises ConfigError where no worker can be reached.
+    Yields the executor, and a function that says whether scheduler and workers have been gone for `_LOST_S`: Dask would
+    wait for others. Work that is not done when the context ends is cancelled. Raises ConfigError where no worker can be
+    reached.
     """
     try:
         from distributed import Client
@@ -60,20 +70,49 @@ def cluster(address: str) -> Iterator[Executor]:
             f"{address} is not the address of a Dask scheduler ({error}); write it as in tcp://127.0.0.1:8786"
         ) from None
     try:
-        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        client = _within(_ANSWER_S, lambda: Client(address, timeout=_ANSWER_S, set_as_default=False))
     except OSError as error:
+        why = str(error) or f"not within {_ANSWER_S:g} s"
         raise ConfigError(
-            f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
+            f"no Dask scheduler answers at {address} ({why}): start one with `dask scheduler`"
         ) from None
-    with client:
+    executor, ended, seen_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
+
+    def watch() -> None:
+        nonlocal seen_s
+        while not ended.wait(_POLL_S):
+            with suppress(Exception):  # waits, perhaps forever, for the scheduler's answer
+                if client.scheduler_info()["workers"]:
+                    seen_s = time.monotonic()
+
+    def close() -> None:
+        executor.shutdown(wait=False)
+        client.close()
+
+    try:
         try:
-            client.wait_for_workers(1, timeout=_WORKER_S)
+            _within(_WORKER_S, lambda: client.wait_for_workers(1, timeout=_WORKER_S))
         except TimeoutError:
             raise ConfigError(
                 f"the Dask scheduler at {address} has no worker: start some with `dask worker {address}`"
             ) from None
-        executor = client.get_executor(pure=False)  # the same call again is new work, not a cached result
+        Thread(target=watch, daemon=True).start()
+        yield executor, lambda: time.monotonic() - seen_s > _LOST_S
+    finally:
+        ended.set()
+        with suppress(Exception):
+            _within(_CLOSE_S, close)
+
+
+def _within(seconds: float, call: Callable[[], T]) -> T:
+    """Return what a call returns, or raise TimeoutError and leave it to its thread."""
+    future: Future[T] = Future()
+
+    def run() -> None:
         try:
-            yield executor
-        finally:
-            executor.shutdown(wait=False)
+            future.set_result(call())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future.result(seconds)

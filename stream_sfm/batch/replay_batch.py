@@ -4,8 +4,9 @@ import os
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from .logs import find_logs, names_for, truth_files
 
 SCHEMA_VERSION = 1
 RECORD, PAGE = "batch.json", "report.html"
+_LOST = "the scheduler of the cluster, or its last worker, is gone: start it again, and the same batch"
 _POLL_S = 0.2  # how soon a Ctrl-C is passed on to the jobs
 
 
@@ -73,12 +75,11 @@ def replay_batch(
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
     refuse_overwriting(outputs, [*names, *calibrations, *truths.values()])
     known = {"method": config.method, "configuration": toml, "options": options, "skipped": skipped}
-    # the threads only wait for the processes that replay
-    with cluster(scheduler) if scheduler else ThreadPoolExecutor(workers or os.cpu_count() or 1) as executor:
+    with cluster(scheduler) if scheduler else _threads(workers or os.cpu_count() or 1) as (executor, lost):
         make_folder(out)
         with only_writer(out):
             started_s = time.monotonic()
-            results, interrupted = _run_jobs(executor, jobs, stop, on_done)
+            results, interrupted = _run_jobs(executor, lost, jobs, stop, on_done)
             ended = {"interrupted": interrupted, "wall_s": time.monotonic() - started_s}
             content = _content(jobs, results) | known | ended
             write_whole(out / RECORD, json_bytes(content))
@@ -131,7 +132,11 @@ def _content(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any
 
 
 def _run_jobs(
-    executor: Executor, jobs: Sequence[Job], stop: Path, on_done: Callable[[JobResult], None] | None
+    executor: Executor,
+    lost: Callable[[], bool],
+    jobs: Sequence[Job],
+    stop: Path,
+    on_done: Callable[[JobResult], None] | None,
 ) -> tuple[list[JobResult], bool]:
     """The results in the order of the jobs, and whether a signal ended the batch."""
     results: dict[str, JobResult] = {}
@@ -148,6 +153,9 @@ def _run_jobs(
                         on_done(results[job.name])
                 if interruption.requested:
                     stop.touch()
+                if lost():
+                    results |= {job.name: _failed(job, _LOST) for job in map(futures.__getitem__, waiting)}
+                    break
         except BaseException:  # a second Ctrl-C: no job is waited for any longer
             stop.touch()
             for future in waiting:
@@ -161,5 +169,15 @@ def _result(future: Future[JobResult], job: Job) -> JobResult:
     try:
         return future.result()
     except Exception as error:  # the worker itself was lost, or cannot write
-        reason = f"{type(error).__name__}: {error}"
-        return JobResult(name=job.name, log=job.log_name, status="failed", reason=reason)
+        return _failed(job, f"{type(error).__name__}: {error}")
+
+
+def _failed(job: Job, reason: str) -> JobResult:
+    return JobResult(name=job.name, log=job.log_name, status="failed", reason=reason)
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[tuple[Executor, Callable[[], bool]]]:
+    """Threads that wait for the processes that replay, as `cluster` yields its executor; they are never lost."""
+    with ThreadPoolExecutor(count) as pool:
+        yield pool, lambda: False

@@ -1,7 +1,9 @@
 """`stream-sfm batch`: many logs in parallel, one result folder per log, one table and one page."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from ..errors import ConfigError, ExitCode
 from ..wording import printable
@@ -16,7 +18,8 @@ def batch(
     frames: options.Frames = options.Frames(),
     settings: options.MethodSettings = options.MethodSettings(),
     truth: options.TruthFile = options.TruthFile(),
-    parallel: options.Workers = options.Workers(),
+    workers: options.Workers = None,
+    scheduler: Annotated[str | None, Parameter(group=options.PARALLEL, metavar="ADDRESS")] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -29,6 +32,7 @@ def batch(
     Args:
         logs: recordings of any kind, folders of them, or patterns
         out: folder for the results of all logs
+        scheduler: use a Dask cluster instead, such as tcp://127.0.0.1:8786 (needs stream-sfm[cluster])
     """
     from ..batch.logs import find_logs
     from ..batch.replay_batch import replay_batch
@@ -36,6 +40,8 @@ def batch(
 
     if not logs:
         raise ConfigError("LOG is missing: name recordings, folders of them, or patterns")
+    if workers is not None and scheduler is not None:
+        raise ConfigError("--workers and --scheduler exclude each other: leave one out")
     config, selection = settings.read(), frames.selection()
     left, right, calibration = cameras.chosen
     with counter("batch", "logs", len(find_logs(logs)), quiet) as advance:
@@ -48,8 +54,8 @@ def batch(
             right=right,
             calibration=calibration,
             ground_truth=truth.read(),
-            workers=parallel.workers,
-            scheduler=parallel.scheduler,
+            workers=workers,
+            scheduler=scheduler,
             on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
         )
     _print(content, Path(out), json, quiet)

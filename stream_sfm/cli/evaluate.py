@@ -84,12 +84,11 @@ def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
 def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:
     from ..evaluation.relative_consistency import RelativeRecord
     from ..evaluation.summary import evaluate_run, evaluate_unscaled
-    from ..results.frame_estimates import frame_estimates
 
     if run.config.mono:
         return evaluate_unscaled(run.trajectory, truth)
     motions = RelativeRecord()
-    for estimate in frame_estimates(run.estimates_path, points=False):
+    for estimate in run.estimates():
         motions.add(estimate)
     figures = evaluate_run(run.trajectory, motions, truth, given.ground_truth_std)
     return figures | {"frames_ignored": [list(frames) for frames in given.ignore_ground_truth]}

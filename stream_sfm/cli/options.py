@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from cyclopts import Group, Parameter, Token
 
-from ..errors import ConfigError
-
 if TYPE_CHECKING:
     from ..config import Config
     from ..recording.truth_file import GroundTruthFile
@@ -122,6 +120,15 @@ MaybeSeconds = Annotated[float | None, Parameter(converter=each(seconds), metava
 Offset = Annotated[float, Parameter(converter=each(lambda text: finite(text, "a number of seconds")), metavar="S")]
 Count = Annotated[int, Parameter(converter=each(whole(1)), metavar="N")]
 MaybeCount = Annotated[int | None, Parameter(converter=each(whole(1)), metavar="N")]
+Workers = Annotated[
+    int | None,
+    Parameter(
+        group=PARALLEL,
+        converter=each(whole(1)),
+        metavar="N",
+        help="number of processes; one per CPU core if not given",
+    ),
+]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, converter=each(whole(0)), metavar="N")]
 Folder = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
 MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
@@ -273,24 +280,6 @@ class Truth(TruthFile):
 
     ignore_ground_truth: Annotated[list[tuple[int, int]], _Ranges] = field(default_factory=list)
     ground_truth_std: Annotated[tuple[float, float], _Std] = (0.0, 0.0)
-
-
-@Parameter(name="*", group=PARALLEL)
-@dataclass(frozen=True)
-class Workers:
-    """Where work runs in parallel.
-
-    Attributes:
-        workers: number of processes on this machine; one per CPU core if not given
-        scheduler: use a Dask cluster instead, such as tcp://127.0.0.1:8786 (needs stream-sfm[cluster])
-    """
-
-    workers: MaybeCount = None
-    scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise ConfigError("--workers and --scheduler exclude each other: leave one out")
 
 
 def protect(outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:

@@ -19,7 +19,7 @@ def simulate(
     out: options.MaybeFolder = None,
     trials: options.Count = 100,
     seed: Annotated[int, Parameter(metavar="N")] = 0,
-    parallel: options.Workers = options.Workers(),
+    workers: options.Workers = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -51,8 +51,7 @@ def simulate(
             folder,
             trials=trials,
             seed=seed,
-            workers=parallel.workers or os.cpu_count() or 1,
-            scheduler=parallel.scheduler,
+            workers=workers or os.cpu_count() or 1,
             on_progress=advance,
         )
     if json:

@@ -29,7 +29,7 @@ def view(
         run: the result folder of a replay, such as runs/latest
         rrd: write a recording instead of opening a window
     """
-    from ..results.frame_estimates import frame_estimates, recorded_rig
+    from ..results.estimates_reader import read_estimates, recorded_rig
     from ..results.run_results import read_results
     from ..viewer import open_viewer, require_rerun
     from .printing import print_notes
@@ -46,7 +46,7 @@ def view(
     viewer = open_viewer(recorded_rig(found.estimates_path), rrd, rrd is None, truth, name)
     frames = _frames(log, found)
     with counter("view", "frames", len(found), quiet) as advance:
-        for estimate in frame_estimates(found.estimates_path):
+        for estimate in read_estimates(found.estimates_path, [], points=True):
             frame = next(frames, None)
             while frame is not None and frame.stamp_ns < estimate.stamp_ns:
                 frame = next(frames, None)

@@ -66,10 +66,13 @@ def schema_text(name: str) -> str:
 
 
 def make(name: str, /, **fields: Any) -> Message:
-    """Make a message, and of each dictionary among the fields the message that belongs there."""
+    """Make a message, and of each dictionary among the fields the message that belongs there; arrays become flat."""
     values, name = {}, _short(name)
     for kind, field in _fields(name):
         value = fields[field]
+        number = _NUMBERS.get(kind.partition("[")[0]) if kind.endswith("]") else None
+        if number is not None:
+            value = np.asarray(value, "<" + number).reshape(-1)
         values[field] = make(kind, **value) if isinstance(value, dict) else value
     return Message(type_name=name, **values)
 

@@ -13,9 +13,8 @@ from ..motion import Odometry
 from ..types import FrameEstimate, Status
 from . import cdr, ros_messages
 from .frames import RosFrames, fixed_axis_covariance
+from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
 from .path import PathSoFar
-from .scalars import Scalars
-from .schema import EstimateRecord, ScalarsRecord, TimingRecord, estimate_record
 
 TOPICS = {
     "/stream_sfm/odometry": ros_messages.ODOMETRY,
@@ -25,11 +24,12 @@ TOPICS = {
     "/stream_sfm/path": ros_messages.PATH,
     "/stream_sfm/points": ros_messages.CLOUD,
     "/stream_sfm/map": ros_messages.CLOUD,
-    "/stream_sfm/scalars": ros_messages.RECORDS[ScalarsRecord],
-    "/stream_sfm/estimate": ros_messages.RECORDS[EstimateRecord],
-    "/stream_sfm/timing": ros_messages.RECORDS[TimingRecord],
+    "/stream_sfm/scalars": SCALARS,
+    "/stream_sfm/estimate": ESTIMATE,
+    "/stream_sfm/timing": TIMING,
 }
 _LEVELS = {Status.OK: 0, Status.INITIALISING: 0, Status.DEGRADED: 1, Status.LOST: 2}  # of diagnostic_msgs
+_DEGREES = 180 / np.pi
 Stamped = Iterator[tuple[str, Any]]  # topic and message
 
 
@@ -43,7 +43,7 @@ class RosMessages:
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
         self._frames = RosFrames(ros)
         self._map_from_world = map_from_world
-        self._path, self._scalars = PathSoFar(), Scalars()
+        self._path, self._path_length = PathSoFar(), 0.0
         self._odometry: Odometry | None = None
         self.topics = {
             t: name for t, name in TOPICS.items() if t != "/tf_static" or self._frames.base_from_cam is not None
@@ -62,9 +62,12 @@ class RosMessages:
         if len(estimate.ended_ids):
             ended = estimate.ended_points_in_world, estimate.ended_cov_points_in_world
             yield self._map(estimate, estimate.ended_ids, *ended)
-        timing = TimingRecord(frame_index=estimate.frame_index, timings_ms=dict(estimate.timings_ms))
-        yield "/stream_sfm/estimate", ros_messages.record(head, estimate_record(estimate))
-        yield "/stream_sfm/timing", ros_messages.record(head, timing)
+        timings = named("timings_ms", estimate.timings_ms)
+        yield "/stream_sfm/estimate", cdr.make(ESTIMATE, header=head, **estimate_fields(estimate))
+        yield (
+            "/stream_sfm/timing",
+            cdr.make(TIMING, header=head, frame_index=estimate.frame_index, **timings),
+        )
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
@@ -107,10 +110,30 @@ class RosMessages:
         yield "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance)
         self._odometry = odometry = Odometry.after(self._odometry, estimate)
         yield from self._moving(odometry)
-        scalars = self._scalars.of(odometry, fixed_from_moving, covariance)
-        yield "/stream_sfm/scalars", ros_messages.record(head, scalars)
+        numbers = self._numbers(odometry, fixed_from_moving, covariance)
+        yield "/stream_sfm/scalars", cdr.make(SCALARS, header=head, **numbers)
         if self._path.add(ros_messages.pose_stamped(head, pose)):
             yield self._path_now(estimate)
+
+    def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
+        """The numbers to plot of a frame whose pose (4, 4) in the world has ROS's covariance (6, 6)."""
+        estimate, moved, seconds = odometry.estimate, odometry.from_previous, odometry.seconds or np.nan
+        distance = float(np.linalg.norm(moved[:3, 3]))
+        self._path_length += distance
+        variances = np.diag(covariance)
+        with np.errstate(invalid="ignore"):
+            sigmas = np.sqrt([*variances[:3], variances[:3].sum(), variances[3:].sum()])
+        return {
+            **dict(zip("xyz", pose[:3, 3].tolist(), strict=True)),
+            **dict(zip(("sigma_x", "sigma_y", "sigma_z", "sigma_position"), sigmas.tolist(), strict=False)),
+            "sigma_rotation_deg": sigmas[4] * _DEGREES,
+            "speed": distance / seconds,
+            "angular_speed_deg_s": np.linalg.norm(se3.log_so3(moved[:3, :3])) * _DEGREES / seconds,
+            "path_length": self._path_length,
+            **{f"points_{name}": estimate.counts.get(name, 0) for name in ("tracked", "new", "used", "rejected")},
+            "nis_per_dof": estimate.nis / estimate.nis_dof if estimate.nis_dof else np.nan,
+            "status": tuple(Status).index(estimate.status),
+        }
 
     def _moving(self, odometry: Odometry) -> Stamped:
         """The continuous path, and the transforms by which the camera is in the world."""

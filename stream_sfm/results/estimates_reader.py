@@ -10,14 +10,15 @@ import numpy as np
 from mcap.well_known import MessageEncoding
 from numpy.typing import NDArray
 
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Message
 from ..recording.ros import ros_decoder
-from .record_messages import from_message
+from ..types import FrameEstimate
+from .own_messages import SCHEMA_VERSION, estimate_of
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
-from .schema import SCHEMA_VERSION, EstimateRecord
 
 _OURS = "/stream_sfm/"  # how most topics of a run's file begin
 _FEW_MESSAGES = 100  # of a file, enough to recognise it
@@ -40,13 +41,29 @@ class Cloud:
         return f"<Cloud at {self.stamp_ns} ns in {self.frame_id}, {len(self.points)} points>"
 
 
-def read_estimates(path: str | Path, warnings: list[str] | None = None) -> Iterator[EstimateRecord]:
-    """Yield the records in order, all that can be read.
+def read_estimates(
+    path: str | Path, warnings: list[str] | None = None, points: bool = False
+) -> Iterator[FrameEstimate]:
+    """Yield the frames in order, all that can be read, as the run's sinks were given them, as far as they are recorded.
 
-    What could not be read is added to `warnings`. Without such a list, it raises LogError after the last record,
-    except in a `.part` file, which a killed run has left: its end is always missing.
+    Left out are points in the world, those that have left the view, times per stage, and without `points` those in view
+    (`read_clouds`). What could not be read is added to `warnings`. Without such a list, it raises LogError after the
+    last frame, except in a `.part` file, which a killed run has left: its end is always missing.
     """
-    yield from _read(Path(path), "/stream_sfm/estimate", _record, warnings)
+    clouds = read_clouds(path, warnings=[]) if points else iter(())
+    cloud = next(clouds, None)
+
+    def estimate(stored: Message, message: Any) -> FrameEstimate:
+        nonlocal cloud
+        if message.schema_version > SCHEMA_VERSION:
+            raise LogError(f"it was written by a newer stream_sfm (estimate schema {message.schema_version})")
+        while cloud is not None and cloud.frame_index < message.frame_index:
+            cloud = next(clouds, None)
+        if cloud is None or cloud.frame_index != message.frame_index:
+            return estimate_of(message)
+        return estimate_of(message, (cloud.track_ids, cloud.points, cloud.cov_points))
+
+    yield from _read(Path(path), "/stream_sfm/estimate", estimate, warnings)
 
 
 def read_clouds(
@@ -56,11 +73,13 @@ def read_clouds(
     yield from _read(Path(path), topic, _cloud, warnings)
 
 
-def _record(stored: Message, message: Any) -> EstimateRecord:
-    version = getattr(message, "schema_version", None)
-    if isinstance(version, int) and version > SCHEMA_VERSION:
-        raise LogError(f"it was written by a newer stream_sfm (estimate schema {version})")
-    return from_message(message, EstimateRecord)
+def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
+    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError where there is none."""
+    for attachment in LogFile(path).attachments(Damage()):
+        if attachment.name == "calibration.toml":
+            kind = StereoRig if b"[right" in attachment.data else MonoRig
+            return kind.parse_calibration(attachment.data, f"{path}, {attachment.name}")
+    raise LogError(f"{path} holds no calibration: replay the log again")
 
 
 def _cloud(stored: Message, message: Any) -> Cloud:

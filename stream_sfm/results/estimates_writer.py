@@ -42,7 +42,7 @@ from ..types import Frame, FrameEstimate
 from .bag_metadata import bag_metadata
 from .cdr import encode, schema_text
 from .estimate_messages import TOPICS, RosMessages
-from .schema import SCHEMA_VERSION
+from .own_messages import SCHEMA_VERSION
 
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest

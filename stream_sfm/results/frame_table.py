@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import FrameEstimate
-from .schema import EstimateRecord
 
 Table = dict[str, NDArray[Any]]
 
 
-def frame_table(frames: Sequence[FrameEstimate] | Sequence[EstimateRecord]) -> Table:
+def frame_table(frames: Sequence[FrameEstimate]) -> Table:
     """Return the columns of n frames.
 
     σ of position and rotation are along and about the axes of the world, radians; NaN where there is none.

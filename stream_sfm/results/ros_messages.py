@@ -1,29 +1,22 @@
-"""The ROS 2 messages of `estimates.mcap`. Our own are defined in `schema.py`."""
+"""The ROS 2 messages of `estimates.mcap`. Our own are defined in `own_messages.py`."""
 
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .cdr import define, make
-from .record_messages import definition, to_fields
-from .schema import EstimateRecord, ScalarsRecord, TimingRecord
+from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 PATH = "nav_msgs/msg/Path"
-RECORDS: dict[type[msgspec.Struct], str] = {
-    EstimateRecord: "stream_sfm_msgs/msg/Estimate",
-    ScalarsRecord: "stream_sfm_msgs/msg/Scalars",
-    TimingRecord: "stream_sfm_msgs/msg/Timing",
-}
 COVARIANCE_FIELDS = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 # The layout of one point in a cloud: sigma_m is the square root of the covariance's trace.
 POINT_DTYPE = np.dtype(
@@ -35,8 +28,8 @@ _UPPER = np.triu_indices(3)
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]]).reshape(36)
 
 
-for _kind, _name in RECORDS.items():
-    define(_name, definition(_kind))
+for _name, _text in DEFINITIONS.items():
+    define(_name, _text)
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
@@ -44,11 +37,6 @@ def header(stamp_ns: int, frame_id: str) -> Any:
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
     seconds = (seconds + 2**31) % 2**32 - 2**31
     return make("std_msgs/msg/Header", stamp={"sec": seconds, "nanosec": nanoseconds}, frame_id=frame_id)
-
-
-def record(head: Any, content: msgspec.Struct) -> Any:
-    """Make one of our own messages."""
-    return make(RECORDS[type(content)], header=head, **to_fields(content))
 
 
 def pose_of(parent_from_child: Array) -> Any:

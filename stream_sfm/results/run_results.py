@@ -16,7 +16,6 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Trajectory
 from .estimates_reader import read_clouds, read_estimates
-from .frame_estimates import frame_estimates
 from .frame_table import Table, frame_table
 from .frames import RosFrames
 
@@ -63,9 +62,9 @@ class RunResults:
         if self.warnings and not records:
             raise LogError(f"no frame can be read: {'; '.join(self.warnings)}")
         self.stamps_ns = np.array([r.stamp_ns for r in records], dtype=np.int64)
-        self.world_from_cam: Array = np.array([r.world_from_cam for r in records], dtype=float).reshape(-1, 4, 4)
-        self.cov_pose: Array = np.array([r.cov_pose for r in records], dtype=float).reshape(-1, 6, 6)
-        self.statuses = np.array([r.status for r in records], dtype=str)
+        self.world_from_cam: Array = np.array([r.world_from_cam for r in records]).reshape(-1, 4, 4)
+        self.cov_pose: Array = np.array([r.cov_pose for r in records]).reshape(-1, 6, 6)
+        self.statuses = np.array([str(r.status) for r in records], dtype=str)
         self.reasons = np.array([r.reason for r in records], dtype=str)
         self.table: Table = frame_table(records)
         config, summary = self.folder / "config.toml", self.folder / "summary.json"
@@ -97,7 +96,7 @@ class RunResults:
 
     def estimates(self) -> Iterator[FrameEstimate]:
         """Yield the frames as live ones are given, without points."""
-        yield from frame_estimates(self.estimates_path, points=False)
+        yield from read_estimates(self.estimates_path, [])
 
     def to_pandas(self) -> Any:
         """Return the table as a pandas DataFrame, indexed by time. Raises ConfigError without pandas."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from ..errors import ConfigError, OutputError
-from ..executors import cluster, processes
+from ..executors import processes
 from ..files import json_bytes, make_folder, write_whole
 from .calibration import CALIBRATION
 from .figure6 import FIGURE6
@@ -30,22 +30,20 @@ def simulate(
     trials: int = 100,
     seed: int = 0,
     workers: int | None = None,
-    scheduler: str | None = None,
     on_progress: Progress | None = None,
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
     `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json is written, and
-    for figure6 the picture. `workers` processes of this machine (None: one per core), or those of the Dask `scheduler`;
-    the numbers depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises
-    ConfigError, OutputError.
+    for figure6 the picture. `workers` processes of this machine (None: one per core); the numbers depend on `seed`
+    alone. `on_progress` is called with the number of trials just finished. Raises ConfigError, OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
         make_folder(folder)
-    with cluster(scheduler) if scheduler else processes(workers or os.cpu_count() or 1) as executor:
+    with processes(workers or os.cpu_count() or 1) as executor:
         found = EXPERIMENTS[experiment].run(trials, seed, executor, on_progress)
     report: Report = msgspec.to_builtins({"experiment": experiment, "trials": trials, "seed": seed, **found})
     if folder is not None:

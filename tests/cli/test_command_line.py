@@ -87,7 +87,6 @@ def test_help_imports_nothing_heavy():
         ("replay x.mcap --set widow.frames=8", "did you mean window?"),
         ("replay x.mcap --config missing.toml", "missing.toml"),
         ("config --set nonsense=1", "nonsense"),
-        ("simulate rates --workers 2 --scheduler tcp://127.0.0.1:1", "exclude each other"),
     ],
 )
 def test_wrong_use_is_2_with_a_message(words, says, cli):

@@ -1,0 +1,222 @@
+"""The package's own ROS 2 messages: their definitions, and what of a `FrameEstimate` is in which field, both ways.
+
+Matrices are written row by row. A dict of numbers by name is two arrays, `<field>_names` and `<field>`.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.refinement import TERMS
+from ..geometry import se3
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.terms import DELAY, FOCAL, READOUT
+from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
+
+SCHEMA_VERSION = 2
+ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
+DEFINITIONS = {
+    ESTIMATE: """\
+# One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and /stream_sfm/map).
+std_msgs/Header header
+# raised when a field changes its meaning
+int64 schema_version
+# counts the frames given to the engine, from 0
+int64 frame_index
+# stamp of the left image, nanoseconds
+int64 stamp_ns
+# initialising, ok, degraded or lost
+string status
+# why the status is not ok; may be empty
+string reason
+# pose of the left camera in the world, 4×4 row by row, metres; z is forward
+float64[16] world_from_cam
+# 6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) in axes of the camera
+float64[36] cov_pose
+# frames in the estimator's window, oldest first
+int64[] window_frame_indices
+# their poses as re-estimated now, each 4×4 row by row
+float64[] window_world_from_cam
+# points tracked, new, used, rejected
+string[] counts_names
+int64[] counts
+# earlier frames, to which the motion from this one is known with its covariance
+int64[] relative_frame_indices
+# carry points of this camera into theirs, each 4×4, metres
+float64[] relative_frame_from_newest
+# the same under its former name, for programs that read it
+float64[] relative_frame_from_cam
+# 6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose
+float64[] relative_cov
+# how common errors move these motions, each 6×m row by row, one after the other
+float64[] relative_common_jacobian
+# errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
+float64[] common_mean
+# their covariance, m×m row by row
+float64[] common_cov
+# how they move the pose, 6×m row by row; c is in σ of what was assumed
+float64[] common_jacobian
+# errors of the calibration as known now, px; empty where it is taken for exact
+float64[] rig_error_px
+# their covariance, one matrix, or empty
+float64[] rig_cov_px2
+# delay of the right camera and its σ, seconds, or empty
+float64[] rig_delay_s
+# readout time of the shutters, from the top down, and its σ, seconds, or empty
+float64[] rig_readout_s
+# error of the common focal length as a share of it, and its σ, or empty
+float64[] rig_focal_length
+# whether the calibration is more probably wrong than right
+bool rig_applied
+# with one camera: lengths are in units of the first baseline, not in metres
+bool unscaled
+# whitened squared innovation of the accepted views
+float64 nis
+# its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
+int64 nis_dof
+""",
+    SCALARS: """\
+# One frame of /stream_sfm/scalars: numbers to plot, one field each.
+std_msgs/Header header
+# position in the world, as in /stream_sfm/pose
+float64 x
+# position
+float64 y
+# position
+float64 z
+# its standard deviation along the same axis
+float64 sigma_x
+# its standard deviation along the same axis
+float64 sigma_y
+# its standard deviation along the same axis
+float64 sigma_z
+# square root of the trace of the position's covariance
+float64 sigma_position
+# the same of the rotation, degrees
+float64 sigma_rotation_deg
+# since the previous frame, per second
+float64 speed
+# since the previous frame, degrees per second
+float64 angular_speed_deg_s
+# along the motions between frames so far
+float64 path_length
+# points that are followed
+int64 points_tracked
+# points seen for the first time
+int64 points_new
+# points whose views were accepted
+int64 points_used
+# points whose views were rejected
+int64 points_rejected
+# 1 on average where the noise is as assumed; NaN without views
+float64 nis_per_dof
+# 0 initialising, 1 ok, 2 degraded, 3 lost
+int64 status
+""",
+    TIMING: """\
+# One frame of /stream_sfm/timing, the only topic that differs between two runs of one log.
+std_msgs/Header header
+# as in /stream_sfm/estimate
+int64 frame_index
+# stages, and the milliseconds that each took
+string[] timings_ms_names
+float64[] timings_ms
+""",
+}
+_AS_IN_ESTIMATES = (
+    *("frame_index", "stamp_ns", "reason", "world_from_cam", "cov_pose", "window_frame_indices"),
+    *("window_world_from_cam", "unscaled", "nis", "nis_dof"),
+)
+_RIG_TIMES = {FOCAL: "rig_focal_length", DELAY: "rig_delay_s", READOUT: "rig_readout_s"}
+
+
+def named(field: str, numbers: Mapping[str, float]) -> dict[str, Any]:
+    """Return the two fields of numbers by name."""
+    return {f"{field}_names": list(numbers), field: list(numbers.values())}
+
+
+def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
+    """Return the fields of an ESTIMATE, without its header; `estimate_of` is the inverse."""
+    relative, common, rig, n = estimate.relative, estimate.common, estimate.rig, len(TERMS)
+    return {
+        **{name: getattr(estimate, name) for name in _AS_IN_ESTIMATES},
+        "schema_version": SCHEMA_VERSION,
+        "status": str(estimate.status),
+        **named("counts", estimate.counts),
+        "relative_frame_indices": _of(relative, "frame_indices"),
+        "relative_frame_from_newest": _of(relative, "frame_from_newest"),
+        "relative_frame_from_cam": _of(relative, "frame_from_newest"),
+        "relative_cov": _of(relative, "cov"),
+        "relative_common_jacobian": _of(relative, "common_jacobian"),
+        "common_mean": _of(common, "mean"),
+        "common_cov": _of(common, "cov"),
+        "common_jacobian": _of(common, "jacobian"),
+        "rig_error_px": () if rig is None else rig.mean[:n],
+        "rig_cov_px2": () if rig is None else rig.cov[:n, :n],
+        "rig_applied": rig is not None and rig.applied,
+        **{name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()},
+    }
+
+
+def _of(part: CommonErrors | RelativeMotions | None, name: str) -> Any:
+    """A field of a part; empty where the part is missing, or the field."""
+    value = getattr(part, name, None)
+    return () if value is None else value
+
+
+def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:
+    """Return what an ESTIMATE holds, with the ids, points and covariances of another message if they are given.
+
+    Points in the world, those that have left the view, and times per stage are left out.
+    """
+    world_from_cam, rows = m.world_from_cam.reshape(4, 4), len(m.common_mean)
+    track_ids, points_in_cam, cov_points = points or (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
+    in_cam = points_in_cam.astype(float)
+    common = relative = None
+    if rows:
+        common = CommonErrors(m.common_mean, m.common_cov.reshape(rows, rows), m.common_jacobian.reshape(6, rows))
+    if len(m.relative_frame_indices):
+        relative = RelativeMotions(
+            m.relative_frame_indices,
+            m.relative_frame_from_newest.reshape(-1, 4, 4),
+            m.relative_cov.reshape(-1, 6, 6),
+            m.relative_common_jacobian.reshape(-1, 6, rows) if rows else None,
+        )
+    return FrameEstimate(
+        frame_index=m.frame_index,
+        stamp_ns=m.stamp_ns,
+        status=Status(m.status),
+        reason=m.reason,
+        world_from_cam=world_from_cam,
+        cov_pose=m.cov_pose.reshape(6, 6),
+        track_ids=track_ids,
+        points_in_cam=in_cam,
+        cov_points=cov_points.astype(float),
+        points_in_world=se3.transform(world_from_cam, in_cam),
+        cov_points_in_world=np.full((len(in_cam), 3, 3), np.nan),
+        window_frame_indices=m.window_frame_indices,
+        window_world_from_cam=m.window_world_from_cam.reshape(-1, 4, 4),
+        ended_ids=np.empty(0, np.int64),
+        ended_points_in_world=np.empty((0, 3)),
+        ended_cov_points_in_world=np.empty((0, 3, 3)),
+        counts=dict(zip(m.counts_names, m.counts.tolist(), strict=True)),
+        nis=m.nis,
+        nis_dof=m.nis_dof,
+        timings_ms={},
+        unscaled=m.unscaled,
+        relative=relative,
+        common=common,
+        rig=_rig(m) if len(m.rig_error_px) else None,
+    )
+
+
+def _rig(m: Any) -> RigEstimate:
+    """The recorded errors of the rig; the smooth field and the prior are not recorded."""
+    times = [getattr(m, name) for name in _RIG_TIMES.values()]
+    n = len(m.rig_error_px)
+    mean = np.array([*m.rig_error_px, *(value for value, _ in times)])
+    cov = np.diag([0.0] * n + [std**2 for _, std in times])
+    cov[:n, :n] = m.rig_cov_px2.reshape(n, n)
+    return RigEstimate(mean, cov, float(m.rig_applied), mean, cov, np.full(len(mean), np.nan))
