@@ -21,7 +21,7 @@ _CONVERGED_PX = 0.03
 # Of a window's gradient matrix per pixel, OpenCV's scale; a tenth of its default: dark images.
 _MIN_EIGENVALUE = 1e-5
 # Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: steps of automatic
-# exposure are larger, and each further hypothesis costs one run of flow.
+# exposure are larger.
 _SAME_GAIN = 0.05
 _SAME_LEVEL_GREY = 4.0
 
@@ -94,17 +94,14 @@ def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:
     return np.asarray(cv2.warpAffine(image, enlarge, (width, height)), np.uint8), zoom * at_px + shift
 
 
-def exposure_hypotheses(before: PreparedImages, now: PreparedImages) -> list[Image]:
-    """The previous left image at half the size, as it may have looked with today's exposure, likelier first.
+def as_exposed(before: PreparedImages, now: PreparedImages) -> Image:
+    """The previous left image at half the size, as it would look with today's mean and contrast.
 
-    Flow takes a change of grey values for motion. Where mean and contrast have changed, either the exposure has, or
-    half of the view is covered: then the image as it was is tried too.
+    Flow takes a change of grey values for motion.
     """
     (mean_before, std_before), (mean_now, std_now) = before.exposure, now.exposure
     gain = (std_now + 1) / (std_before + 1)
-    offset = mean_now - gain * mean_before
-    level_change = abs(mean_now - mean_before)
-    if abs(gain - 1) < _SAME_GAIN and level_change < _SAME_LEVEL_GREY:
-        return [before.left_half]
-    exposed = np.rint(np.arange(256) * gain + offset).clip(0, 255).astype(np.uint8)
-    return [np.asarray(cv2.LUT(before.left_half, exposed)), before.left_half]
+    if abs(gain - 1) < _SAME_GAIN and abs(mean_now - mean_before) < _SAME_LEVEL_GREY:
+        return before.left_half
+    exposed = np.rint((np.arange(256) - mean_before) * gain + mean_now).clip(0, 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(before.left_half, exposed))

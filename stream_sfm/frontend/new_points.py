@@ -125,7 +125,6 @@ def begin_tracks(
         slopes=slopes,
         scale=np.full(n, scale, np.int64),
         agreed=np.zeros(n, np.int64),
-        rejected=np.zeros(n, np.int64),
     )
     return replace(state, next_id=state.next_id + n, tracks=state.tracks.append(new))
 

@@ -2,8 +2,7 @@
 
 First as far as motions between frames usually go. Where that explains too little, or nothing is known of the motion
 yet, through a deeper pyramid, from the predicted motion, from none, and from motions forward and backward that change
-the size of patches. A motion that only some tracks agree with leads the others: flow started from it needs to reach
-only what it leaves over.
+the size of patches.
 """
 
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from ..geometry.medians import median
 from ..geometry.resection import MIN_VIEWS, resect
 from ..geometry.se3 import Array
 from .alignment import Aligners, split
-from .flow import exposure_hypotheses, track, track_wide
+from .flow import as_exposed, track, track_wide
 from .prepared import Image, PreparedImages
 from .state import Setup
 from .tracks import Tracks
@@ -30,7 +29,6 @@ _LEAST_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
 # third of the image is reached. OpenCV leaves out levels that are smaller than the window.
 _MORE_LEVELS = 3
-_LEAD_ROUNDS = 3
 # Changes of size that are tried. Flow alone follows a patch that grows or shrinks by a quarter; with these, 0.55 to
 # 1.8.
 _ZOOMS = (1.4, 1 / 1.4)
@@ -79,14 +77,13 @@ def find_rough_motion(
 ) -> RoughMotion | None:
     """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
     best: RoughMotion | None = None
+    flow = _FlowInput(setup, aligners, as_exposed(previous, images), previous, images, tracks)
     for attempt in _attempts(setup.config.frontend.pyramid_levels, tracks, predicted, motion_known):
-        for before_half in exposure_hypotheses(previous, images):
-            flow = _FlowInput(setup, aligners, before_half, previous, images, tracks)
-            found = _led(flow, attempt)
-            if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
-                best = found
-            if best is not None and best.share > _ENOUGH:
-                return best
+        found = _run(flow, attempt)
+        if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
+            best = found
+        if best is not None and best.share > _ENOUGH:
+            return best
     if best is None or best.agree.sum() < max(_LEAST_VIEWS, _LEAST * len(tracks)):
         return None
     return best
@@ -106,20 +103,6 @@ def _attempts(near: int, tracks: Tracks, predicted: Array, motion_known: bool) -
             forward = np.eye(4)
             forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
             yield _Attempt(forward, deep, zoom)
-
-
-def _led(flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
-    """The motion by flow of an attempt; where few agree with it, by flow started from that motion again."""
-    best = _run(flow, attempt)
-    for _ in range(_LEAD_ROUNDS):
-        if best is None or best.share > _ENOUGH or best.agree.sum() < _LEAST_VIEWS:
-            break
-        again = _Attempt(best.cam_from_previous, flow.setup.config.frontend.pyramid_levels, attempt.zoom)
-        found = _run(flow, again)
-        if found is None or found.agree.sum() <= best.agree.sum():
-            break
-        best = found
-    return best
 
 
 def _run(flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:

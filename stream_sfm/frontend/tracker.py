@@ -33,15 +33,10 @@ from .warps import anchor_from_now
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-# Where a smaller share of the views agrees, those that do not live on, rejected. Calm frames have a few outliers, which
-# are better forgotten.
-_AMBIGUOUS = 0.6
 # The background is hidden where fewer tracks agree that have ever agreed before than this and than half of them, while
-# as many rejected ones are more than a share of what is found, or as many new tracks agree on a motion that has jumped,
-# or that came while it was hidden already: what agrees then moves by itself. Twice the views that a motion needs at
-# least.
+# as many new tracks agree on a motion that has jumped, or that came while it was hidden already: what agrees then moves
+# by itself. Twice the views that a motion needs at least.
 _MANY = 2 * MIN_VIEWS
-_MAX_REJECTED = 0.5
 _JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
 # How long a motion is searched for from the last frame that had one. Views that come back come back within a second;
 # later too much has changed for flow.
@@ -249,9 +244,6 @@ def _is_background_hidden(
     needed = min(_MANY, 0.5 * (state.tracks.agreed > 0).sum())
     if (agree & trusted).sum() >= needed:
         return False
-    rejected = int((found.rejected > 0).sum())
-    if rejected >= _MANY and rejected > _MAX_REJECTED * len(found):
-        return True
     apart = np.abs(se3.log(se3.exp(-state.velocity * dt_s) @ motion.cam_from_ref)).reshape(2, 3).max(axis=1)
     # not what the last velocity and any acceleration that is assumed would make of it
     jumps = bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
@@ -268,20 +260,16 @@ def _advance(
     rival: SecondMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Followed]:
-    """Move on to this frame, each track put where it was seen: with the accepted ones, and with some rejected ones.
+    """Move on to this frame, each track put where it was seen: those that agree with it, or with a second motion.
 
     `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen. `rival`: a motion that
     looks the same.
-    Where many disagree with the motion, they may be right another time, and in any case no new tracks are wanted
-    beside them: they live on, rejected.
     """
-    projection, config = setup.projection, setup.config.frontend
+    projection = setup.projection
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     kept = motion.accepted.copy()
     if motion.second is not None:
         kept |= motion.second.views
-    if kept.mean() < _AMBIGUOUS:
-        kept[np.flatnonzero(~kept)[: config.max_tracks // 2]] = True
     rows = np.flatnonzero(views.found)[kept]
     # where most views fit badly, the frame is worse than the run's, not full of outliers: blurred, for instance
     z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]

@@ -29,8 +29,7 @@ class Tracks:
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
     chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition; `slopes` (n, 2):
     ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
-    What the track has done: `agreed` (n,), in how many frames it agreed with the motion, halved each time it did not;
-    `rejected` (n,), for how many frames it has not done so.
+    `agreed` (n,): in how many frames the track agreed with the motion, halved each time it did not.
     """
 
     ids: NDArray[np.int64]
@@ -44,7 +43,6 @@ class Tracks:
     slopes: Array
     scale: NDArray[np.int64]
     agreed: NDArray[np.int64]
-    rejected: NDArray[np.int64]
 
     @classmethod
     def none(cls) -> "Tracks":
@@ -61,7 +59,6 @@ class Tracks:
             slopes=np.empty((0, 2)),
             scale=np.empty(0, np.int64),
             agreed=np.empty(0, np.int64),
-            rejected=np.empty(0, np.int64),
         )
 
     def __len__(self) -> int:
@@ -76,8 +73,8 @@ class Tracks:
         return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def missing(self, wanted: int) -> int:
-        """How many tracks of ordinary templates more there should be; rejected ones do not count."""
-        return wanted - int(((self.scale == 1) & (self.rejected == 0)).sum())
+        """How many tracks of ordinary templates more there should be."""
+        return wanted - int((self.scale == 1).sum())
 
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""
@@ -96,8 +93,7 @@ class Tracks:
 
         Otherwise a body that is once taken for the background would outvote it soon.
         """
-        agreed = self.agreed if ambiguous else np.where(accepted, self.agreed + 1, self.agreed // 2)
-        return replace(self, agreed=agreed, rejected=np.where(accepted, 0, self.rejected + 1))
+        return self if ambiguous else replace(self, agreed=np.where(accepted, self.agreed + 1, self.agreed // 2))
 
     def moved(self, cam_from_previous: Array) -> "Tracks":
         """Points carried into a new camera; `left_px` stays what was last measured."""

@@ -53,10 +53,10 @@ def test_no_track_earns_history_while_the_motion_is_ambiguous() -> None:
     none = Tracks.none()
     agreed = np.array([10, 10, 0, 0])
     arrays = {name: np.zeros((4, *getattr(none, name).shape[1:])) for name in Tracks.__dataclass_fields__}
-    tracks = Tracks(**arrays | {"agreed": agreed, "rejected": np.zeros(4, np.int64)})
+    tracks = Tracks(**arrays | {"agreed": agreed})
     accepted = np.array([True, False, True, False])
     kept = tracks.judged(accepted, ambiguous=True)
-    assert kept.agreed.tolist() == [10, 10, 0, 0] and kept.rejected.tolist() == [0, 1, 0, 1]
+    assert kept.agreed.tolist() == [10, 10, 0, 0]
     assert tracks.judged(accepted, ambiguous=False).agreed.tolist() == [11, 5, 1, 0]
 
 

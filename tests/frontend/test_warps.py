@@ -39,7 +39,6 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         slopes=SLOPES[None],
         scale=np.ones(1, np.int64),
         agreed=np.zeros(1, np.int64),
-        rejected=np.zeros(1, np.int64),
     )
     warp = anchor_from_now(tracks, CAM_FROM_ANCHOR, P)[side][0]
     columns = slice(2 * side, 2 * side + 2)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...geometry import se3
 from ...geometry.se3 import Array
-from ..flow import exposure_hypotheses, track
+from ..flow import as_exposed, track
 from ..prepared import PreparedImages
 from ..state import FrontEndState, Setup
 from ..tracker import Followed
@@ -59,7 +59,7 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     if state.previous is None:
         return state, np.empty((0, 4, 4))
     expected_px = p.project_homogeneous(tracks.points)[:, :2]
-    before_half = exposure_hypotheses(state.previous, images)[0]
+    before_half = as_exposed(state.previous, images)
     levels = setup.config.frontend.pyramid_levels
     at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
     warps = anchor_from_now(tracks, state.cam_from_start, p)[0]
