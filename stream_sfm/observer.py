@@ -22,6 +22,7 @@ from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
+from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
 from .geometry import se3
@@ -72,7 +73,9 @@ class Observer:
         if isinstance(self.rig, StereoRig):
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
-            self._frontend = StereoFrontEnd(self.projection, config, valid, refinement, row_of, self.rig.timing)
+            self._frontend = StereoFrontEnd(
+                self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
+            )
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start

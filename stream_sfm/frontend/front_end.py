@@ -39,7 +39,8 @@ class StereoFrontEnd:
     """Follows points through rectified pairs; nothing in it changes (see `FrontEnd`).
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
-    which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`.
+    which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`. `problem`: what is wrong
+    with the calibration in any frame.
     """
 
     def __init__(
@@ -50,8 +51,9 @@ class StereoFrontEnd:
         refinement: Refinement | None = None,
         row_of: Callable[[Array], Array] | None = None,
         known_timing: KnownTiming | None = None,
+        problem: str = "",
     ) -> None:
-        self.setup = Setup(projection, config)
+        self.setup, self.problem = Setup(projection, config), problem
         self.rig = RigModel.of(projection, config.rig, refinement, row_of, known_timing)
         self.start = FrontEndState(
             aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
@@ -104,7 +106,9 @@ class StereoFrontEnd:
         """Observations of the next frame, with the right camera as it is known to stand."""
         state, followed = follow(self.setup, state, images, stamp_ns)
         fit = self._fit(followed)
-        problem = problem_of(images, state.previous, fit, state.rows, state.aligners[1].noise.factor)
+        problem = self.problem or problem_of(
+            images, state.previous, fit, state.rows, state.aligners[1].noise.factor
+        )
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
         state = replace(state, pair=pair)
         if followed is None or start_anew:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.rig import StereoRig
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection
 from ..geometry.se3 import Array
@@ -117,9 +118,6 @@ def problem_of(
 
     Its images, those before, how its tracks fit; what is known of the rows, and the variance factor of the views.
     """
-    resolution = _resolution_problem(rows.projection)
-    if resolution:
-        return resolution
     if rows.largest_px > _MAX_ROWS_PX:
         return (
             f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
@@ -145,14 +143,14 @@ def problem_of(
     )
 
 
-def _resolution_problem(projection: StereoProjection) -> str:
+def resolution_problem(rig: StereoRig) -> str:
     """Say that the calibration is that of images of half or twice the size, by its principal points; or nothing."""
-    p = projection
-    at = np.array([p.cx_left_px / p.width, p.cx_right_px / p.width, p.cy_px / p.height])
+    at = np.array([camera.K[:2, 2] / (camera.width, camera.height) for camera in rig.cameras.values()])
     for factor, name in ((0.5, "half"), (2.0, "twice")):
         if (np.abs(at - factor / 2) < _SAME_PLACE).all():
+            left = rig.left
             return (
-                f"the principal point ({p.cx_left_px:.0f}, {p.cy_px:.0f}) is the middle of images of {name} the size, "
-                f"these have {p.width}×{p.height} pixels: is the calibration of this resolution?"
+                f"the principal point ({left.K[0, 2]:.0f}, {left.K[1, 2]:.0f}) is the middle of images of {name} the "
+                f"size, these have {left.width}×{left.height} pixels: is the calibration of this resolution?"
             )
     return ""

@@ -80,9 +80,6 @@ def test_a_pair_that_does_not_fit_is_never_ok_and_wrong(name: str, room) -> None
     assert any(cause in e.reason for e in bad), {e.reason for e in bad}
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a defect: it is noticed in frame 5, and the first four are ok with wrong poses"
-)
 def test_the_calibration_of_half_the_resolution_is_never_ok_and_wrong(room) -> None:
     rig, frames, truth = room
 

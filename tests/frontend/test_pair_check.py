@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from stream_sfm.camera.models import Camera
+from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
-from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of
+from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.rows import Rows
+from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 
 PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
@@ -27,8 +30,8 @@ def fit(first_id: int, left: int, both: int, n: int = 100) -> PairFit:
 class Run:
     """A check that is shown frame after frame, each with images of its own."""
 
-    def __init__(self, projection: StereoProjection = PROJECTION) -> None:
-        self.rows, self.factor = Rows.unknown(projection, Config()), 1.0
+    def __init__(self) -> None:
+        self.rows, self.factor = Rows.unknown(PROJECTION, Config()), 1.0
         self.check = PairCheck()
         self.frame = 0
 
@@ -125,16 +128,9 @@ def test_noise_that_no_image_explains_is_a_problem():
 
 @pytest.mark.parametrize(("factor", "name"), [(0.5, "half"), (2.0, "twice")])
 def test_a_calibration_of_another_resolution_is_a_problem_from_the_first_frame(factor: float, name: str):
-    p = PROJECTION
-    wrong = StereoProjection(
-        factor * p.f_px,
-        factor * p.cx_left_px,
-        factor * p.cx_right_px,
-        factor * p.cy_px,
-        p.baseline_m,
-        p.width,
-        p.height,
-    )
-    run = Run(wrong)
-    run.show(None)
-    assert f"images of {name} the size" in run.problem
+    def problem(scale: float) -> str:
+        camera = Camera(512, 384, np.diag([scale, scale, 1]) @ [[400.0, 0, 256], [0, 400, 192], [0, 0, 1]])
+        return resolution_problem(StereoRig(camera, camera, se3.exp([-0.1, 0, 0, 0, 0.1, 0])))
+
+    assert f"images of {name} the size" in problem(factor)
+    assert problem(1.0) == ""
