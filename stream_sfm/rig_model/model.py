@@ -46,7 +46,7 @@ class RigEffects:
     def __len__(self) -> int:
         return len(self.terms)
 
-    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "RigEffects":
+    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "RigEffects":
         return RigEffects(self.terms[rows], self.field[rows])
 
     def take(self, rows: NDArray[np.intp], others: "RigEffects") -> "RigEffects":

@@ -14,7 +14,7 @@ from .window_frame import WindowFrame
 
 def absorb_oldest_frame(current: Map) -> None:
     """Marginalise the oldest frame, eqs. (31)–(36): all that frames outside the window say is in the prior again."""
-    frame = current.frames.pop(0)
+    frame = current.remove_oldest()
     current.move_reference(frame)
     # a point enters the prior with a stereo view: one side alone would leave its depth open
     frame.used &= frame.stereo | among(frame.ids, current.prior.ids)
@@ -45,7 +45,7 @@ def absorb_oldest_frame(current: Map) -> None:
 
 def _of_points(current: Map, frame: WindowFrame, rows: NDArray[np.intp]) -> NormalBlocks:
     """Return the normal equations of the frame's views of the points `rows` (n,) of the map; it is the reference."""
-    views = frame.views(current.ids, 0).of_points(rows)
+    views = frame.views(current.ids).of_points(rows)
     here = np.eye(4)[None]
     anchors, q = current.ref_from_anchor[rows], current.q[rows]
     return linearise(current.projection, here, anchors, q, current.rig_error, views)

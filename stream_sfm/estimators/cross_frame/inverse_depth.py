@@ -106,6 +106,13 @@ class WhitenedViews:
         joined[effects] = RigEffects.concatenate([p.rig_effects for p in parts])
         return cls(**joined)
 
+    def __getitem__(self, rows: NDArray[np.intp] | slice) -> "WhitenedViews":
+        return WhitenedViews(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def of_map(self, ids: NDArray[np.int64]) -> "WhitenedViews":
+        """Return the same views, whose points were given by ids, with indices in `ids` (ascending)."""
+        return replace(self, point=np.searchsorted(ids, self.point))
+
     def of_core(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, Array, Array]:
         """Return the arrays that the compiled core takes."""
         effects = self.rig_effects
@@ -115,8 +122,7 @@ class WhitenedViews:
         """Return the views of the points with these indices (n,), ascending, which are counted anew from 0."""
         at = np.minimum(np.searchsorted(points, self.point), max(len(points) - 1, 0))
         rows = np.flatnonzero(points[at] == self.point) if len(points) else np.empty(0, np.intp)
-        chosen = (getattr(self, f.name)[rows] for f in fields(self))
-        return replace(WhitenedViews(*chosen), point=at[rows])
+        return replace(self[rows], point=at[rows])
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,9 +45,10 @@ class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
     `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the
-    newest frame began a second time, by one view. `frames`: the window, oldest first;
-    `reference_index`: which frame the reference camera is. `prior`, and the `amplitudes` (k,) of its modes. `system`:
-    the latest normal equations, factored. `marginals`: of the latest frame.
+    newest frame began a second time, by one view. `frames`: the window, oldest first; the map has all of their views
+    with the rig's effects, one after the other. `reference_index`: which frame the reference camera is. `prior`, and
+    the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the latest
+    frame.
     """
 
     def __init__(
@@ -59,6 +60,10 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
+        self._all_views = WhitenedViews.none(
+            len(rig)
+        )  # used or not; points are counted anew when they are asked for
+        self._ids_of_views = np.empty(0, np.int64)
         self._twist_error = TwistError()
         self._twists = np.zeros((1, 6))  # of the reference camera and of the window
         self._first: WindowFrame | None = frame  # until another one is absorbed
@@ -71,7 +76,7 @@ class Map:
         frame.used = among(frame.ids, self.ids)
         self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
         self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
-        views = frame.views(self.ids, 0)
+        views = frame.views(self.ids)
         blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, rig.mean, views)
         cov = symmetric_inverse(blocks.v)
         self.q = self.q + matvec(cov, blocks.g_point)
@@ -104,7 +109,19 @@ class Map:
 
     def views(self) -> WhitenedViews:
         """Return the used views of the window."""
-        return WhitenedViews.concatenate([f.views(self.ids, row) for row, f in enumerate(self.frames)])
+        return self._all_views[self._used_rows()].of_map(self.ids)
+
+    def _used_rows(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.concatenate([f.used for f in self.frames]))
+
+    def remove_oldest(self) -> WindowFrame:
+        """Take the oldest frame out of the window, with its views."""
+        frame = self.frames.pop(0)
+        n = len(frame.ids)
+        frame.rig_effects = self._all_views.rig_effects[:n]
+        later = self._all_views[n:]
+        self._all_views = replace(later, frame=later.frame - 1)
+        return frame
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
@@ -131,6 +148,8 @@ class Map:
             [self.ref_from_anchor, np.broadcast_to(ref_from_cam, (int(new.sum()), 4, 4))]
         )
         self.select(np.argsort(self.ids))
+        views = frame.all_views(len(self.frames))
+        self._all_views = WhitenedViews.concatenate([self._all_views, views]) if self.frames else views
         self.frames.append(frame)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
@@ -271,15 +290,15 @@ class Map:
         self._twists = twists(np.concatenate([np.eye(4)[None], cams]), self._stamps_ns())
         if self._first is not None:
             self._renew_first(self._first, rig, self._twists[0])
-        views = self.views()
+        views, rows = self.views(), self._used_rows()
         in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
-        stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
+        stereo = np.concatenate([f.stereo for f in self.frames])[rows]
         age = np.array([self._age_s(f.stamp_ns) for f in self.frames])
         effects = self._effects(
             rig, in_cam, self._twists[1:][views.frame], age[views.frame], stereo, views.rig_effects
         )
-        for row, frame in enumerate(self.frames):
-            frame.rig_effects = frame.rig_effects.take(np.flatnonzero(frame.used), effects[views.frame == row])
+        everywhere = self._all_views.rig_effects.take(rows, effects)
+        self._all_views = replace(self._all_views, rig_effects=everywhere)
 
     def _age_s(self, stamp_ns: int) -> float:
         """Return for how long errors of the rig may have grown."""
@@ -333,7 +352,7 @@ class Map:
         age = self._age_s(frame.stamp_ns)
         effects = self._effects(rig, homogeneous_from_q(q), twist, age, frame.stereo[rows], frame.rig_effects[rows])
         frame.rig_effects = frame.rig_effects.take(rows, effects)
-        views = frame.views(self.prior.ids, 0)
+        views = frame.views(self.prior.ids)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
         cov = symmetric_inverse(blocks.v)
         by_rig = -cov @ blocks.rig_point
@@ -373,9 +392,13 @@ class Map:
 
     def begin_field(self, model: RigModel) -> None:
         """Take in that the rig has a field of errors, which the views of the window have then, too."""
-        for frame in (*self.frames, *([] if self._first is None else [self._first])):
+        for frame in self.frames:
             frame.rig = model
-            frame.rig_effects = RigEffects(frame.rig_effects.terms, model.field_at(frame.z_px))
+        effects = RigEffects(self._all_views.rig_effects.terms, model.field_at(self._all_views.z_px))
+        self._all_views = replace(self._all_views, rig_effects=effects)
+        if self._first is not None:
+            self._first.rig = model
+            self._first.rig_effects = RigEffects(self._first.rig_effects.terms, model.field_at(self._first.z_px))
         n = len(model) - len(self.prior.rig)
         self.prior = self.prior.with_field(n)
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])

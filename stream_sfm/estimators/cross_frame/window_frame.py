@@ -68,14 +68,14 @@ class WindowFrame:
         z_px[~self.stereo[rows], 2:] = np.nan
         return z_px
 
-    def views(self, ids: NDArray[np.int64], row: int) -> WhitenedViews:
-        """Return the used views, all of points in `ids` (ascending), as views of frame `row`."""
-        used = np.flatnonzero(self.used)  # once, not once per array
-        point = np.searchsorted(ids, self.ids[used])
-        frame = np.full(len(point), row)
-        return WhitenedViews(
-            frame, point, self.z_px[used], self.root[used], self.weight[used], self.rig_effects[used]
-        )
+    def all_views(self, row: int) -> WhitenedViews:
+        """Return all views as those of frame `row`, with ids for points."""
+        frame = np.full(len(self.ids), row)
+        return WhitenedViews(frame, self.ids, self.z_px, self.root, self.weight, self.rig_effects)
+
+    def views(self, ids: NDArray[np.int64]) -> WhitenedViews:
+        """Return the used views, all of points in `ids` (ascending), as views of frame 0."""
+        return self.all_views(0)[np.flatnonzero(self.used)].of_map(ids)
 
 
 def effects_of(observations: Observations) -> RigEffects:
