@@ -45,7 +45,7 @@ def compare(
         loops: show the first method with loops closed, too; needs the extra map
     """
     from ..inspection.overview import inspect_log
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
     from .printing import print_notes

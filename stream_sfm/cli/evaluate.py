@@ -63,7 +63,7 @@ def evaluate(
 
 def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
     """The ground truth of a run, in the time of its frames. The log is opened where it has what is needed."""
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
     from ..sources.pose_files import is_euroc_table, read_poses
     from ..types import Trajectory
 

@@ -20,7 +20,7 @@ def inspect(
         log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
     """
     from ..inspection.overview import inspect_log
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
     from ..run import replay
     from ..types import Selection
     from .inspection_tables import print_inspection

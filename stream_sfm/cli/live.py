@@ -45,7 +45,7 @@ def live(
         max_frames: end after N frames
         verbose: report every change of status, and the time per stage
     """
-    from ..recording import open_camera
+    from ..recording.stereo_log import open_camera
     from ..results.folder import changed_results, new_run_folder, point_latest_to
     from ..run import replay as run
     from ..types import Selection

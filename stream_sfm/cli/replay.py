@@ -11,7 +11,7 @@ from . import options
 from .usage import print_error
 
 if TYPE_CHECKING:
-    from ..recording import StereoLog
+    from ..recording.stereo_log import StereoLog
     from ..run.replay import ReplayResult
     from ..types import Sink
 
@@ -57,7 +57,7 @@ def replay(
         verbose: report every change of status, and the time per stage
     """
     from ..outputs import MAP_TRAJECTORY
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder, point_latest_to
     from ..run import replay as run
     from .progress import frame_progress

@@ -42,7 +42,7 @@ def surface(
     """
     from ..dense import surface as dense
     from ..dense.ply import write_ply
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
     from .printing import print_json, print_notes
     from .progress import frame_progress
 

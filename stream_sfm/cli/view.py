@@ -9,7 +9,7 @@ from ..errors import ExitCode, InputError
 from . import options
 
 if TYPE_CHECKING:
-    from ..recording import StereoLog
+    from ..recording.stereo_log import StereoLog
     from ..results.run_results import RunResults
     from ..types import Frame
 
@@ -59,7 +59,7 @@ def view(
 
 def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
     """The log of a run, and what to say where it cannot be read."""
-    from ..recording import open_log
+    from ..recording.stereo_log import open_log
 
     path = found.summary.get("log")
     try:

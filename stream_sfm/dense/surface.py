@@ -18,8 +18,9 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..inspection.findings import quick_problems
 from ..interrupts import deferred_interrupts
-from ..recording import RecordedFrame, StereoLog, open_log
+from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
+from ..recording.stereo_log import StereoLog, open_log
 from ..recording.topics import PairChoice
 from ..results.folder import close_all
 from ..types import Selection, Sink, Status

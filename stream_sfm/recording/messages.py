@@ -4,7 +4,7 @@ import base64
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.well_known import MessageEncoding
@@ -15,6 +15,8 @@ from ..geometry.se3 import Array
 from ..mcap_file.message import Channel, Message
 from .message_limits import MAX_REPEATED_BYTES, decode_json
 from .ros import ros_decoder
+
+T = TypeVar("T")
 
 _PACKAGES = (
     "foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf",
@@ -35,7 +37,6 @@ _MAX_TEXT = 2**12  # characters of a name: of a coordinate frame, an encoding
 _QUATERNION_NORMS = (0.5, 2.0)  # wider than any rounding; outside it the numbers are not a rotation
 _ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
 _INT64 = 2**63  # stamps are 64-bit nanoseconds everywhere
-_BAD_FIELD = (ValueError, TypeError, OverflowError)  # a field of another kind, JSON's infinity, a number too large
 
 
 class UndecodableMessage(Exception):
@@ -153,54 +154,50 @@ class MessageDecoder:
 
     def image(self, message: Message) -> ImageMessage:
         """Decode an image. Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
-        m = self._decode(message)
-        try:
-            topic, stamp_ns, frame_id = message.channel.topic, _stamp_ns(m), _frame_id(m)
-            data = _bytes(_get(m, "data"))
-            if _has(m, "format"):
-                return ImageMessage(topic, stamp_ns, frame_id, True, _text(_get(m, "format")), data)
-            return ImageMessage(
-                topic,
-                stamp_ns,
-                frame_id,
-                False,
-                _text(_get(m, "encoding")),
-                data,
-                width=int(_get(m, "width")),
-                height=int(_get(m, "height")),
-                step=int(_get(m, "step")),
-                big_endian=bool(_get(m, "is_bigendian", default=0)),
-            )
-        except _BAD_FIELD as error:
-            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+        return self._record(message, _image)
 
     def calibration(self, message: Message) -> CalibrationMessage:
         """Decode a calibration message. Raises as `image`."""
-        m = self._decode(message, MAX_REPEATED_BYTES)
-        try:
-            return CalibrationMessage(
-                topic=message.channel.topic,
-                frame_id=_frame_id(m),
-                width=int(_get(m, "width")),
-                height=int(_get(m, "height")),
-                distortion_model=_text(_get(m, "distortion_model", default="")).strip().lower(),
-                D=tuple(float(x) for x in _get(m, "D", "d", default=())),
-                K=_matrix(_get(m, "K", "k", default=()), 3, 3),
-                R=_matrix(_get(m, "R", "r", default=()), 3, 3),
-                P=_matrix(_get(m, "P", "p", default=()), 3, 4),
-            )
-        except _BAD_FIELD as error:
-            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+        return self._record(message, _calibration, MAX_REPEATED_BYTES)
 
     def poses(self, message: Message) -> list[PoseMessage]:
         """Decode the poses in a message, several for a list of transforms. Raises as `image`."""
-        m = self._decode(message, MAX_REPEATED_BYTES)
+        return self._record(message, _poses, MAX_REPEATED_BYTES)
+
+    def _record(self, message: Message, make: Callable[[str, Any], T], max_bytes: int | None = None) -> T:
+        decoded, topic = self._decode(message, max_bytes), message.channel.topic
         try:
-            if _has(m, "transforms"):
-                return [_pose(t) for t in _get(m, "transforms")]
-            return [_pose(m)]
-        except _BAD_FIELD as error:
-            raise UndecodableMessage(f"{message.channel.topic}: {error}") from None
+            return make(topic, decoded)
+        except (ValueError, TypeError, OverflowError) as error:  # a field of another kind, JSON's infinity
+            raise UndecodableMessage(f"{topic}: {error}") from None
+
+
+def _image(topic: str, m: Any) -> ImageMessage:
+    known = topic, _stamp_ns(m), _frame_id(m)
+    data = _bytes(_get(m, "data"))
+    if _has(m, "format"):
+        return ImageMessage(*known, True, _text(_get(m, "format")), data)
+    width, height, step = (int(_get(m, name)) for name in ("width", "height", "step"))
+    big_endian = bool(_get(m, "is_bigendian", default=0))
+    return ImageMessage(*known, False, _text(_get(m, "encoding")), data, width, height, step, big_endian)
+
+
+def _calibration(topic: str, m: Any) -> CalibrationMessage:
+    return CalibrationMessage(
+        topic=topic,
+        frame_id=_frame_id(m),
+        width=int(_get(m, "width")),
+        height=int(_get(m, "height")),
+        distortion_model=_text(_get(m, "distortion_model", default="")).strip().lower(),
+        D=tuple(float(x) for x in _get(m, "D", "d", default=())),
+        K=_matrix(_get(m, "K", "k", default=()), 3, 3),
+        R=_matrix(_get(m, "R", "r", default=()), 3, 3),
+        P=_matrix(_get(m, "P", "p", default=()), 3, 4),
+    )
+
+
+def _poses(topic: str, m: Any) -> list[PoseMessage]:
+    return [_pose(t) for t in _get(m, "transforms")] if _has(m, "transforms") else [_pose(m)]
 
 
 def _same_numbers(a: Any, b: Any) -> bool:

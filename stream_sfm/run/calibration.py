@@ -6,7 +6,7 @@ import numpy as np
 
 from ..inspection.calibration_check import Images
 from ..inspection.findings import quick_problems
-from ..recording import StereoLog
+from ..recording.stereo_log import StereoLog
 from ..recording.topics import PairChoice
 from ..types import Frame, FrameEstimate
 

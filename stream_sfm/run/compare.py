@@ -16,7 +16,7 @@ from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
-from ..recording import StereoLog, open_log
+from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration_field import calibration_error
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers

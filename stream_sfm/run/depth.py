@@ -1,8 +1,8 @@
 """The depth images of a log, which all lanes of a run share."""
 
 from ..errors import InputError
-from ..recording import StereoLog
 from ..recording.ground_truth import Depth
+from ..recording.stereo_log import StereoLog
 
 
 class TrueDepth:

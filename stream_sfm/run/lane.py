@@ -12,7 +12,7 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..evaluation.structure import StructureComparison
 from ..observer import Observed, Observer
-from ..recording import RecordedFrame
+from ..recording.frames import RecordedFrame
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..rig_model.estimate import RigEstimate

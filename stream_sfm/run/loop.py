@@ -17,7 +17,8 @@ from ..errors import FrameError, InputError, LogError
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption
 from ..observer import Observed, Observer
-from ..recording import RecordedFrame, StereoLog
+from ..recording.frames import RecordedFrame
+from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
 from ..types import Frame, FrameEstimate, Selection, Sink
 from .lane import Lane, without_rig_errors

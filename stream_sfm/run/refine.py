@@ -12,7 +12,7 @@ from ..camera.refinement import TERMS, combine
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
-from ..recording import open_log
+from ..recording.stereo_log import open_log
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import DELAY, READOUT, prior_std
 from ..rig_model.terms import TERMS as TERMS_OF_RIG

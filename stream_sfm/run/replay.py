@@ -15,7 +15,7 @@ from ..evaluation.summary import evaluate
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
-from ..recording import StereoLog, open_log
+from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration_field import describe
 from ..report.records import Truth
 from ..types import Selection, Sink, Trajectory

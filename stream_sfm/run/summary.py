@@ -5,7 +5,7 @@ from typing import Any
 
 from ..evaluation.end_pose import end_pose
 from ..evaluation.summary import evaluate_run, evaluate_unscaled
-from ..recording import StereoLog
+from ..recording.stereo_log import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Status

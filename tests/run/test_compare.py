@@ -16,7 +16,7 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.config import read_config
 from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
-from stream_sfm.recording import open_log
+from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Trajectory

@@ -12,8 +12,8 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import read_config
-from stream_sfm.recording import open_log
 from stream_sfm.recording.ground_truth import DepthImages
+from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
