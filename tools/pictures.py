@@ -1,8 +1,8 @@
 """Make the pictures of the README and of docs/ anew, from today's code: `python tools/pictures.py [NAME …]`.
 
-    output    not a picture: what the first command of the README prints; its times are those of this machine
-    viewer    logs/room.mcap in the Rerun viewer, without a window
-    drift     the page of `stream-sfm compare logs/room.mcap`
+    output    not a picture: what the first command of docs/quickstart.md prints; its times are those of this machine
+    viewer    logs/demo.mcap in the Rerun viewer, without a window
+    drift     the page of `stream-sfm compare logs/demo.mcap`
     transitory  its figure of the tracks against the frames, as in the paper's Figure 1
     surface   the mesh of `stream-sfm surface logs/room.mcap --all`, from above
     figure6   `stream-sfm simulate figure6`, 100 trials: five to ten minutes
@@ -26,7 +26,7 @@ from pathlib import Path
 import cv2
 
 ROOT = Path(__file__).parents[1]
-LOG = ROOT / "logs/room.mcap"
+LOG, DEMO = ROOT / "logs/room.mcap", ROOT / "logs/demo.mcap"
 PICTURES = ROOT / "docs/pictures"
 VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
@@ -45,14 +45,14 @@ def stream_sfm(*arguments: object) -> None:
 
 
 def output(folder: Path) -> None:
-    """The block below the first command of the README."""
+    """The block below the first command of the quickstart."""
     (folder / "logs").symlink_to(LOG.parent)
-    command = [sys.executable, "-m", "stream_sfm", "replay", "logs/room.mcap"]
+    command = [sys.executable, "-m", "stream_sfm", "replay", "logs/demo.mcap"]
     printed = subprocess.run(command, check=True, cwd=folder, capture_output=True, text=True).stdout
     block = "\n".join(line.rstrip() for line in printed.strip().splitlines())
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
-    shown = re.compile(r"(?<=```\n)logs/room\.mcap: .*?(?=\n```)", re.DOTALL)
-    (ROOT / "README.md").write_text(shown.sub(lambda _: block, page, count=1), encoding="utf-8")
+    page = (ROOT / "docs/quickstart.md").read_text(encoding="utf-8")
+    shown = re.compile(r"(?<=```\n)logs/demo\.mcap: .*?(?=\n```)", re.DOTALL)
+    (ROOT / "docs/quickstart.md").write_text(shown.sub(lambda _: block, page, count=1), encoding="utf-8")
 
 
 def viewer(folder: Path) -> None:
@@ -60,7 +60,7 @@ def viewer(folder: Path) -> None:
     from rerun.experimental import ViewerClient
 
     recording, whole, port = folder / "room.rrd", folder / "viewer.png", 9911
-    stream_sfm("replay", LOG, "--out", folder / "out", "--rrd", recording, "-q")
+    stream_sfm("replay", DEMO, "--out", folder / "out", "--rrd", recording, "-q")
     size = "x".join(map(str, VIEWER_SIZE))
     command = ["rerun", "--headless", "--window-size", size, "--port", str(port), str(recording)]
     # a session of its own, so that the viewer ends with the Python process that starts it
@@ -82,7 +82,7 @@ def viewer(folder: Path) -> None:
 
 def drift(folder: Path) -> None:
     """The page of a comparison in a browser: its sentences, its table and its charts."""
-    stream_sfm("compare", LOG, "--out", folder, "-q")
+    stream_sfm("compare", DEMO, "--out", folder, "-q")
     report = (folder / "report.html").read_text(encoding="utf-8")
     photograph(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), folder, "drift", REPORT_SIZE)
 

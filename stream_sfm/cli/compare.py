@@ -94,7 +94,7 @@ def _print(result: "ComparisonResult", folder: Path, json: bool, quiet: bool) ->
     elif not quiet:
         print_notes("warning", result.comparison.warnings)
         print_comparison(content)
-        for sentence in filter(None, verdict(content)):
+        for sentence in verdict(content).sentences:
             print(sentence)
         print(printable(str(folder / "report.html")))
     for problem in result.comparison.inspection["problems"]:

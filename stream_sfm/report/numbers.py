@@ -73,7 +73,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
-    return content | {"conclusion": verdict(content).text}
+    return content | {"conclusion": " ".join(verdict(content).sentences)}
 
 
 def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:

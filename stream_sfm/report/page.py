@@ -43,7 +43,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         n=content,
         label=label,
         style=style,
-        verdict=verdict(content),
+        verdict=verdict(content).sentences,
         notes=_notes(c, content),
         path_m=_path_length_m(traces, methods),
         main=table(ACCURACY if traces else (), methods, units),

@@ -16,6 +16,8 @@ NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose: those of a log share their er
 _WORTH_KNOWING = math.log(1.1)  # of a ratio: nobody needs a log that shows a smaller difference
 _IN_FULL = 2  # methods whose figures the sentence gives; the chart has all
 
+_CANNOT = "This log cannot tell which method drifts least"
+
 Ratios = dict[str, dict[str, Any]]  # position and rotation -> value and ci95
 
 
@@ -26,19 +28,20 @@ class Verdict(NamedTuple):
     covariances: str
 
     @property
-    def text(self) -> str:
-        """Both."""
-        return f"{self.drift} {self.covariances}".strip()
+    def sentences(self) -> list[str]:
+        """Both, the one first that says something."""
+        first = -1 if self.drift.startswith(_CANNOT) and "too small" in self.covariances else 1
+        return [sentence for sentence in self[::first] if sentence]
 
 
 def verdict(content: dict[str, Any]) -> Verdict:
     """What the log shows; `content` is that of report.json."""
     covariances = _covariances(content["methods"])
     if not content["frames_with_ground_truth"]:
-        return Verdict("This log cannot tell which method drifts least: it has no ground truth.", covariances)
+        return Verdict(f"{_CANNOT}: it has no ground truth.", covariances)
     ratios: dict[str, Ratios] = content["error_over_cross_frame"]
     if not ratios:
-        return Verdict(f"This log cannot tell which method drifts least: {_obstacle(content)}.", covariances)
+        return Verdict(f"{_CANNOT}: {_obstacle(content)}.", covariances)
     behind = [key for key, found in ratios.items() if _side(found) > 0]
     ahead = [key for key, found in ratios.items() if _side(found) < 0]
     level = len(ratios) - len(behind) - len(ahead)
@@ -107,7 +110,7 @@ def _undecided(ratios: dict[str, Ratios], frames: int) -> str:
     wanted, longer = frames_to_tell(figure, frames)
     low, high = figure["ci95"]
     return (
-        f"This log cannot tell which method drifts least: over {frames} frames none differs from {REFERENCE} "
+        f"{_CANNOT}: over {frames} frames none differs from {REFERENCE} "
         f"for certain ({label(key)}’s position errors: {figure['value']:.2f} [{low:.2f}, {high:.2f}] times as large). "
         f"A difference of {100 * (wanted - 1):.0f} % would show over about {longer} frames."
     )

@@ -1,5 +1,6 @@
 """Every command and every program of the README and of docs/ runs, in a folder that looks like a user's."""
 
+import json
 import re
 import shlex
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, main
+from stream_sfm.report.verdict import NEES_INTERVAL
 from tests.helpers.places import ROOM, ROOT
 
 pytestmark = pytest.mark.slow
@@ -128,13 +130,18 @@ def test_command_runs(command: str, user: Path, monkeypatch, capsys) -> None:
     assert main([name, *rest]) == 0, capsys.readouterr().err
 
 
-def test_the_first_command_prints_what_the_readme_shows(user: Path, monkeypatch, capsys) -> None:
+def test_the_first_command_prints_what_the_quickstart_shows(user: Path, monkeypatch, capsys) -> None:
     """Apart from the numbers, which depend on the machine and on the version."""
     monkeypatch.chdir(user)
-    shown = re.search(r"```sh\n.*stream-sfm (replay \S+)\n```\n\n```\n(.*?)```", PAGES["README.md"], re.DOTALL)
+    shown = re.search(
+        r"```sh\nstream-sfm (replay \S+)\n```\n\n```\n(.*?)```", PAGES["docs/quickstart.md"], re.DOTALL
+    )
     assert shown
     assert main(shown[1].split()) == 0
     assert without_numbers(capsys.readouterr().out) == without_numbers(shown[2])
+    summary = json.loads(next(user.glob("runs/demo-*/summary.json")).read_bytes())
+    low, high = NEES_INTERVAL
+    assert low < summary["ground_truth"]["nees_pose_mean"] < high  # errors and their σ are of one size
 
 
 def without_numbers(table: str) -> list[str]:

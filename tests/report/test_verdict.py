@@ -75,13 +75,20 @@ def test_covariances_are_judged_by_their_nees() -> None:
     assert "EKF" not in verdict(report({"ekf": 14.0}, ekf=(LEVEL, LEVEL))).covariances  # within 95 % of one pose
 
 
+def test_what_is_certain_stands_first() -> None:
+    for ratio, first in ((LEVEL, "The covariance of"), (MORE, "Cross-frame drifts least")):
+        found = verdict(report({"ekf": 240.0}, ekf=(ratio, ratio)))
+        assert found.sentences[0].startswith(first) and len(found.sentences) == 2
+    assert verdict(report(ekf=(LEVEL, LEVEL))).sentences[0].startswith("This log cannot tell")
+
+
 def test_why_there_is_no_comparison() -> None:
     content = report()
-    assert "it takes cross-frame and another method" in verdict(content).text
+    assert "it takes cross-frame and another method" in verdict(content).drift
     content["methods"]["ekf"] = content["methods"]["cross_frame"] | {"failure": "stopped at frame 3: singular"}
-    assert "EKF stopped at frame 3: singular." in verdict(content).text
+    assert "EKF stopped at frame 3: singular." in verdict(content).drift
     content["methods"]["ekf"]["failure"] = None
-    few = verdict(content | {"frames_with_ground_truth": 12}).text
+    few = verdict(content | {"frames_with_ground_truth": 12}).drift
     assert "it takes 40 frames in a row with ground truth, and this log has 12" in few
     content["frames_with_ground_truth"] = 0
-    assert "it has no ground truth" in verdict(content).text
+    assert "it has no ground truth" in verdict(content).drift

@@ -1,7 +1,7 @@
 """A ray caster for stereo test images: exact geometry, anti-aliased textures, ground-truth depth."""
 
 from .caster import CLEAN, Sensor, pixel_rays
-from .demo import demo_recording
+from .demo import demo_recording, demo_rigs
 from .faults import FAULTS, Fault
 from .hard import RECORDINGS
 from .loops import LOOPS
@@ -25,6 +25,7 @@ __all__ = [
     "Shot",
     "build_scene",
     "demo_recording",
+    "demo_rigs",
     "pixel_rays",
     "room_path",
     "room_recording",

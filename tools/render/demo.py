@@ -25,8 +25,7 @@ def demo_recording(seed: int, width: int = 320, frames: int = 180) -> Recording:
     walker = standing(0, 0, (0.45, 0.35, 1.7), fabric(105))
     boxes = (*furniture(), walker)
     path, duration_s = room_path(frames, RATE_HZ), frames / RATE_HZ
-    calibrated = rig(width)
-    true = _taken_with(calibrated, seed)
+    calibrated, true = demo_rigs(seed, width)
 
     def bodies(t: float) -> dict[int, Place]:
         share = t / duration_s
@@ -45,13 +44,12 @@ def demo_recording(seed: int, width: int = 320, frames: int = 180) -> Recording:
     )
 
 
-def _taken_with(calibrated: StereoRig, seed: int) -> StereoRig:
-    """The rig as it is, where the calibration says something else."""
-    drawn = np.random.default_rng((seed, 99)).standard_normal(6)
+def demo_rigs(seed: int, width: int = 320) -> tuple[StereoRig, StereoRig]:
+    """The rig of the calibration, and the one that takes the images."""
+    calibrated, drawn = rig(width), np.random.default_rng((seed, 99)).standard_normal(6)
     turn = se3.from_rotation_translation(se3.exp_so3(STD_TURN_RAD * drawn[:3]), np.zeros(3))
     k = calibrated.right.K.copy()
     k[:2, 2] += STD_CENTRE_PX * drawn[3:5]
     k[[0, 1], [0, 1]] *= 1 + STD_FOCAL * drawn[5]
-    return replace(
-        calibrated, right=replace(calibrated.right, K=k), right_from_left=turn @ calibrated.right_from_left
-    )
+    right = replace(calibrated.right, K=k)
+    return calibrated, replace(calibrated, right=right, right_from_left=turn @ calibrated.right_from_left)
