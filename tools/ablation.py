@@ -10,7 +10,6 @@ of the two is worse than with all rules. A rule that neither a log nor a test ne
 import argparse
 import os
 from dataclasses import replace
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -35,9 +34,7 @@ RULES: dict[str, tuple[str, Any]] = {
     "today's exposure": ("frontend.rough_motion.as_exposed", lambda before, now: before.left_half),
     "further flow attempts": (
         "frontend.rough_motion._attempts",
-        lambda levels, tracks, start, known: [
-            import_module("stream_sfm.frontend.rough_motion")._Attempt(start, levels)
-        ],
+        lambda levels, tracks, start, known: [(start, levels, 1.0)],
     ),
     "history weights": ("frontend.tracks.Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection._with_second_motion", lambda views, found, weights: found),

@@ -16,7 +16,7 @@ from ..geometry.resection import MIN_VIEWS, resect
 from ..geometry.se3 import Array
 from .alignment import Aligners, split
 from .flow import as_exposed, track, track_wide
-from .prepared import Image, PreparedImages
+from .prepared import PreparedImages
 from .state import Setup
 from .tracks import Tracks
 
@@ -45,27 +45,6 @@ class RoughMotion:
     share: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Attempt:
-    """Flow from a `start` (4, 4) through so many pyramid `levels`, with the previous image enlarged by `zoom`."""
-
-    start: Array
-    levels: int
-    zoom: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class _FlowInput:
-    """What flow is computed from: `before_half`, the `previous` left image at half the size with today's exposure."""
-
-    setup: Setup
-    aligners: Aligners
-    before_half: Image
-    previous: PreparedImages
-    images: PreparedImages
-    tracks: Tracks
-
-
 def find_rough_motion(
     setup: Setup,
     aligners: Aligners,
@@ -76,12 +55,35 @@ def find_rough_motion(
     motion_known: bool,
 ) -> RoughMotion | None:
     """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
-    best: RoughMotion | None = None
-    flow = _FlowInput(setup, aligners, as_exposed(previous, images), previous, images, tracks)
-    for attempt in _attempts(setup.config.frontend.pyramid_levels, tracks, predicted, motion_known):
-        found = _run(flow, attempt)
-        if found is not None and (best is None or found.agree.sum() > best.agree.sum()):
-            best = found
+    (projection, config), best = setup, None
+    before_half, cov_points = as_exposed(previous, images), tracks.cov_points(projection)
+    for start, levels, zoom in _attempts(config.frontend.pyramid_levels, tracks, predicted, motion_known):
+        at_px = projection.project_homogeneous(tracks.moved(start).points)[:, :2]
+        found = np.zeros(len(tracks), bool)
+        for aligner, rows in split(aligners, tracks.scale):
+            before_px, near_px = tracks.left_px[rows], at_px[rows]
+            if aligner.scale == 1:
+                by_flow = track(aligner, before_half, images, before_px, near_px, levels, zoom)
+            else:
+                by_flow = track_wide(aligner, previous, images, before_px, near_px)
+            at_px[rows], found[rows] = by_flow
+        z_px = np.full((int(found.sum()), 4), np.nan)
+        z_px[:, :2] = at_px[found]
+        motion = resect(
+            projection,
+            tracks.points[found],
+            cov_points[found],
+            z_px,
+            (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4),
+            start,
+            config.robust.gate_probability,
+            tracks.weights[found],
+            find_second=False,
+        )
+        if motion.ok and (best is None or motion.accepted.sum() > best.agree.sum()):
+            agree = np.zeros(len(tracks), bool)
+            agree[found] = motion.accepted
+            best = RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
         if best is not None and best.share > _ENOUGH:
             return best
     if best is None or best.agree.sum() < max(_LEAST_VIEWS, _LEAST * len(tracks)):
@@ -89,57 +91,22 @@ def find_rough_motion(
     return best
 
 
-def _attempts(near: int, tracks: Tracks, predicted: Array, motion_known: bool) -> Iterator[_Attempt]:
-    """What to try, in order; `near`: pyramid levels for a motion that is predicted well."""
+def _attempts(
+    near: int, tracks: Tracks, predicted: Array, motion_known: bool
+) -> Iterator[tuple[Array, int, float]]:
+    """What to try, in order: the motion (4, 4) that flow starts from, pyramid levels, zoom of the previous image.
+
+    `near`: levels for a motion that is predicted well.
+    """
     deep = near + _MORE_LEVELS
     if motion_known:
-        yield _Attempt(predicted, near)
-    yield _Attempt(predicted, deep)
+        yield predicted, near, 1.0
+    yield predicted, deep, 1.0
     if motion_known:
-        yield _Attempt(np.eye(4), deep)
+        yield np.eye(4), deep, 1.0
     rho = median(tracks.points[:, 3])
     if rho > 0:
         for zoom in _ZOOMS:
             forward = np.eye(4)
             forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
-            yield _Attempt(forward, deep, zoom)
-
-
-def _run(flow: _FlowInput, attempt: _Attempt) -> RoughMotion | None:
-    """One run of flow, and the rigid motion that most of it agrees on."""
-    (projection, config), tracks = flow.setup, flow.tracks
-    at_px, found = _track(flow, attempt)
-    z_px = np.full((int(found.sum()), 4), np.nan)
-    z_px[:, :2] = at_px[found]
-    motion = resect(
-        projection,
-        tracks.points[found],
-        tracks.cov_points(projection)[found],
-        z_px,
-        (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4),
-        attempt.start,
-        config.robust.gate_probability,
-        tracks.weights[found],
-        find_second=False,
-    )
-    if not motion.ok:
-        return None
-    agree = np.zeros(len(tracks), bool)
-    agree[found] = motion.accepted
-    return RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
-
-
-def _track(flow: _FlowInput, attempt: _Attempt) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (n, 2) of all tracks by flow, and which were found."""
-    tracks = flow.tracks
-    at_px = flow.setup.projection.project_homogeneous(tracks.moved(attempt.start).points)[:, :2]
-    found = np.zeros(len(tracks), bool)
-    for aligner, rows in split(flow.aligners, tracks.scale):
-        before_px, start_px = tracks.left_px[rows], at_px[rows]
-        if aligner.scale == 1:
-            at_px[rows], found[rows] = track(
-                aligner, flow.before_half, flow.images, before_px, start_px, attempt.levels, attempt.zoom
-            )
-        else:
-            at_px[rows], found[rows] = track_wide(aligner, flow.previous, flow.images, before_px, start_px)
-    return at_px, found
+            yield forward, deep, zoom
