@@ -228,7 +228,6 @@ class CrossFrame:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.misfit)
         if current.rig_jumped:
-            current.renew_rig_effects()
             iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
             rig = current.judge_rig(observations.misfit)
         before, now = current.marginals, current.update_marginals()
