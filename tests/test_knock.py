@@ -18,7 +18,7 @@ from stream_sfm.rig_model.terms import TERMS, TURNING
 from stream_sfm.run.compare import compare
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
-FRAMES, KNOCK = 34, 14
+FRAMES, KNOCK = 26, 12
 TURNS = {"pitch": [1e-3, 0, 0], "yaw": [0, 1e-3, 0], "roll": [0, 0, 3e-3], "all, small": [4e-4, -4e-4, 1e-3]}
 EXACT = sfm.Config(rig=sfm.RigConfig(exact=True))
 

@@ -20,20 +20,17 @@ def run(logs: Path, out: Path) -> dict[str, dict[str, object]]:
     return {log["name"]: log for log in content["logs"]}
 
 
-def test_bags_of_both_kinds_beside_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bags_of_both_kinds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     logs = tmp_path / "logs"
     (logs / "deep").mkdir(parents=True)
-    write_log(logs / "plain.mcap")
     log1 = write_log(tmp_path / "1.mcap", Spec(profile="ros1"))
     log2 = write_log(tmp_path / "2.mcap", Spec(profile="ros2"))
     write_bag1(logs / "old.bag", messages_of(log1))
     bag = write_bag2(logs / "deep" / "walk", messages_of(log2))
     found = run(logs, tmp_path / "out")
-    assert {name: log["status"] for name, log in found.items()} == dict.fromkeys(
-        ("plain", "old", "deep-walk"), "done"
-    )
+    assert {name: log["status"] for name, log in found.items()} == dict.fromkeys(("old", "deep-walk"), "done")
     frames = [log["summary"]["frames"]["estimated"] for log in found.values()]  # type: ignore[index]
-    assert frames == [12, 12, 12]
+    assert frames == [12, 12]
     assert all(log["reused"] for log in run(logs, tmp_path / "out").values())
     (bag / "metadata.yaml").write_text((bag / "metadata.yaml").read_text() + "\n")
     assert [name for name, log in run(logs, tmp_path / "out").items() if not log["reused"]] == ["deep-walk"]

@@ -1,13 +1,12 @@
 """What hangs fails."""
 
 import signal
-from collections.abc import Iterator
 
 import pytest
 
 
 @pytest.fixture(autouse=True)
-def _deadline() -> Iterator[None]:
+def _deadline():
     """Ends only what hangs: the longest of these tests take a minute on a busy machine."""
 
     def late(*_: object) -> None:

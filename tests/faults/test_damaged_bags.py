@@ -2,7 +2,6 @@
 
 import random
 import sqlite3
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +14,7 @@ SEEDS = 60
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def bags(tmp_path_factory):
     """The content of a bag of each kind."""
     folder = tmp_path_factory.mktemp("bags")
     old, new = (messages_of(write_log(folder / f"{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
@@ -46,9 +45,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("name", ["walk.none.bag", "walk.bz2.bag", "walk.lz4.bag", "walk.db3"])
-def test_damage_costs_what_it_hits_and_nothing_else_is_raised(
-    name: str, bags: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_damage_costs_what_it_hits_and_nothing_else_is_raised(name, bags, tmp_path):
     path = tmp_path / name
     whole = 0
     for seed in range(SEEDS):
@@ -65,7 +62,7 @@ def test_damage_costs_what_it_hits_and_nothing_else_is_raised(
     assert 0 < whole < SEEDS
 
 
-def test_a_database_of_other_types_is_refused(tmp_path: Path, bags: dict[str, bytes]) -> None:
+def test_a_database_of_other_types_is_refused(tmp_path, bags):
     """SQLite stores what it is given, whatever the type of the column."""
     path = tmp_path / "walk.db3"
     for change in (

@@ -26,7 +26,7 @@ from tests.helpers.stereo_logs import (
 
 
 @pytest.fixture(scope="module")
-def wholes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Whole]:
+def wholes(tmp_path_factory):
     """A log of 12 frames in each container."""
     folder = tmp_path_factory.mktemp("wholes")
     plain = {"chunk_size": 20_000, "compression": CompressionType.NONE, "enable_crcs": False}

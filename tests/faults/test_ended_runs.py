@@ -7,10 +7,8 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,19 +32,19 @@ FILES = (
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     return write_wall_log(tmp_path_factory.mktemp("logs") / "wall.mcap", n=16, times=4, truth=False)
 
 
 @pytest.fixture(scope="module")
-def whole(log: Path) -> sfm.Trajectory:
+def whole(log):
     trajectory = replay(log, None, FAST).trajectory
     assert len(trajectory) == FRAMES
     return trajectory
 
 
 @pytest.fixture(scope="module")
-def processes() -> Iterator[Any]:
+def processes():
     """Processes that start with everything imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["tests.faults.test_ended_runs"])
@@ -64,7 +62,7 @@ def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None
 
 
 @pytest.mark.slow
-def test_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path):
+def test_kills_cost_a_second_each(log, whole, processes, tmp_path):
     rng = random.Random(5)
     out = tmp_path / "out"
     for until in [*rng.sample(range(1, FRAMES), 2), FRAMES - 1]:
@@ -98,9 +96,7 @@ def test_kills_cost_a_second_each(log: Path, whole: sfm.Trajectory, processes: A
 
 
 @pytest.mark.parametrize("size", [2_000, 20_000, 250_000])
-def test_a_full_disk_keeps_what_was_written_and_says_where(
-    size: int, log: Path, whole: sfm.Trajectory, processes: Any, tmp_path: Path
-):
+def test_a_full_disk_keeps_what_was_written_and_says_where(size, log, whole, processes, tmp_path):
     out, said = tmp_path / "out", tmp_path / "said"
     process = processes.Process(target=_replay_on_a_small_disk, args=(log, out, size, said))
     process.start()
@@ -117,18 +113,18 @@ def test_a_full_disk_keeps_what_was_written_and_says_where(
         assert len(read_tum(out / "trajectory.tum")) >= len(records)
 
 
-def test_a_folder_that_takes_no_files_is_named(log: Path, tmp_path: Path, cli):
+def test_a_folder_that_takes_no_files_is_named(log, tmp_path, cli):
     (tmp_path / "estimates.mcap.part").mkdir()  # a folder in its place: also root is refused
     assert str(tmp_path / "estimates.mcap") in cli("replay", log, "--out", tmp_path, "-q", code=3).err
 
 
-def test_a_name_that_is_no_text_is_refused(log: Path, tmp_path: Path, cli):
+def test_a_name_that_is_no_text_is_refused(log, tmp_path, cli):
     odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.mcap"))
     odd.write_bytes(log.read_bytes())
     assert "not UTF-8" in cli("replay", odd, "--out", tmp_path / "out", code=3).err
 
 
-def test_a_terminal_that_knows_ascii_only_is_no_defect(log: Path, tmp_path: Path):
+def test_a_terminal_that_knows_ascii_only_is_no_defect(log, tmp_path):
     command = [sys.executable, "-m", "stream_sfm", "replay", str(log), "--out", str(tmp_path), "--max-frames", "3"]
     done = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii:strict"})
     assert done.returncode == 0, done.stderr

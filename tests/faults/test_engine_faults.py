@@ -186,7 +186,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_has_a_defined_result(name: str):
+def test_a_fault_has_a_defined_result(name):
     fault = FAULTS[name]()
     engine = sfm.Engine(STEREO)
     letters, reasons, estimates = "", [], []

@@ -3,7 +3,6 @@
 import struct
 import tracemalloc
 import zlib
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +16,6 @@ from stream_sfm.mcap_file import chunks
 from stream_sfm.recording.images import UndecodableImage, decode_grey
 from stream_sfm.recording.messages import ImageMessage
 from tests.faults.records import MIB, channel, chunk, definition, insert, message, record, schema
-from tests.helpers.command_line import CommandLine
 from tests.helpers.stereo_logs import scene, write_log
 
 FRAMES = 12
@@ -50,7 +48,7 @@ IMAGES = {
 
 
 @pytest.mark.parametrize("name", IMAGES)
-def test_images_that_would_fill_memory_are_not_decoded(name: str) -> None:
+def test_images_that_would_fill_memory_are_not_decoded(name):
     data, why = IMAGES[name]
     with pytest.raises(UndecodableImage, match=f"/left: .*{why}"):
         decode_grey(ImageMessage("/left", 0, "", True, "png", data))
@@ -58,14 +56,14 @@ def test_images_that_would_fill_memory_are_not_decoded(name: str) -> None:
 
 @pytest.mark.parametrize("ending", [".png", ".jpg", ".webp"])
 @pytest.mark.parametrize("progressive", [0, 1])
-def test_sound_images_pass(ending: str, progressive: int) -> None:
+def test_sound_images_pass(ending, progressive):
     image = np.stack([scene(0, 0)] * 3, axis=-1)
     flags = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive] if ending == ".jpg" else []
     data = bytes(cv2.imencode(ending, image, flags)[1])
     assert decode_grey(ImageMessage("/l", 0, "", True, "", data)).shape == scene(0, 0).shape
 
 
-def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(tmp_path: Path) -> None:
+def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(tmp_path):
     """14.7 million empty records in 12 kB took 20 s a pass; here there are a third of them."""
     path = tmp_path / "log.mcap"
     empty = record(0x90, b"") * (5 * MIB)
@@ -77,7 +75,7 @@ def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(tmp_path: Path) -> 
     assert not log.stats.complete and "it holds more records than bytes" in " ".join(log.stats.warnings)
 
 
-def test_a_file_unpacks_to_no_more_than_it_could_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_unpacks_to_no_more_than_it_could_hold(tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "_FREE_BYTES", 100 * MIB)
     path = tmp_path / "log.mcap"
     insert(path, [chunk(record(0x90, bytes(60 * MIB)))] * 4)
@@ -85,7 +83,7 @@ def test_a_file_unpacks_to_no_more_than_it_could_hold(tmp_path: Path, monkeypatc
     assert len(list(log.pairs())) == FRAMES and "not for the first time" in " ".join(log.stats.warnings)
 
 
-def test_topics_by_the_ten_thousand_are_listed_in_part(tmp_path: Path, cli: CommandLine) -> None:
+def test_topics_by_the_ten_thousand_are_listed_in_part(tmp_path, cli):
     path = tmp_path / "log.mcap"
     said = schema(999, "foxglove.CompressedImage", "protobuf", definition(CompressedImage))
     pairs = (
@@ -99,7 +97,7 @@ def test_topics_by_the_ten_thousand_are_listed_in_part(tmp_path: Path, cli: Comm
         assert len(printed) < 100_000 and "more" in printed  # characters, for 20 000 topics
 
 
-def test_a_bag_of_images_is_read_in_little_memory(tmp_path: Path) -> None:
+def test_a_bag_of_images_is_read_in_little_memory(tmp_path):
     """The allowance of a reading costs nothing where there is nothing to refuse."""
     log = sfm.open_log(write_log(tmp_path / "log.mcap"))
     tracemalloc.start()

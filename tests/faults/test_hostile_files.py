@@ -57,7 +57,7 @@ READING: list[tuple[str, int, str]] = [
 
 
 @pytest.mark.parametrize("kind", [*SPECIAL, "a folder", "a dangling link", "a loop", "noise"])
-def test_what_is_no_file_is_not_read(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_file_is_not_read(kind, tmp_path, capsys):
     odd, log = tmp_path / "odd", write_log(tmp_path / "log.mcap")
     make_odd(kind, odd)
     for words, code, says in READING:
@@ -78,9 +78,7 @@ def test_what_is_no_file_is_not_read(kind: str, tmp_path: Path, capsys: pytest.C
         ("recover {log} {odd}", "exists already"),
     ],
 )
-def test_nothing_is_written_to_a_special_file(
-    words: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_written_to_a_special_file(words, says, tmp_path, capsys):
     log = write_log(tmp_path / "log.mcap")
     for kind in SPECIAL:
         make_odd(kind, odd := tmp_path / kind.replace(" ", "_"))
@@ -99,7 +97,7 @@ def said(words: Sequence[object], capsys: pytest.CaptureFixture[str], codes: Col
     return error
 
 
-def test_standard_input_is_not_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_standard_input_is_not_a_file(capsys, tmp_path):
     error = said(["replay", "-", "--out", tmp_path / "out"], capsys, {2})
     assert "standard input is not read: give a file" in error
     with pytest.raises(sfm.LogError, match="standard input is not read: give a file"):
@@ -108,7 +106,7 @@ def test_standard_input_is_not_a_file(capsys: pytest.CaptureFixture[str], tmp_pa
         open_regular("-")
 
 
-def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path: Path) -> None:
+def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path):
     write_log(tmp_path / "walk_0.mcap")
     (tmp_path / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  relative_file_paths:\n  - walk_0.mcap\n  - walk_1.mcap\n"
@@ -118,7 +116,7 @@ def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path: Path) -> No
     assert len(list(log.pairs())) > 1 and any("a pipe" in note for note in log.stats.warnings)
 
 
-def test_small_files_are_read_up_to_their_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_small_files_are_read_up_to_their_limit(tmp_path, capsys):
     (tmp_path / "large.toml").write_bytes(b"#" * 2**24)
     with pytest.raises(OSError, match="larger than 1048576 bytes"):
         read_small(tmp_path / "large.toml", 2**20)
@@ -141,9 +139,7 @@ HOSTILE: dict[str, Callable[[], str]] = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("option", ["--config", "--calibration"])
-def test_hostile_toml_is_refused(
-    name: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hostile_toml_is_refused(name, option, tmp_path, capsys):
     (tmp_path / "x.toml").write_bytes(HOSTILE[name]().encode("utf-8", "surrogateescape"))
     log = write_log(tmp_path / "log.mcap")
     error = said(["replay", log, option, tmp_path / "x.toml", "--out", tmp_path / "out"], capsys, {2})
@@ -172,19 +168,19 @@ NO_CALIBRATION = {
 
 
 @pytest.mark.parametrize("name", NO_CALIBRATION)
-def test_hostile_calibrations_are_refused(name: str) -> None:
+def test_hostile_calibrations_are_refused(name):
     with pytest.raises(sfm.ConfigError, match=r"calibration c\.yaml") as refused:
         load(NO_CALIBRATION[name].encode(), "c.yaml")
     assert len(str(refused.value)) < 500  # a sentence, not the file
 
 
-def test_keys_that_are_no_names_are_passed_over(tmp_path: Path) -> None:
+def test_keys_that_are_no_names_are_passed_over(tmp_path):
     (tmp_path / "c.yaml").write_text("1: 2\nnull: 3\n2.5: 4\n")
     with pytest.raises(sfm.ConfigError, match="its keys are of no known format"):
         sfm.StereoRig.from_calibration(tmp_path / "c.yaml")
 
 
-def test_what_people_write_passes() -> None:
+def test_what_people_write_passes():
     check_text(rig().to_toml())
     check_text("a:\n" + " " * 12 + "- [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]\n" + "# ... and so on ...\n")
     check_values({"K": [[1.0, 2, 3]] * 3, "n": -(2**63)})
@@ -198,9 +194,7 @@ def test_what_people_write_passes() -> None:
         ((640, 480), 1e30, "camera matrix K"),
     ],
 )
-def test_impossible_cameras_are_refused(
-    size: tuple[int, int], f_px: float, said_of: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_impossible_cameras_are_refused(size, f_px, said_of, tmp_path, capsys):
     camera = f"width = {size[0]}\nheight = {size[1]}\nfx = {f_px}\nfy = {f_px}\ncx = 320\ncy = 240\n"
     text = f"[left]\n{camera}[right]\n{camera}[right_from_left]\ntranslation_m = [-0.1, 0, 0]\n"
     (tmp_path / "c.toml").write_text(text)
@@ -210,7 +204,7 @@ def test_impossible_cameras_are_refused(
 
 
 @pytest.mark.parametrize("length", [300, 5000])
-def test_names_that_no_file_can_have(length: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_that_no_file_can_have(length, tmp_path, capsys):
     log, name = write_log(tmp_path / "log.mcap"), tmp_path / ("x" * length)
     outputs = ("batch {log} --out {odd}", "replay {log} --out {odd}", "surface {log} --out {odd}.ply",
                "replay {log} --rrd {odd}.rrd --out {d}/out")  # fmt: skip
@@ -218,7 +212,7 @@ def test_names_that_no_file_can_have(length: int, tmp_path: Path, capsys: pytest
         said(words.format(odd=name, log=log, d=tmp_path).split(), capsys, {2, 3})
 
 
-def test_a_name_with_a_nul_is_no_file() -> None:
+def test_a_name_with_a_nul_is_no_file():
     with pytest.raises(OSError, match="NUL"):
         open_regular("a\0b")
     with pytest.raises(sfm.LogError, match="NUL"):
@@ -226,7 +220,7 @@ def test_a_name_with_a_nul_is_no_file() -> None:
 
 
 @pytest.mark.parametrize("stamp", [2**63, -(2**63) - 1, 10**300])
-def test_stamps_beyond_64_bits_are_refused(stamp: int, tmp_path: Path) -> None:
+def test_stamps_beyond_64_bits_are_refused(stamp, tmp_path):
     engine = sfm.Engine(rig())
     image = np.zeros((rig().left.height, rig().left.width), np.uint8)
     with pytest.raises(sfm.FrameError, match="64 bits"):
@@ -238,6 +232,6 @@ def test_stamps_beyond_64_bits_are_refused(stamp: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["1e999999999", "-1e99999", "9" * 10_000, "nan", "inf", "9223372036854775808"])
-def test_times_beyond_64_bits_are_refused(text: str) -> None:
+def test_times_beyond_64_bits_are_refused(text):
     with pytest.raises(sfm.LogError, match="not a time"):
         stamp_ns(text, "times.txt, line 1")

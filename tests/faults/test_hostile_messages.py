@@ -142,7 +142,7 @@ DEFINITIONS: dict[str, tuple[str, str]] = {  # schema encoding, definition
 
 
 @pytest.mark.parametrize("name", DEFINITIONS)
-def test_a_hostile_ros_definition_is_refused_and_never_run(name: str, tmp_path: Path):
+def test_a_hostile_ros_definition_is_refused_and_never_run(name, tmp_path):
     encoding, text = DEFINITIONS[name]
     written = tmp_path / "written by the log"
     message = MessageEncoding.ROS1 if encoding == ROS1 else MessageEncoding.CDR
@@ -156,7 +156,7 @@ def test_a_hostile_ros_definition_is_refused_and_never_run(name: str, tmp_path: 
     assert not written.exists()
 
 
-def test_what_ros_writes_in_idl_passes() -> None:
+def test_what_ros_writes_in_idl_passes():
     text = idl(
         '@verbatim (language="comment", text="a (small) * note") long a; sequence<double, 3> b;',
         "long A = -12 << 3",
@@ -168,7 +168,7 @@ def test_what_ros_writes_in_idl_passes() -> None:
 @pytest.mark.parametrize(
     "name", ["sensor_msgs/msg/A:\n  pass\nopen('{out}', 'w')\nclass B/Image", "../../Image", "Image"]
 )
-def test_a_hostile_schema_name_is_never_run(name: str, tmp_path: Path):
+def test_a_hostile_schema_name_is_never_run(name, tmp_path):
     written = tmp_path / "written by the log"
     with pytest.raises(Exception):  # noqa: B017  what its library raises; the caller makes a LogError of it
         ros_decoder("cdr", "ros2msg", name.replace("{out}", str(written)), b"uint8 a\n")
@@ -177,7 +177,7 @@ def test_a_hostile_schema_name_is_never_run(name: str, tmp_path: Path):
 
 @pytest.mark.parametrize("focal_px", [1e-300, 1e300])
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
-def test_a_calibration_that_leaves_no_image_is_the_log_s_fault(focal_px: float, model: str, tmp_path: Path):
+def test_a_calibration_that_leaves_no_image_is_the_log_s_fault(focal_px, model, tmp_path):
     k = np.array([[focal_px, 0, 48], [0, 80, 32], [0, 0, 1]])
     infos = (Calib(K=k, model=model, D=(-1e9, 0, 0, 0)), right_calib(K=k, model=model, D=(-1e9, 0, 0, 0)))
     log = write_log(tmp_path / "log.mcap", Spec(infos=infos))
@@ -187,7 +187,7 @@ def test_a_calibration_that_leaves_no_image_is_the_log_s_fault(focal_px: float, 
         assert str(log) in str(error) and "calibration" in error.hint
 
 
-def test_topics_never_become_paths(tmp_path: Path):
+def test_topics_never_become_paths(tmp_path):
     up = "/../../../outside/%2e%2e/~/$(touch x)`touch x`\\..\\"
     spec = Spec(topics=(f"{up}/left", f"{up}/right"), info_topics=(f"{up}/left/info", f"{up}/right/info"))
     log = write_log(tmp_path / "log.mcap", spec)

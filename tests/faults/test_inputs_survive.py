@@ -12,7 +12,6 @@ import stream_sfm as sfm
 from stream_sfm.files import PartFile, write_whole
 from stream_sfm.outputs import only_writer, refuse_overwriting
 from stream_sfm.results.folder import ResultFolder
-from tests.helpers.command_line import CommandLine
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -38,7 +37,7 @@ ATTACKS = {
 
 @pytest.mark.parametrize("attack", ATTACKS)
 @pytest.mark.parametrize("through", ["itself", "a symbolic link", "a hard link"])
-def test_an_output_that_is_an_input_is_refused(attack: str, through: str, tmp_path: Path, cli: CommandLine) -> None:
+def test_an_output_that_is_an_input_is_refused(attack, through, tmp_path, cli):
     name, command = ATTACKS[attack]
     log = there = tmp_path / name
     log.parent.mkdir(exist_ok=True, parents=True)
@@ -58,7 +57,7 @@ def test_an_output_that_is_an_input_is_refused(attack: str, through: str, tmp_pa
     assert everything(tmp_path) == before
 
 
-def test_settings_are_not_replaced_by_others(tmp_path: Path, cli: CommandLine) -> None:
+def test_settings_are_not_replaced_by_others(tmp_path, cli):
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     out.mkdir()
     mine = out / "config.toml"
@@ -70,7 +69,7 @@ def test_settings_are_not_replaced_by_others(tmp_path: Path, cli: CommandLine) -
     cli("replay", log, "--out", tmp_path / "b", "--config", same, "-q")  # the same settings: nothing of it is lost
 
 
-def test_the_files_of_a_folder_are_inputs_but_not_results_in_it(tmp_path: Path) -> None:
+def test_the_files_of_a_folder_are_inputs_but_not_results_in_it(tmp_path):
     for name in ("image_0/000.png", "out/summary.json", "out/estimates.mcap"):
         write_whole_with_folder(tmp_path / name)
     refuse_overwriting([tmp_path / "out/estimates.mcap", tmp_path / "new.ply"], [tmp_path])
@@ -84,14 +83,14 @@ def write_whole_with_folder(path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["fifo", "folder"])
-def test_only_regular_files_are_replaced(kind: str, tmp_path: Path) -> None:
+def test_only_regular_files_are_replaced(kind, tmp_path):
     path = tmp_path / "there"
     os.mkfifo(path) if kind == "fifo" else path.mkdir()
     with pytest.raises(sfm.OutputError, match="there: it is"):
         refuse_overwriting([path], [])
 
 
-def test_a_temporary_file_is_a_new_one(tmp_path: Path) -> None:
+def test_a_temporary_file_is_a_new_one(tmp_path):
     """A link that lies in its place was followed, and the file behind it written over."""
     precious = tmp_path / "precious"
     precious.write_bytes(b"years of work")
@@ -103,7 +102,7 @@ def test_a_temporary_file_is_a_new_one(tmp_path: Path) -> None:
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == b"result"
 
 
-def test_a_temporary_file_has_one_writer(tmp_path: Path) -> None:
+def test_a_temporary_file_has_one_writer(tmp_path):
     first = PartFile(tmp_path / "x")
     first.write(b"first")
     with pytest.raises(sfm.OutputError, match=r"another run is writing .*x\.part"):
@@ -113,7 +112,7 @@ def test_a_temporary_file_has_one_writer(tmp_path: Path) -> None:
     assert (tmp_path / "x").read_bytes() == b"second"
 
 
-def test_a_temporary_file_that_was_exchanged_is_not_taken(tmp_path: Path) -> None:
+def test_a_temporary_file_that_was_exchanged_is_not_taken(tmp_path):
     file = PartFile(tmp_path / "x")
     (tmp_path / "x.part").unlink()
     (tmp_path / "x.part").write_bytes(b"of somebody else")
@@ -122,7 +121,7 @@ def test_a_temporary_file_that_was_exchanged_is_not_taken(tmp_path: Path) -> Non
     assert not (tmp_path / "x").exists()
 
 
-def test_a_folder_has_one_writer(tmp_path: Path) -> None:
+def test_a_folder_has_one_writer(tmp_path):
     """Two at once left a fifth of the frames, and said that all was well."""
     engine = sfm.Engine(rig())
     frame = next(iter(Wall(5).frames(rig(), camera_path(1))))
@@ -141,7 +140,7 @@ def test_a_folder_has_one_writer(tmp_path: Path) -> None:
     second.close()
 
 
-def test_a_process_that_dies_gives_its_folder_back(tmp_path: Path) -> None:
+def test_a_process_that_dies_gives_its_folder_back(tmp_path):
     code = "import sys, time; from pathlib import Path; from stream_sfm.outputs import lock_folder\n"
     code += "lock_folder(Path(sys.argv[1])); print('locked', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:
@@ -153,7 +152,7 @@ def test_a_process_that_dies_gives_its_folder_back(tmp_path: Path) -> None:
         pass
 
 
-def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_system_without_locks_is_written_to(tmp_path, monkeypatch):
     def refused(*_: object) -> None:
         raise OSError(37, "No locks available")
 
@@ -162,7 +161,7 @@ def test_a_file_system_without_locks_is_written_to(tmp_path: Path, monkeypatch: 
         write_whole(tmp_path / "x", b"content")
 
 
-def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path: Path, cli: CommandLine) -> None:
+def test_a_batch_removes_no_file_that_is_not_its_own(tmp_path, cli):
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     (out / "log").mkdir(parents=True)
     (out / "stop").write_text("mine")

@@ -1,7 +1,5 @@
 """Images of the largest size that is accepted are replayed, and shown as a surface, within a gigabyte."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -12,17 +10,16 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 import stream_sfm as sfm
 from stream_sfm.camera.models import MAX_PIXELS
+from tests.helpers.memory import peaks_mib
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec
 
 _WIDTH, _HEIGHT = 4096, 3050
-_MEASURED = """
-import sys
+_COMMANDS = """
 from stream_sfm.cli.main import main
-from stream_sfm.run.summary import peak_rss_mib
 log, out = sys.argv[1:]
-code = main(["replay", log, "--out", out]) or main(["surface", log, "--all", "--out", out + ".ply"])
-print("peak", round(peak_rss_mib() or 0))
-sys.exit(code)
+assert main(["replay", log, "--out", out]) == 0
+peak()
+assert main(["surface", log, "--all", "--out", out + ".ply"]) == 0
 """
 
 
@@ -59,25 +56,22 @@ def test_the_largest_images_take_less_than_a_gigabyte(tmp_path):
     """Two frames of 16 bits, replayed and then made a surface, in one process."""
     assert 0.99 * MAX_PIXELS < _WIDTH * _HEIGHT <= MAX_PIXELS
     log = write_raw(tmp_path / "log.mcap", _WIDTH, _HEIGHT, "mono16", 1)
-    command = [sys.executable, "-c", _MEASURED, str(log), str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout.split()[-1]) < 1024  # MiB
+    assert max(peaks_mib(_COMMANDS, log, tmp_path / "out")) < 1024
 
 
-def test_the_limits_are_named() -> None:
+def test_the_limits_are_named():
     k = np.array([[4000.0, 0, 2000], [0, 4000, 2000], [0, 0, 1]])
     with pytest.raises(sfm.ConfigError, match=r"at most 12\.5 megapixels; reduce larger images"):
         sfm.Camera(4096, 3052, k)
 
 
-def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path: Path) -> None:
+def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path):
     log = write_raw(tmp_path / "log.mcap", 2400, 1800, "rgba16", 4, frames=1)
     with pytest.raises(sfm.LogError, match=r"raw images of 33 MiB are not read, only those of up to 32 MiB"):
         list(sfm.open_log(log).frames())
 
 
-def test_images_that_are_not_prepared_ahead_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_that_are_not_prepared_ahead_give_the_same(tmp_path, monkeypatch):
     log = write_raw(tmp_path / "log.mcap", 320, 240, "mono8", 1, frames=5)
     ahead = sfm.replay(log, None).trajectory.world_from_cam
     for module in ("recording.frames", "run.loop"):

@@ -3,8 +3,6 @@
 import base64
 import json
 import struct
-import subprocess
-import sys
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterable
@@ -26,6 +24,7 @@ from stream_sfm.recording.ground_truth import read_truth
 from stream_sfm.recording.transforms import fixed_edges
 from stream_sfm.sources.recognise import open_source
 from tests.faults.records import MIB, channel, chunk, definition, insert, message, record, schema
+from tests.helpers.memory import peaks_mib
 from tests.helpers.stereo_logs import (
     CONTAINERS,
     PERIOD_NS,
@@ -162,23 +161,13 @@ LOGS: dict[str, tuple[Callable[[Path], None], int]] = {  # and the frames that a
 }
 
 
-SCRIPT = """
-import sys
+COMMANDS = """
 from stream_sfm.cli.main import main
-from stream_sfm.run.summary import peak_rss_mib
 command, *logs = sys.argv[1:]
 for log in logs:
     main([*command.split(), log, *(["--out", log + ".out"] if command.startswith("replay") else [])])
-    print("peak", log, peak_rss_mib(), flush=True)
+    peak()
 """
-
-
-def run(command: str, *logs: Path) -> dict[Path, float]:
-    """The largest memory of one process, MiB, after it has read each of the logs."""
-    words = [sys.executable, "-c", SCRIPT, command, *map(str, logs)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=True)
-    peaks = [line.split() for line in done.stdout.splitlines() if line.startswith("peak ")]
-    return {Path(log): float(peak_mib) for _, log, peak_mib in peaks}
 
 
 def test_small_logs_take_no_gigabytes(tmp_path):
@@ -187,14 +176,14 @@ def test_small_logs_take_no_gigabytes(tmp_path):
         write(tmp_path / f"{name}.mcap".replace(" ", "_"))
     logs = [tmp_path / f"{name}.mcap".replace(" ", "_") for name in LOGS]
     assert all(log.stat().st_size < 2 * MIB for log in logs)
-    peaks_mib = run("replay --method frame-to-frame", *logs)
-    assert max(peaks_mib.values()) < MAX_MIB, peaks_mib
+    found = peaks_mib(COMMANDS, "replay --method frame-to-frame", *logs)
+    assert max(found) < MAX_MIB, found
     for log, (_, frames) in zip(logs, LOGS.values(), strict=True):
         summary = json.loads(Path(f"{log}.out", "summary.json").read_text())
         assert summary["frames"]["estimated"] == frames, log
 
 
-def test_inspection_keeps_few_images_where_they_are_large(tmp_path: Path):
+def test_inspection_keeps_few_images_where_they_are_large(tmp_path):
     """All pairs were to be kept; with 24 of them instead of 4, these would be 490 MB more."""
     black = np.zeros((3500, 3500), np.uint8)
 
@@ -205,7 +194,7 @@ def test_inspection_keeps_few_images_where_they_are_large(tmp_path: Path):
     logs = [tmp_path / f"{pairs}.mcap" for pairs in (4, 24)]
     for log, pairs in zip(logs, (4, 24), strict=True):
         images(log, "foxglove", write, pairs)
-    few, many = run("inspect", *logs).values()
+    few, many, _ = peaks_mib(COMMANDS, "inspect", *logs)
     assert many - few < 245
 
 
@@ -225,20 +214,20 @@ def transforms(children: Iterable[str]) -> bytes:
     )
 
 
-def test_frames_of_reference_by_the_thousand_are_not_all_kept(tmp_path: Path):
+def test_frames_of_reference_by_the_thousand_are_not_all_kept(tmp_path):
     path = tmp_path / "log.mcap"
     transforms_log(path, [transforms(str(n) for n in range(first, first + 500)) for first in range(0, 6000, 500)])
     edges = fixed_edges(open_source(path), frozenset(["/tf"]))
     assert ("a", "0") in edges and len(edges) < 5000  # of 6000
 
 
-def test_a_message_of_very_many_transforms_is_passed_over(tmp_path: Path):
+def test_a_message_of_very_many_transforms_is_passed_over(tmp_path):
     path = tmp_path / "log.mcap"
     transforms_log(path, [transforms(["b"] * 15_000), transforms(["c"])])
     assert list(fixed_edges(open_source(path), frozenset(["/tf"]))) == [("a", "c")]
 
 
-def test_damaged_depth_images_are_told_once(tmp_path: Path):
+def test_damaged_depth_images_are_told_once(tmp_path):
     path = tmp_path / "log.mcap"
     said = schema(999, "foxglove.CompressedImage", "protobuf", definition(CompressedImage))
     said += channel(1000, 999, "/ground_truth/depth", "protobuf")
@@ -259,7 +248,7 @@ def peak_mib(work: Callable[[], object]) -> float:
         tracemalloc.stop()
 
 
-def test_ground_truth_takes_little_a_pose(tmp_path: Path):
+def test_ground_truth_takes_little_a_pose(tmp_path):
     path = tmp_path / "log.mcap"
     count = 8_000
     said = schema(999, "foxglove.PoseInFrame", "protobuf", definition(PoseInFrame))
@@ -275,7 +264,7 @@ def test_ground_truth_takes_little_a_pose(tmp_path: Path):
     assert peak_mib(lambda: read_truth(source, "/gt/pose", "left", [])) * MIB / count < 500  # bytes; objects: 800
 
 
-def test_an_index_that_lists_very_many_channels_is_not_unfolded(tmp_path: Path):
+def test_an_index_that_lists_very_many_channels_is_not_unfolded(tmp_path):
     path = tmp_path / "log.mcap"
     data = write_log(path, **CONTAINERS["unchunked"]).read_bytes()
     tail = 9 + 20 + 8

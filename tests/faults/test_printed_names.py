@@ -1,7 +1,6 @@
 """Whatever topics, encodings and files are called: what is printed has no character that a terminal would obey."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,7 +18,7 @@ def obeyed(text: str) -> set[str]:
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Path:
+def log(tmp_path):
     """A log whose name and topics are commands for a terminal."""
     path = tmp_path / "a\x1b[31m\nb.mcap"
     writer = LogWriter(tmp_path / "odd.mcap")
@@ -29,7 +28,7 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def test_printable() -> None:
+def test_printable():
     assert printable("plain – σ ° ✓") == "plain – σ ° ✓"
     assert not obeyed(printable(ESCAPES)) and "\n" not in printable(ESCAPES)
     assert printable("a\nb\x1b") == r"a\nb\x1b"
@@ -46,7 +45,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_terminal_is_told_nothing(command: str, log: Path, tmp_path: Path, capsys) -> None:
+def test_a_terminal_is_told_nothing(command, log, tmp_path, capsys):
     names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap", "esc": "\x1b[2J\x9b31m"}
     main([word.format(**names) for word in command.split()])
     said = capsys.readouterr()
@@ -72,7 +71,7 @@ ODD_NAMES = (
 
 
 @pytest.mark.parametrize("name", ODD_NAMES, ids=range(len(ODD_NAMES)))
-def test_odd_names_of_logs_and_results_stay_in_their_folders(name: str, tmp_path: Path, capsys) -> None:
+def test_odd_names_of_logs_and_results_stay_in_their_folders(name, tmp_path, capsys):
     (tmp_path / "logs").mkdir()
     log, out = tmp_path / "logs" / name, tmp_path / "out" / name.replace("..", "__")
     write_log(tmp_path / "sound.mcap").rename(log)

@@ -59,7 +59,7 @@ PROGRAMS = [
 ]
 
 
-def test_names_resolve() -> None:
+def test_names_resolve():
     assert sorted(stream_sfm.__all__) == stream_sfm.__all__ == dir(stream_sfm)
     for name in PUBLIC:
         assert getattr(stream_sfm, name) is not None
@@ -67,14 +67,14 @@ def test_names_resolve() -> None:
         stream_sfm.nothing_like_it  # noqa: B018
 
 
-def test_no_public_name_is_that_of_a_module() -> None:
+def test_no_public_name_is_that_of_a_module():
     """Importing the module would replace the name."""
     modules = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("_")}
     assert not modules & set(PUBLIC)
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_every_public_name_and_its_methods_are_documented(name: str) -> None:
+def test_every_public_name_and_its_methods_are_documented(name):
     value = getattr(stream_sfm, name)
     assert inspect.getdoc(value), name
     for method, inside in vars(value).items() if inspect.isclass(value) else ():
@@ -110,7 +110,7 @@ def returned(function: object) -> object:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_what_public_names_take_is_public_and_what_they_return_documented(name: str) -> None:
+def test_what_public_names_take_is_public_and_what_they_return_documented(name):
     """What is returned need not be named: attributes lead to it."""
     public = {getattr(stream_sfm, other) for other in PUBLIC}
     for function in functions_of(name):
@@ -121,24 +121,24 @@ def test_what_public_names_take_is_public_and_what_they_return_documented(name: 
         assert not {kind.__name__ for kind in taken - public} - set(HANDED_ON)
 
 
-def test_the_reference_page_lists_every_public_name_once() -> None:
+def test_the_reference_page_lists_every_public_name_once():
     page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)", page, re.MULTILINE)
     assert sorted(listed) == sorted(PUBLIC)
 
 
-def test_the_reference_is_made_without_a_warning(tmp_path: Path) -> None:
+def test_the_reference_is_made_without_a_warning(tmp_path):
     page = write_reference(tmp_path).read_text(encoding="utf-8")
     assert all(f'id="{name}"' in page for name in PUBLIC)
 
 
-def test_every_command_has_its_function() -> None:
+def test_every_command_has_its_function():
     assert set(OF_COMMAND) == set(COMMANDS)
     assert all(names <= set(PUBLIC) for names in OF_COMMAND.values())
 
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_examples_and_pages_use_public_names_only(path: Path) -> None:
+def test_examples_and_pages_use_public_names_only(path):
     text = path.read_text(encoding="utf-8")
     programs = [text] if path.suffix == ".py" else re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     for program in programs:
@@ -147,7 +147,7 @@ def test_examples_and_pages_use_public_names_only(path: Path) -> None:
         assert used <= set(PUBLIC), used - set(PUBLIC)
 
 
-def test_a_bare_import_loads_nothing_heavy() -> None:
+def test_a_bare_import_loads_nothing_heavy():
     script = (
         "import sys, stream_sfm; dir(stream_sfm)\n"
         "print([m for m in sys.modules if m.startswith('stream_sfm.') or m in ('numpy', 'cv2', 'msgspec', 'mcap')])"

@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -53,23 +52,23 @@ def assert_same(documented: set[str], found: set[str]) -> None:
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory) -> Path:
+def log(tmp_path_factory):
     """40 frames, which are the fewest with ratios between methods."""
     return write_wall_log(tmp_path_factory.mktemp("formats") / "wall.mcap", n=21, times=2)
 
 
 @pytest.fixture(scope="module")
-def replayed(log: Path) -> Path:
+def replayed(log):
     folder = log.parent / "run"
     replay(log, folder, selection=Selection(max_frames=8), self_test=True)
     return folder
 
 
-def test_summary(replayed: Path) -> None:
+def test_summary(replayed):
     assert_same(names(tables("summary.json")[0]), set(paths(json.loads((replayed / "summary.json").read_bytes()))))
 
 
-def test_estimates(replayed: Path) -> None:
+def test_estimates(replayed):
     topics, keys = tables("estimates.mcap")
     with (replayed / "estimates.mcap").open("rb") as stream:
         reader = make_reader(stream)
@@ -88,12 +87,12 @@ def test_estimates(replayed: Path) -> None:
         assert reader.get_header().profile == "ros2"
 
 
-def test_trajectories(replayed: Path) -> None:
+def test_trajectories(replayed):
     assert all(len(line.split()) == 8 for line in (replayed / "trajectory.tum").read_text().splitlines())
     assert all(len(line.split()) == 12 for line in (replayed / "trajectory.kitti").read_text().splitlines())
 
 
-def test_report(log: Path, tmp_path: Path) -> None:
+def test_report(log, tmp_path):
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
     methods = ("cross-frame", "frame-to-frame")
@@ -105,7 +104,7 @@ def test_report(log: Path, tmp_path: Path) -> None:
         assert set(figures) == of_method | accuracy - {"frames_in_doubt", "frames_ignored"}  # once per report
 
 
-def test_batch(log: Path, tmp_path: Path) -> None:
+def test_batch(log, tmp_path):
     of_all, of_log = map(names, tables("batch.json, job.json"))
     content = replay_batch([log], tmp_path, selection=Selection(max_frames=3), workers=1)
     assert json.loads((tmp_path / "batch.json").read_bytes()) == json.loads(json.dumps(content))
@@ -114,14 +113,14 @@ def test_batch(log: Path, tmp_path: Path) -> None:
     assert set(content["logs"][0]) == of_log | {"summary"}
 
 
-def test_the_calibration_that_is_shown_is_read() -> None:
+def test_the_calibration_that_is_shown_is_read():
     text = re.search(r"```toml\n(.*?)```", (ROOT / "docs/own-data.md").read_text(encoding="utf-8"), re.DOTALL)
     assert text
     rig = StereoRig.parse_calibration(text[1].encode(), "own-data.md")
     assert rig.baseline_m == pytest.approx(0.11)
 
 
-def test_config_has_the_sections_that_are_named(capsys) -> None:
+def test_config_has_the_sections_that_are_named(capsys):
     assert main(["config"]) == 0
     sections = re.findall(r"^\[(\w+)\]", capsys.readouterr().out, re.MULTILINE)
     text = PAGE.split("\n## config.toml\n")[1]

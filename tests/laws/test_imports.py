@@ -97,17 +97,17 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if room(path) not in ("__init
 IMPORTS = [(path.relative_to(ROOT).as_posix(), room(path), module) for path in FILES for module in imports(path)]
 
 
-def test_every_room_has_a_place() -> None:
+def test_every_room_has_a_place():
     assert {room(path) for path in FILES} == set(LEVEL) - {"__version__"}
 
 
-def test_imports_go_one_way() -> None:
+def test_imports_go_one_way():
     inside = [(name, me, module.split(".")[1]) for name, me, module in IMPORTS if module.startswith("stream_sfm.")]
     up = [(name, me, other) for name, me, other in inside if other != me and LEVEL[other] >= LEVEL[me]]
     assert not up, [f"{name} imports {other}" for name, _, other in up]
 
 
-def test_no_files_import_each_other_in_a_circle() -> None:
+def test_no_files_import_each_other_in_a_circle():
     """Files of one room, too; an import inside a function counts like one at the top."""
     files = {".".join(("stream_sfm", *p.relative_to(ROOT).with_suffix("").parts)): p for p in ROOT.rglob("*.py")}
     files = {name.removesuffix(".__init__"): path for name, path in files.items()}
@@ -120,7 +120,7 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError, which names the files
 
 
-def test_heavy_packages_stay_in_their_rooms() -> None:
+def test_heavy_packages_stay_in_their_rooms():
     for name, _, module in IMPORTS:
         package = module.split(".")[0]
         if package not in EVERYWHERE and package not in sys.stdlib_module_names:
@@ -129,7 +129,7 @@ def test_heavy_packages_stay_in_their_rooms() -> None:
     assert set(HOMES) <= {module.split(".")[0] for _, _, module in IMPORTS}
 
 
-def test_the_map_of_the_package_has_every_room_in_its_layer() -> None:
+def test_the_map_of_the_package_has_every_room_in_its_layer():
     page = (Path(__file__).parents[2] / "docs/architecture.md").read_text(encoding="utf-8")
     layers: list[set[str]] = []
     for layer, name in re.findall(r"^\|([^|]*)\| `([\w.]+)/?` \|", page, re.MULTILINE):
@@ -139,6 +139,6 @@ def test_the_map_of_the_package_has_every_room_in_its_layer() -> None:
     assert layers == [set(rooms) - {"__version__"} for rooms in reversed(LAYERS)]
 
 
-def test_every_file_begins_by_saying_what_it_is() -> None:
+def test_every_file_begins_by_saying_what_it_is():
     for path in FILES:
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path

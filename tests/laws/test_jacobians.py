@@ -43,24 +43,24 @@ def differences(function, x: np.ndarray, step: float = 1e-6) -> np.ndarray:
     ],
     ids=["projection", "homogeneous projection", "anchor coordinates", "metric point"],
 )
-def test_jacobian_equals_differences(function, jacobian, x) -> None:
+def test_jacobian_equals_differences(function, jacobian, x):
     numerical = differences(function, x)
     assert np.abs(jacobian(x) - numerical).max() < 1e-6 * max(1, np.abs(numerical).max())
 
 
-def test_pose_jacobian_is_of_the_left_perturbation() -> None:
+def test_pose_jacobian_is_of_the_left_perturbation():
     def moved(xi: np.ndarray) -> np.ndarray:
         return (se3.exp(xi) @ HOMOGENEOUS[..., None])[..., 0]
 
     assert np.abs(differences(moved, np.zeros((40, 6))) - pose_jacobian(HOMOGENEOUS)).max() < 1e-8
 
 
-def test_projection_and_triangulation_are_inverse() -> None:
+def test_projection_and_triangulation_are_inverse():
     assert np.allclose(P.triangulate(P.project(POINTS)), POINTS, atol=1e-12)
     assert np.allclose(P.project_homogeneous(np.c_[POINTS, np.ones(40)]), P.project(POINTS), atol=1e-12)
 
 
-def test_normal_equations_equal_those_of_a_numerical_jacobian() -> None:
+def test_normal_equations_equal_those_of_a_numerical_jacobian():
     frames, n, terms, basis = 3, 12, 2, 5
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
     anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)

@@ -26,7 +26,7 @@ def messages(path: Path) -> Iterator[str]:
             yield node.value
 
 
-def test_no_message_of_the_library_names_an_option() -> None:
+def test_no_message_of_the_library_names_an_option():
     for path in sorted(ROOT.rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()
         if not name.startswith("cli/") and name not in RUN_OTHER_PROGRAMS:

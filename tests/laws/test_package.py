@@ -14,12 +14,12 @@ from tests.helpers.places import ROOT
 @pytest.mark.parametrize(
     ("page", "pattern"), [("CHANGELOG.md", r"^## (\S+)"), ("CITATION.cff", r"^version: (\S+)$")]
 )
-def test_the_version_is_the_same_everywhere(page: str, pattern: str) -> None:
+def test_the_version_is_the_same_everywhere(page, pattern):
     found = re.search(pattern, (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert found and found[1] == stream_sfm.__version__ == version("stream-sfm")
 
 
-def test_the_container_is_built_of_files_that_are_there() -> None:
+def test_the_container_is_built_of_files_that_are_there():
     """Docker is not at hand: what it is given, and what the build needs, agree."""
     given = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
     kept = {name.removeprefix("!") for name in given if name.startswith("!")}
@@ -32,5 +32,5 @@ def test_the_container_is_built_of_files_that_are_there() -> None:
     assert image and image[1] in versions and project["requires-python"] == f">=3.{versions[0]}"
 
 
-def test_types_are_shipped() -> None:
+def test_types_are_shipped():
     assert (Path(stream_sfm.__file__).parent / "py.typed").exists()

@@ -1,7 +1,6 @@
 """The pages beside the code: links and names lead somewhere, equations that are cited exist."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +23,7 @@ def anchor(heading: str) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         if re.match(r"https?:", target):
             continue
@@ -37,7 +36,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_files_that_are_named_exist(page: Path) -> None:
+def test_files_that_are_named_exist(page):
     """Names with a folder and a suffix; from the page, the root or the package."""
     names = re.findall(
         r"`((?:[\w.]+/)+[\w.]+\.(?:py|cpp|hpp|md|toml|json|mcap|png))`", page.read_text(encoding="utf-8")
@@ -48,7 +47,7 @@ def test_files_that_are_named_exist(page: Path) -> None:
             assert any((base / name).exists() for base in bases), f"{page.name} names {name}"
 
 
-def test_equations_are_numbered_in_order_and_cited_ones_exist() -> None:
+def test_equations_are_numbered_in_order_and_cited_ones_exist():
     numbers = [int(n) for n in NUMBERED.findall(MATHEMATICS)]
     assert numbers == list(range(1, len(numbers) + 1))
     cited = {}
@@ -59,7 +58,7 @@ def test_equations_are_numbered_in_order_and_cited_ones_exist() -> None:
     assert set(cited) <= set(numbers), {n: where for n, where in cited.items() if n not in numbers}
 
 
-def test_constants_that_the_mathematics_name_exist() -> None:
+def test_constants_that_the_mathematics_name_exist():
     """Names in capitals between backticks are assigned somewhere in the package."""
     code = "\n".join(path.read_text(encoding="utf-8") for path in CODE)
     names = set(re.findall(r"`(_?[A-Z][A-Z_]{2,})`", MATHEMATICS))

@@ -4,7 +4,6 @@ import json
 import re
 import shlex
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -78,7 +77,7 @@ def programs() -> Iterator[tuple[str, int, str]]:
 
 
 @pytest.fixture(scope="module")
-def user(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def user(tmp_path_factory):
     """A folder with the sample log, images, their calibration and their log, and the results of a replay."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "logs").symlink_to(ROOT / "logs")
@@ -115,7 +114,7 @@ def skip_without_gtsam(text: str) -> None:
 
 
 @pytest.mark.parametrize("command", commands())
-def test_command_runs(command: str, user: Path, monkeypatch, capsys) -> None:
+def test_command_runs(command, user, monkeypatch, capsys):
     reason = next((why for part, why in NOT_RUN.items() if re.search(rf"(?<![\w-]){part}(?!\S)", command)), None)
     if reason:
         pytest.skip(f"{command}: {reason}")
@@ -130,7 +129,7 @@ def test_command_runs(command: str, user: Path, monkeypatch, capsys) -> None:
     assert main([name, *rest]) == 0, capsys.readouterr().err
 
 
-def test_the_first_command_prints_what_the_quickstart_shows(user: Path, monkeypatch, capsys) -> None:
+def test_the_first_command_prints_what_the_quickstart_shows(user, monkeypatch, capsys):
     """Apart from the numbers, which depend on the machine and on the version."""
     monkeypatch.chdir(user)
     shown = re.search(
@@ -149,13 +148,13 @@ def without_numbers(table: str) -> list[str]:
     return re.sub(r"[-+\d.]+", "0", re.sub(r"[─┌┐└┘│]", " ", table)).split()
 
 
-def test_every_command_has_a_row_and_every_row_is_a_command() -> None:
+def test_every_command_has_a_row_and_every_row_is_a_command():
     rows = set(re.findall(r"^\| `stream-sfm ([\w-]+)", PAGES["docs/commands.md"], re.MULTILINE))
     assert rows == set(COMMANDS)
 
 
 @pytest.mark.parametrize(("page", "number", "program"), programs())
-def test_program_runs(page: str, number: int, program: str, user: Path, monkeypatch) -> None:
+def test_program_runs(page, number, program, user, monkeypatch):
     skip_without_gtsam(program)
     monkeypatch.chdir(user)
     log = sfm.open_log(ROOM)

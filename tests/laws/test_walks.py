@@ -26,18 +26,18 @@ def functions(file: Path) -> set[str]:
     return names
 
 
-def test_both_walks_are_read() -> None:
+def test_both_walks_are_read():
     # two walks of some fourteen steps
     assert [file for file, _ in STEPS].count("run/loop.py") == 2 and len(STEPS) > 25
 
 
 @pytest.mark.parametrize("file,name", sorted(set(STEPS)))
-def test_every_step_exists(file: str, name: str) -> None:
+def test_every_step_exists(file, name):
     assert name in functions(PACKAGE / file), f"docs/walks.md leads to {name} in {file}"
 
 
 @pytest.mark.parametrize("walk,files,climbs", [("replay", 15, 4), ("compare", 17, 5)])
-def test_a_walk_is_short_and_goes_down(walk: str, files: int, climbs: int) -> None:
+def test_a_walk_is_short_and_goes_down(walk, files, climbs):
     """A climb leads into a room of a higher layer: a call back, or a value returned to a file named before."""
     part = next(part for part in PAGE.split("\n## ") if part.splitlines()[0].endswith(f"`{walk}`"))
     steps = [file for file, _ in STEP.findall(part)]
