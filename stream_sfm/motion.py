@@ -19,13 +19,14 @@ class Motion:
 
     `earlier_from_newest` (4, 4): where it is with common errors c = `mean` (m,). truth = earlier_from_newest·
     Exp(`common_jacobian` (c − mean) + own), with own ~ N(0, `cov_own` (6, 6)) and c as known, N(`mean`, `cov_common`).
+    m is 0 where nothing is known to be common.
     """
 
     earlier_from_newest: Array
     cov_own: Array
-    common_jacobian: Array
-    mean: Array
-    cov_common: Array
+    common_jacobian: Array = field(default_factory=lambda: np.zeros((6, 0)))
+    mean: Array = field(default_factory=lambda: np.zeros(0))
+    cov_common: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
     def of(cls, estimate: FrameEstimate, frames: int = 1) -> "Motion | None":
@@ -44,26 +45,41 @@ class Motion:
         row = int(np.flatnonzero(relative.frame_indices == frame_index)[0])
         pose, cov = relative.frame_from_newest[row], relative.cov[row]
         if common is None or relative.common_jacobian is None:
-            return cls(pose, cov, np.zeros((6, 0)), np.zeros(0), np.zeros((0, 0)))
+            return cls(pose, cov)
         j = relative.common_jacobian[row]
         return cls(pose, cov - j @ common.cov @ j.T, j, common.mean, common.cov)
 
     def then(self, later: "Motion") -> "Motion":
         """Return the motion over this one and a `later` one, which begins where this one ends, eq. (74b)."""
-        known = self.earlier_from_newest @ se3.exp(self.common_jacobian @ (later.mean - self.mean))
-        ad = se3.adjoint(se3.inverse(later.earlier_from_newest))
+        known = later if len(later.mean) else self
+        first, then = self.given(known.mean, known.cov_common), later.given(known.mean, known.cov_common)
+        ad = se3.adjoint(se3.inverse(then.earlier_from_newest))
         return Motion(
-            se3.orthonormalise(known @ later.earlier_from_newest),
-            ad @ self.cov_own @ ad.T + later.cov_own,
-            ad @ self.common_jacobian + later.common_jacobian,
-            later.mean,
-            later.cov_common,
+            se3.orthonormalise(first.earlier_from_newest @ then.earlier_from_newest),
+            symmetric(ad @ first.cov_own @ ad.T + then.cov_own),
+            ad @ first.common_jacobian + then.common_jacobian,
+            known.mean,
+            known.cov_common,
         )
+
+    def given(self, mean: Array, cov_common: Array) -> "Motion":
+        """Return the same motion with the common errors as they are known by now, (m,) and (m, m)."""
+        j = self.common_jacobian if len(self.mean) else np.zeros((6, len(mean)))
+        moved = self.earlier_from_newest
+        if len(self.mean):
+            moved = se3.orthonormalise(moved @ se3.exp(j @ (mean - self.mean)))
+        return Motion(moved, self.cov_own, j, mean, cov_common)
+
+    def back(self) -> "Motion":
+        """Return the same motion the other way."""
+        ad = se3.adjoint(self.earlier_from_newest)
+        pose, cov = se3.inverse(self.earlier_from_newest), symmetric(ad @ self.cov_own @ ad.T)
+        return Motion(pose, cov, -ad @ self.common_jacobian, self.mean, self.cov_common)
 
     @property
     def cov(self) -> Array:
         """The whole covariance (6, 6), of the perturbation on the right, translation first."""
-        return self.cov_own + self.common_jacobian @ self.cov_common @ self.common_jacobian.T
+        return symmetric(self.cov_own + self.common_jacobian @ self.cov_common @ self.common_jacobian.T)
 
     def __repr__(self) -> str:
         return f"<Motion of {np.linalg.norm(self.earlier_from_newest[:3, 3]):.3g} m>"

@@ -63,47 +63,33 @@ class Words:
     def __init__(self) -> None:
         self._words: NDArray[np.uint8] | None = None
         self._descriptors: dict[int, NDArray[np.uint8]] = {}
-        self._numbers: list[int] = []
-        self._bags = np.zeros((0, _WORDS), np.float32)
+        self._bags: dict[int, NDArray[np.float32]] = {}
         self._trained_at = 0
 
     def add(self, number: int, descriptors: NDArray[np.uint8]) -> None:
         """Add a keyframe by its descriptors (n, 32)."""
-        self._descriptors[number] = descriptors = descriptors[::_EVERY]
+        self._descriptors[number] = descriptors[::_EVERY]
         if len(self._descriptors) >= max(_TRAIN_AT, 4 * self._trained_at):
             self._train()
         elif self._words is not None:
-            if len(self._numbers) == len(self._bags):
-                self._bags = np.vstack(
-                    [self._bags, np.zeros_like(self._bags) if len(self._bags) else self._empty()]
-                )
-            self._bags[len(self._numbers)] = self._bag(descriptors)
-            self._numbers.append(number)
+            self._bags[number] = self._bag(descriptors[::_EVERY])
 
     def forget(self, number: int) -> None:
         """Forget a keyframe."""
         self._descriptors.pop(number, None)
-        if number in self._numbers:
-            row, last = self._numbers.index(number), len(self._numbers) - 1
-            self._numbers[row], self._bags[row] = self._numbers[last], self._bags[last]
-            self._numbers.pop()
+        self._bags.pop(number, None)
 
     def alike(self, descriptors: NDArray[np.uint8], among: Set[int]) -> list[int]:
         """Numbers of keyframes, those that look most alike first."""
-        if self._words is None:
-            return sorted(among)  # so few that any will do
-        bags = self._bags[: len(self._numbers)]
+        numbers = sorted(among & self._bags.keys())
+        if not numbers:
+            return sorted(among)  # so few that there are no words, and any will do
+        bags = np.array([self._bags[number] for number in numbers])
         rarity = np.log(len(bags) / np.maximum(1, (bags > 0).sum(axis=0))).astype(np.float32)
         weighted = bags * rarity
         norm = np.linalg.norm(weighted, axis=1)
         score = weighted @ (self._bag(descriptors[::_EVERY]) * rarity) / np.maximum(norm, 1e-6)
-        order = np.array(self._numbers)
-        ranked = np.argsort(-score, kind="stable")
-        ranked = ranked[np.isin(order[ranked], list(among))]
-        return [int(number) for number in order[ranked]]
-
-    def _empty(self) -> NDArray[np.float32]:
-        return np.zeros((_TRAIN_AT, _WORDS), np.float32)
+        return [numbers[row] for row in np.argsort(-score, kind="stable").tolist()]
 
     def _bag(self, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
         """How often each word occurs (words,), with a norm of 1."""
@@ -114,11 +100,9 @@ class Words:
     def _train(self) -> None:
         """Find words by k-majority: k-means whose means are votes of each bit (Grana et al. 2013)."""
         every = np.concatenate(list(self._descriptors.values()))
-        sample = (
-            every[np.linspace(0, len(every) - 1, min(_SAMPLE, len(every))).astype(int)] if len(every) else every
-        )
-        if len(sample) < _WORDS:
+        if len(every) < _WORDS:
             return
+        sample = every[np.linspace(0, len(every) - 1, min(_SAMPLE, len(every))).astype(int)]
         words = sample[np.linspace(0, len(sample) - 1, _WORDS).astype(int)]
         bits = np.unpackbits(sample, axis=1)
         for _ in range(_ROUNDS):
@@ -127,8 +111,7 @@ class Words:
             size = np.bincount(owner, minlength=_WORDS)
             words = np.where(size[:, None] > 0, np.packbits(2 * votes > size[:, None], axis=1), words)
         self._words, self._trained_at = np.ascontiguousarray(words), len(self._descriptors)
-        self._numbers = list(self._descriptors)
-        self._bags = np.stack([self._bag(d) for d in self._descriptors.values()])
+        self._bags = {number: self._bag(d) for number, d in self._descriptors.items()}
 
 
 def nearest(descriptors: NDArray[np.uint8], words: NDArray[np.uint8]) -> NDArray[np.intp]:

@@ -20,7 +20,8 @@ from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
-from .chain import Link, growth, padded
+from ..motion import Motion
+from .chain import growth
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 _ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
@@ -41,16 +42,13 @@ def require_gtsam() -> None:
         ) from None
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Loop:
     """A place seen again: `motion` carries points of node `new` to node `old`."""
 
     old: int
     new: int
-    motion: Link
-
-    def __repr__(self) -> str:
-        return f"<Loop {self.old} to {self.new}>"
+    motion: Motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +61,7 @@ class GraphState:
     homes: list[int]
     poses: Array
     covs: Array
-    links: dict[tuple[int, int], Link]
+    links: dict[tuple[int, int], Motion]
     loops: list[Loop]
 
 
@@ -77,7 +75,7 @@ class PoseGraph:
         require_gtsam()
         self.numbers: list[int] = []
         self.loops: list[Loop] = []
-        self.links: dict[tuple[int, int], Link] = {}  # odometry between nodes, by their numbers
+        self.links: dict[tuple[int, int], Motion] = {}  # odometry between nodes, by their numbers
         self._segments = np.zeros(64, np.int64)
         self._row: dict[int, int] = {}
         self._poses = np.zeros((64, 4, 4))
@@ -124,9 +122,10 @@ class PoseGraph:
         loops = [Loop(loop.old, loop.new, self._whole(loop.motion)) for loop in self.loops]
         return GraphState(list(self.numbers), self.segments, homes, self.poses.copy(), covs, links, loops)
 
-    def _whole(self, link: Link) -> Link:
+    def _whole(self, link: Motion) -> Motion:
         """The same motion whose common errors are its own."""
-        return Link(link.given(self._mean), link.total(self._cov_common))
+        known = link.given(self._mean, self._cov_common)
+        return Motion(known.earlier_from_newest, known.cov)
 
     def restore(self, state: GraphState) -> None:
         """Begin with a graph that was kept; what is added next begins a segment."""
@@ -140,7 +139,7 @@ class PoseGraph:
         self._bridges = [loop for loop in self.loops if self._joins(loop)]
         self._asked = list(self.loops)
 
-    def add(self, number: int, pose: Array, link: Link | None, segment: int | None = None) -> None:
+    def add(self, number: int, pose: Array, link: Motion | None, segment: int | None = None) -> None:
         """Add a node after the last one, moved by `link` since; without it a segment begins, at `pose`.
 
         With `segment` it is in that one, at `pose`.
@@ -159,12 +158,11 @@ class PoseGraph:
             last, before = self.numbers[-1], row - 1
             self._segments[row] = self._segments[before]
             self.links[last, number] = link
-            motion = link.given(self._mean)
-            turn = se3.adjoint(se3.inverse(motion))
-            self._poses[row] = se3.orthonormalise(self._poses[before] @ motion)
-            self._chain[row] = turn @ self._chain[before] @ turn.T + link.cov
-            size = self._jacobian.shape[2]
-            self._jacobian[row] = turn @ self._jacobian[before] + padded(link.jacobian, size)
+            motion = link.given(self._mean, self._cov_common)
+            turn = se3.adjoint(se3.inverse(motion.earlier_from_newest))
+            self._poses[row] = se3.orthonormalise(self._poses[before] @ motion.earlier_from_newest)
+            self._chain[row] = turn @ self._chain[before] @ turn.T + link.cov_own
+            self._jacobian[row] = turn @ self._jacobian[before] + motion.common_jacobian
         self.numbers.append(number)
         self._row[number] = row
 
@@ -196,29 +194,28 @@ class PoseGraph:
         """
         motions = se3.inverse(self._poses[rows]) @ self.pose(number)
         covs = np.full((len(rows), 6, 6), np.inf)
-        ways = [(number, Link.none())]
+        known = self._mean, self._cov_common
+        ways = [(number, Motion(np.eye(4), np.zeros((6, 6))).given(*known))]
         for bridge in self._bridges:
             if self.segment(bridge.new) == self.segment(number):
                 row = self._row[bridge.new]
                 own, jacobian = self._to(np.array([row]), self._row[number])
                 onward = se3.inverse(self._poses[row]) @ self.pose(number)
-                rest = Link(onward, own[0], jacobian[0], self._mean)
-                ways.append((bridge.old, bridge.motion.then(rest)))
-        segments, size = self._segments[rows], self._jacobian.shape[2]
+                ways.append((bridge.old, bridge.motion.then(Motion(onward, own[0], jacobian[0], *known))))
         for start, rest in ways:
-            here = np.flatnonzero(segments == self.segment(start))
+            here = np.flatnonzero(self._segments[rows] == self.segment(start))
             own, jacobian = self._to(rows[here], self._row[start])
-            turn = se3.adjoint(se3.inverse(rest.first_from_second))
-            j = turn @ jacobian + padded(rest.jacobian, size)
-            cov = turn @ own @ turn.T + rest.cov + j @ self._cov_common @ np.swapaxes(j, 1, 2)
+            turn = se3.adjoint(se3.inverse(rest.earlier_from_newest))
+            j = turn @ jacobian + rest.common_jacobian
+            cov = turn @ own @ turn.T + rest.cov_own + j @ self._cov_common @ np.swapaxes(j, 1, 2)
             better = np.trace(cov, axis1=1, axis2=2) < np.trace(covs[here], axis1=1, axis2=2)
             covs[here[better]] = cov[better]
         return motions, covs
 
-    def between(self, first: int, second: int) -> Link | None:
+    def between(self, first: int, second: int) -> Motion | None:
         """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
         (motion,), (cov,) = self.predicted(second, np.array([self._row[first]]))
-        return Link(motion, cov) if np.isfinite(cov).all() else None
+        return Motion(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
         """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
@@ -256,7 +253,7 @@ class PoseGraph:
         if old == new:
             return False
         keep, move = min(old, new), max(old, new)
-        here = self.pose(loop.old) @ loop.motion.first_from_second
+        here = self.pose(loop.old) @ loop.motion.earlier_from_newest
         shift = here @ se3.inverse(self.pose(loop.new))
         if move == old:
             shift = se3.inverse(shift)
@@ -310,13 +307,14 @@ class PoseGraph:
             if second in wanted:
                 factors.add(self._factor(first, second, link))
 
-    def _factor(self, first: int, second: int, link: Link, spread: float = 1.0) -> Any:
+    def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
         """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
         import gtsam
 
-        cov = spread**2 * link.total(self._cov_common) + _FLOOR * np.eye(6)
+        motion = link.given(self._mean, self._cov_common)
+        cov = spread**2 * motion.cov + _FLOOR * np.eye(6)
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
-        return gtsam.BetweenFactorPose3(first, second, _pose3(link.given(self._mean)), noise)
+        return gtsam.BetweenFactorPose3(first, second, _pose3(motion.earlier_from_newest), noise)
 
     def _take(self, values: Any) -> None:
         poses = np.array([values.atPose3(number).matrix() for number in self.numbers])
@@ -380,7 +378,7 @@ class PoseGraph:
             ends = [pair for pair in self.links if number in pair]
             if not ends:
                 continue
-            pair = min(ends, key=lambda p: float(np.trace(self.links[p].cov)))
+            pair = min(ends, key=lambda p: float(np.trace(self.links[p].cov_own)))
             link = self.links.pop(pair)
             neighbour, onward = (pair[1], link) if pair[0] == number else (pair[0], link.back())
             for first, second in [p for p in ends if p != pair]:
@@ -404,7 +402,7 @@ class PoseGraph:
         self._row = {other: k for k, other in enumerate(self.numbers)}
 
 
-def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Link) -> Loop | None:
+def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Motion) -> Loop | None:
     """A loop with its end at a node that goes moved to a neighbour; None if nothing is left of it."""
     if number not in (loop.old, loop.new):
         return loop

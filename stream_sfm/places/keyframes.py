@@ -49,17 +49,6 @@ class Keyframe:
     descriptors: NDArray[np.uint8]
     depth_m: float
 
-    @property
-    def size_bytes(self) -> int:
-        """Memory of the arrays and patches."""
-        arrays = (self.points, self.cov_points, self.feature_px, self.feature_points, self.descriptors)
-        return sum(a.nbytes for a in arrays) + len(self.patches)
-
-    def __repr__(self) -> str:
-        return (
-            f"<Keyframe of frame {self.frame_index}, {len(self.points)} points, {len(self.descriptors)} features>"
-        )
-
 
 def make_keyframe(
     images: Sequence[Image],

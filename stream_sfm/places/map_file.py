@@ -19,8 +19,8 @@ from ..geometry.stereo import StereoProjection
 from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Channel, Message
+from ..motion import Motion
 from ..recording.log_writer import MessageWriter
-from .chain import Link
 from .graph import GraphState, Loop
 from .keyframes import Keyframe, are_patches
 
@@ -121,7 +121,7 @@ def save_map(
                 frame.stamp_ns,
             )
         for first, second, is_loop, link in motions:
-            write(MotionRecord(first, second, is_loop, link.first_from_second.tobytes(), link.cov.tobytes()))
+            write(MotionRecord(first, second, is_loop, link.earlier_from_newest.tobytes(), link.cov.tobytes()))
 
 
 def load_map(
@@ -170,12 +170,12 @@ def _loaded(
     if min(segments + homes) < 0 or max(segments + homes) >= _MAX_NUMBER or not set(homes) <= set(segments):
         raise ValueError("it has a keyframe of no segment")
     known = set(numbers)
-    links: dict[tuple[int, int], Link] = {}
+    links: dict[tuple[int, int], Motion] = {}
     loops: list[Loop] = []
     for record in motions:
         if record.first == record.second or not {record.first, record.second} <= known:
             raise ValueError(f"it has a motion from {record.first} to {record.second}, which are not two keyframes")
-        link = Link(_pose(record.first_from_second), _cov(record.cov))
+        link = Motion(_pose(record.first_from_second), _cov(record.cov))
         if record.loop:
             loops.append(Loop(record.first, record.second, link))
         else:

@@ -9,13 +9,13 @@ loops must agree.
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..blas import one_thread
 from ..camera.axes import RectifiedAxes
@@ -27,8 +27,9 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..motion import Motion
 from ..types import Frame, FrameEstimate, Trajectory
-from .chain import UNSEEN, Chain, Link
+from .chain import UNSEEN, Chain
 from .finding import Words, apart, may_overlap, nearest_poses, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
@@ -55,18 +56,16 @@ _WAITING = 2  # keyframes, of which one is being worked on
 _THINNED = 0.1  # of all keyframes, at once
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Job:
+class _Job(NamedTuple):
     """A frame that becomes a keyframe."""
 
     estimate: FrameEstimate
     images: tuple[NDArray[Any], ...]
-    link: Link | None
+    link: Motion | None
     path_m: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Found:
+class _Found(NamedTuple):
     """What a job has found: see PlaceMap."""
 
     frame_index: int
@@ -75,8 +74,7 @@ class _Found:
     hopeful: bool  # some place looks as if it were known
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Node:
+class _Node(NamedTuple):
     """A keyframe, how far the camera had come by then, and which points were followed."""
 
     keyframe: Keyframe
@@ -293,7 +291,7 @@ class PlaceMap:
         motions, covs = graph.predicted(number, rows)
         gate = may_overlap(motions, covs, keyframe.depth_m)
         near = {
-            graph.numbers[row]: Link(*known)
+            graph.numbers[row]: Motion(*known)
             for row, *known in zip(rows[gate], motions[gate], covs[gate], strict=True)
         }
         sure = {old: link for old, link in near.items() if not is_ambiguous(link.cov, keyframe.depth_m)}
@@ -328,7 +326,7 @@ class PlaceMap:
         found = self._verifier.motion(self._nodes[old].keyframe, seen)
         if found is None:
             return None
-        return Loop(old, new, Link(self._axes.poses(found.first_from_second), self._axes.cov_pose(found.cov)))
+        return Loop(old, new, Motion(self._axes.poses(found.earlier_from_newest), self._axes.cov_pose(found.cov)))
 
     def _close_doubtful(self, loops: list[Loop], depth_m: float) -> None:
         """Keep a loop until others agree with it; then close them all. What looks like two places says nothing."""
@@ -353,7 +351,7 @@ class PlaceMap:
         olds = self._graph.between(a.old, b.old)
         if olds is None or agrees(a.motion, olds.then(b.motion)):
             return False
-        apart = se3.log(se3.inverse(a.motion.first_from_second) @ olds.then(b.motion).first_from_second)
+        apart = se3.log(se3.inverse(a.motion.earlier_from_newest) @ olds.then(b.motion).earlier_from_newest)
         return bool(
             np.linalg.norm(apart[:3]) > _CONFUSED_DEPTHS * depth_m or np.linalg.norm(apart[3:]) > _CONFUSED_RAD
         )
@@ -361,22 +359,20 @@ class PlaceMap:
     def _thin(self) -> None:
         """Let those keyframes go that lie closest to older ones."""
         numbers = self._graph.numbers[:-_APART]
-        depths = np.array([self._nodes[number].keyframe.depth_m for number in numbers])
+        depth_m = np.median([self._nodes[number].keyframe.depth_m for number in numbers])
         poses = self._graph.poses[: len(numbers)]
-        at, turns = poses[:, :3, 3], poses[:, :3, :3].reshape(-1, 9)
-        offset = np.linalg.norm(at[:, None] - at[None], axis=2) / depths[:, None]
-        apart = offset + np.arccos(((turns @ turns.T - 1) / 2).clip(-1, 1))
-        apart[np.triu_indices(len(numbers))] = np.inf  # of two that are close the newer one goes
-        apart[0] = np.inf
-        gone = [numbers[row] for row in np.argsort(apart.min(axis=1), kind="stable")[: self._surplus()].tolist()]
+        where = np.hstack(
+            [poses[:, :3, 3] / depth_m, poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2)]
+        )  # depths and rad
+        distance, neighbour = (column[:, 1] for column in KDTree(where).query(where, 2))
+        distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two that are close the newer one goes
+        count = max(1, int(_THINNED * self._max_keyframes))
+        gone = [numbers[row] for row in np.argsort(distance, kind="stable")[:count].tolist()]
         self._graph.remove(gone)
         self._pending = [loop for loop in self._pending if loop.old not in gone and loop.new not in gone]
         for number in gone:
             del self._nodes[number]
             self._words.forget(number)
-
-    def _surplus(self) -> int:
-        return max(1, int(_THINNED * self._max_keyframes))
 
 
 def is_ambiguous(cov: Array, depth_m: float) -> bool:
@@ -385,12 +381,12 @@ def is_ambiguous(cov: Array, depth_m: float) -> bool:
     return bool(_CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
 
 
-def gain(known: Link, loop: Link) -> float:
+def gain(known: Motion, loop: Motion) -> float:
     """What a loop tells beyond a prediction, nats."""
     return float(0.5 * np.linalg.slogdet(np.eye(6) + np.linalg.solve(loop.cov, known.cov))[1])
 
 
-def agrees(one: Link, other: Link) -> bool:
+def agrees(one: Motion, other: Motion) -> bool:
     """Whether two estimates of a motion, with independent errors, are the same by χ²."""
-    error = se3.log(se3.inverse(one.first_from_second) @ other.first_from_second)
+    error = se3.log(se3.inverse(one.earlier_from_newest) @ other.earlier_from_newest)
     return bool(error @ np.linalg.solve(one.cov + other.cov, error) < _GATE)

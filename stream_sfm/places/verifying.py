@@ -17,7 +17,7 @@ from ..geometry import se3
 from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
-from .chain import Link
+from ..motion import Motion
 from .finding import MAX_ANGLE_RAD, MAX_OFFSET_DEPTHS
 from .keyframes import RADIUS_PX, Image, Keyframe, smoothed, templates
 
@@ -51,7 +51,7 @@ class Verifier:
         self._projection = p = projection
         self._matrix = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
 
-    def motion(self, old: Keyframe, new: Seen) -> Link | None:
+    def motion(self, old: Keyframe, new: Seen) -> Motion | None:
         """The motion from the old keyframe to the new one, in rectified axes; None where they do not show the same."""
         start = self._rough(old, new.keyframe)
         if start is None or not len(old.points):
@@ -73,7 +73,7 @@ class Verifier:
         far = np.linalg.norm(motion[:3, 3]) > MAX_OFFSET_DEPTHS * old.depth_m
         if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > MAX_ANGLE_RAD:
             return None
-        return Link(motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1)))
+        return Motion(motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1)))
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
         """New camera from old one, by PnP of features that match."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.geometry import se3
-from stream_sfm.places.chain import Link
+from stream_sfm.motion import Motion
 
 gtsam = pytest.importorskip("gtsam", reason="GTSAM is not installed: the extra [map]")
 from stream_sfm.places.graph import Loop, PoseGraph  # noqa: E402
@@ -28,14 +28,19 @@ def noisy(motion: np.ndarray, std: np.ndarray, rng: np.random.Generator) -> np.n
 def test_motions_with_common_errors_compose_as_their_sum_says() -> None:
     """`then` and `back` against the motions composed with other common errors, to first order."""
     rng = np.random.default_rng(1)
+    zero, cov = np.zeros(COMMON), np.eye(COMMON)
     a, b = (
-        Link(se3.exp(0.3 * rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), np.zeros(COMMON))
-        for _ in "ab"
+        Motion(se3.exp(0.3 * rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), zero, cov) for _ in "ab"
     )
+
+    def pose(motion: Motion, c: np.ndarray) -> np.ndarray:
+        return motion.given(c, cov).earlier_from_newest
+
     for c in 1e-6 * np.eye(COMMON):
-        both = a.given(c) @ b.given(c)
-        assert np.allclose(se3.log(se3.inverse(a.then(b).given(c)) @ both), 0, atol=1e-10)
-        assert np.allclose(se3.log(se3.inverse(a.back().given(c)) @ se3.inverse(a.given(c))), 0, atol=1e-10)
+        assert np.allclose(se3.log(se3.inverse(pose(a.then(b), c)) @ pose(a, c) @ pose(b, c)), 0, atol=1e-10)
+        assert np.allclose(se3.log(se3.inverse(pose(a.back(), c)) @ se3.inverse(pose(a, c))), 0, atol=1e-10)
+    alone = Motion(a.earlier_from_newest, a.cov_own)  # of nothing in common
+    assert np.allclose(alone.then(b).cov_own, a.then(b).cov_own) and alone.then(b).mean is b.mean
 
 
 def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndarray, list[Loop]]:
@@ -46,7 +51,7 @@ def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndar
     graph.add(0, truth[0], None)
     for k in range(1, NODES):
         motion = se3.inverse(truth[k - 1]) @ truth[k] @ se3.exp(-jacobian @ c)
-        link = Link(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
+        link = Motion(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
         graph.add(k, np.eye(4), link)
     loops = []
     for k in range(4 + false):
@@ -55,7 +60,7 @@ def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndar
         if k >= 4:
             old = 6
             motion = se3.exp([0.4, 0, 0.3, 0, 0.2, 0])
-        loops.append(Loop(old, new if k < 4 else NODES - 1, Link(motion, np.diag(LOOP_STD**2))))
+        loops.append(Loop(old, new if k < 4 else NODES - 1, Motion(motion, np.diag(LOOP_STD**2))))
     return graph, truth, loops
 
 
@@ -105,12 +110,12 @@ def test_a_segment_joins_the_world_it_is_found_in() -> None:
     elsewhere = se3.exp([5, 6, 7, 0.3, 0.2, 0.1])
     for k in range(NODES):
         cut = k in (0, 8)
-        link = None if cut else Link(se3.inverse(truth[k - 1]) @ truth[k], np.diag(STD**2))
+        link = None if cut else Motion(se3.inverse(truth[k - 1]) @ truth[k], np.diag(STD**2))
         graph.add(k, elsewhere @ truth[k] if k >= 8 else truth[k], link)
     assert graph.home(12) != graph.home(0)
     assert graph.between(3, 12) is None and not graph.in_world_of(12)[:8].any()
     motion = se3.inverse(truth[2]) @ truth[13]
-    graph.close([Loop(2, 13, Link(motion, np.diag(LOOP_STD**2)))], doubtful=False)
+    graph.close([Loop(2, 13, Motion(motion, np.diag(LOOP_STD**2)))], doubtful=False)
     assert graph.home(12) == graph.home(0)
     assert np.allclose(graph.poses, truth, atol=1e-6)
     assert graph.in_world_of(15).all()
@@ -125,7 +130,7 @@ def test_nodes_that_go_leave_their_motions_to_their_neighbours() -> None:
     assert graph.numbers == kept
     moved, cov = se3.log(se3.inverse(before) @ graph.poses)[1:], graph.covariances()[1:]
     assert np.einsum("ni,nij,nj->n", moved, np.linalg.inv(cov), moved).max() < 2  # well within σ, of six directions
-    graph.add(NODES, np.eye(4), Link(np.eye(4), np.diag(STD**2)))
+    graph.add(NODES, np.eye(4), Motion(np.eye(4), np.diag(STD**2)))
     assert graph.in_world_of(NODES).all()
     assert np.isfinite(graph.covariances()).all()
     assert np.abs(se3.log(se3.inverse(truth[kept]) @ graph.poses[:-1])[:, :3]).max() < 0.05

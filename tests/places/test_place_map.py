@@ -11,7 +11,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.geometry import se3
-from stream_sfm.places.chain import Link
+from stream_sfm.motion import Motion
 from stream_sfm.places.place_map import PlaceMap
 from stream_sfm.types import FrameEstimate, StereoFrame
 from tests.helpers.places import ROOM
@@ -262,7 +262,7 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
         (keyframes, replace(state, covs=-np.ones_like(state.covs)), "a covariance that is none"),
         (keyframes, replace(state, numbers=numbers[::-1]), "not in order"),
         (keyframes, replace(state, homes=[9] * len(numbers)), "no segment"),
-        (keyframes, replace(state, links={(0, 99): Link(np.eye(4), np.eye(6))}), "which are not two keyframes"),
+        (keyframes, replace(state, links={(0, 99): Motion(np.eye(4), np.eye(6))}), "which are not two keyframes"),
         ([replace(keyframes[0], patches=b"x"), *keyframes[1:]], state, "keyframe 0 does not fit together"),
         ([replace(keyframes[0], points=keyframes[0].points[1:]), *keyframes[1:]], state, "does not fit together"),
         ([replace(keyframes[0], odom_from_cam=wrong), *keyframes[1:]], state, "not finite"),
