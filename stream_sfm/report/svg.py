@@ -21,6 +21,7 @@ _OF_STYLE = {
     "m-cross-frame": "c1", "m-iterated-ekf": "c2", "m-ekf": "c4", "m-frame-to-frame": "c6", "m-truth": "truth",
 }  # fmt: skip
 _WIDTHS = {"m-cross-frame": 2.6, "m-truth": 3.2, "m-other": 1.2}  # px
+_MANY_TICKS = 300  # of the ends of a logarithmic axis: from here on only powers of ten are named
 _TEXT_PX, _CHARACTER_PX, _LABEL_PX = 11, 6.6, 13  # size of the text; a label's width per character, and its height
 
 
@@ -113,7 +114,7 @@ def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> 
     axes.grid(False)
     for text, row in zip(axes.get_yticklabels(), rows, strict=True):
         text.set(color=_colour(row.style), weight="bold")
-    left = 14 + _CHARACTER_PX * max(len(row.name) for row in rows)
+    left = 14 + 1.2 * _CHARACTER_PX * max(len(row.name) for row in rows)
     canvas.subplots_adjust(left=left / WIDTH, right=1 - 12 / WIDTH)
     return figure(title, note, _svg(canvas, title))
 
@@ -148,7 +149,6 @@ def _colour(style: str) -> str:
 def _axes(x_label: str, y_label: str, log: tuple[bool, bool], width: int = WIDTH) -> tuple[Any, Any]:
     """A figure of one point per px, and its axes."""
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     canvas = Figure(figsize=(width / 72, HEIGHT / 72), dpi=72)
     canvas.subplots_adjust(left=62 / width, bottom=44 / HEIGHT, top=1 - 10 / HEIGHT)
@@ -161,9 +161,6 @@ def _axes(x_label: str, y_label: str, log: tuple[bool, bool], width: int = WIDTH
     for axis, label, logarithmic in zip((axes.xaxis, axes.yaxis), (x_label, y_label), log, strict=True):
         if logarithmic:
             (axes.set_xscale if axis is axes.xaxis else axes.set_yscale)("log")
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=6))
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_formatter("")
         said = f"{label} (logarithmic)" if logarithmic and "logarithmic" not in label else label
         axis.set_label_text(said, size=_TEXT_PX, color=_COLOUR["soft"])
     return canvas, axes
@@ -203,7 +200,14 @@ def _name_lines(axes: Any, ends: Sequence[tuple[Series, int]], right_px: float) 
 def _svg(canvas: Any, title: str) -> Markup:
     """The figure as SVG that takes its colours and its font from the page; equal figures give equal bytes."""
     from matplotlib import rc_context
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
 
+    for axis in (canvas.axes[0].xaxis, canvas.axes[0].yaxis):
+        if axis.get_scale() == "log":
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < _MANY_TICKS * low else (1,), numticks=9))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_formatter("")
     file = io.StringIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "stream_sfm"}):
         canvas.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})

@@ -149,6 +149,14 @@ def _covariances(methods: dict[str, Any]) -> str:
     if "cross_frame" in nees and "cross_frame" not in small:
         value = nees["cross_frame"]
         size = "larger than needed" if value < low else "right"
-        said.append(f"{REFERENCE} is {size} (NEES {value:.2g}, {EXPECTED_NEES:.0f} expected)")
-    said += [f"{label(key)} is {_rounded(value / EXPECTED_NEES)} times too small" for key, value in small.items()]
-    return f"The covariance of {', that of '.join(said)}." if said else ""
+        said.append(f"that of {REFERENCE} is {size} (NEES {value:.2g}, {EXPECTED_NEES:.0f} expected)")
+    factors = sorted(value / EXPECTED_NEES for value in small.values())
+    if len(small) == 1:
+        said += [f"that of {label(key)} is {_rounded(factors[0])} times too small" for key in small]
+    elif small:
+        *names, last = map(label, small)
+        ends = f"{_rounded(factors[0])} to {_rounded(factors[-1])}"
+        said.append(f"those of {', '.join(names)} and {last} are {ends} times too small")
+    sentence = ", ".join(said)
+    first, _, rest = sentence.partition(" ")
+    return f"The {'covariance' if first == 'that' else 'covariances'} {rest}." if said else ""

@@ -71,6 +71,8 @@ def test_the_length_of_a_log_that_tells() -> None:
 def test_covariances_are_judged_by_their_nees() -> None:
     text = verdict(report({"ekf": 240.0, "cross_frame": 5.0}, ekf=(LESS, LEVEL))).covariances
     assert text == "The covariance of cross-frame is right (NEES 5, 6 expected), that of EKF is 40 times too small."
+    both = verdict(report({"ekf": 240.0, "ekf_cv": 60.0}, ekf=(LESS, LEVEL), ekf_cv=(LESS, LEVEL))).covariances
+    assert both.endswith("those of EKF and constant-velocity EKF are 10 to 40 times too small.")
     assert "larger than needed" in verdict(report({"cross_frame": 0.5})).covariances
     assert "EKF" not in verdict(report({"ekf": 14.0}, ekf=(LEVEL, LEVEL))).covariances  # within 95 % of one pose
 
