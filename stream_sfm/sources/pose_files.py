@@ -1,7 +1,9 @@
 """Poses in text files: TUM (`t x y z qx qy qz qw`), EuRoC's CSV, KITTI (twelve numbers of a 3×4 pose per line)."""
 
-from collections.abc import Iterable
+from array import array
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from .text_files import check_ascending, read_table, read_text, stamp_ns
 
 _UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
 _ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
-_Line = tuple[int, list[str]]  # its number and its cells
+_KITTI = "a pose of 12 numbers"
 
 
 def read_poses(path: Path) -> Trajectory:
@@ -28,9 +30,8 @@ def read_poses(path: Path) -> Trajectory:
     if columns == 8:
         return read_tum(path)
     if columns == 13:
-        rows = list(read_table(path, "poses"))
-        stamps = _ascending(path, [(n, stamp_ns(cells[0], f"{path}, line {n}")) for n, cells in rows])
-        return Trajectory(stamps, _matrices(path, ((n, cells[1:]) for n, cells in rows)))
+        rows = _read(path, 12, _KITTI, stamped=True)
+        return Trajectory(rows.stamps_ns, _matrices(path, rows))
     if columns == 12:
         times = path.parent / "times.txt"
         if not times.is_file():
@@ -53,17 +54,17 @@ def is_euroc_table(path: Path) -> bool:
 
 def read_tum(path: Path) -> Trajectory:
     """A TUM file; stamps come back to the nanosecond. Raises LogError naming the line."""
-    return _with_quaternions(path, (4, 5, 6, 7), "`t x y z qx qy qz qw`")
+    return _with_quaternions(path, (3, 4, 5, 6), "`t x y z qx qy qz qw`")
 
 
 def read_euroc(path: Path) -> Trajectory:
     """A table of EuRoC: stamp, position, quaternion with w first; the body in the world. Raises LogError."""
-    return _with_quaternions(path, (5, 6, 7, 4), "a stamp, a position and a quaternion (w, x, y, z)")
+    return _with_quaternions(path, (4, 5, 6, 3), "a stamp, a position and a quaternion (w, x, y, z)")
 
 
 def read_kitti(path: Path) -> Array:
     """The poses (n, 4, 4) of a file of KITTI, which has no stamps. Raises LogError."""
-    return _matrices(path, read_table(path, "poses"))
+    return _matrices(path, _read(path, 12, _KITTI))
 
 
 def read_times(path: Path) -> list[int]:
@@ -75,12 +76,35 @@ def read_times(path: Path) -> list[int]:
 
 def read_rows(path: Path, columns: int, form: str) -> Array:
     """The numbers (n, columns) of a file with poses and no stamps. Raises LogError naming the line."""
-    rows = []
+    return _read(path, columns, form).values
+
+
+class _Rows(NamedTuple):
+    """The numbers (n, k) of a file, their stamps where it has them, and the numbers of their lines."""
+
+    values: Array
+    stamps_ns: NDArray[np.int64]
+    lines: Sequence[int]
+
+
+def _read(path: Path, columns: int, form: str, stamped: bool = False, more: bool = False) -> _Rows:
+    """The lines of a file, each `columns` finite numbers, behind ascending stamps if `stamped`; `more` may follow."""
+    lines, stamps, numbers = array("q"), array("q"), array("d")  # not objects: there may be millions
     for number, cells in read_table(path, "poses"):
-        if len(values := _numbers(cells)) != columns:
-            raise LogError(f"{path}, line {number} is not {form}")
-        rows.append(values)
-    return np.array(rows).reshape(-1, columns)
+        where = f"{path}, line {number}"
+        try:
+            values = [float(cell) for cell in (cells[: columns + stamped] if more else cells)[stamped:]]
+        except ValueError:
+            values = []
+        if len(values) != columns or not np.isfinite(values).all():
+            raise LogError(f"{where} is not {form}: {' '.join(cells)[:60]!r}")
+        if stamped:
+            stamps.append(stamp_ns(cells[0], where))
+            if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+                raise LogError(f"{where}: its stamp is not later than the one before: sort the lines")
+        lines.append(number)
+        numbers.extend(values)
+    return _Rows(np.array(numbers).reshape(-1, columns), np.array(stamps), lines)
 
 
 def _first_line(path: Path) -> list[str]:
@@ -90,56 +114,27 @@ def _first_line(path: Path) -> list[str]:
 
 
 def _with_quaternions(path: Path, columns: tuple[int, int, int, int], form: str) -> Trajectory:
-    """`columns`: of x, y, z, w."""
-    stamps: list[tuple[int, int]] = []
-    poses: list[Array] = []
-    for number, cells in read_table(path, "poses"):
-        values = _numbers(cells[:8])
-        if len(values) != 8:
-            raise LogError(f"{path}, line {number} is not {form}")
-        quaternion = values[list(columns)]
-        if not _UNIT_NORMS[0] < np.linalg.norm(quaternion) < _UNIT_NORMS[1]:
-            raise LogError(f"{path}, line {number}: the quaternion {quaternion.tolist()} is not of length 1")
-        stamps.append((number, stamp_ns(cells[0], f"{path}, line {number}")))
-        poses.append(se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quaternion), values[1:4]))
-    return Trajectory(_ascending(path, stamps), np.array(poses).reshape(-1, 4, 4))
+    """`columns`: of x, y, z, w, behind the stamp."""
+    rows = _read(path, 7, form, stamped=True, more=True)
+    quaternions = rows.values[:, columns]
+    norms = np.linalg.norm(quaternions, axis=1)
+    if (wrong := np.flatnonzero((norms <= _UNIT_NORMS[0]) | (norms >= _UNIT_NORMS[1]))).size:
+        one = quaternions[wrong[0]].tolist()
+        raise LogError(f"{path}, line {rows.lines[wrong[0]]}: the quaternion {one} is not of length 1")
+    rotations = se3.matrix_from_quat_xyzw(quaternions)
+    return Trajectory(rows.stamps_ns, se3.from_rotation_translation(rotations, rows.values[:, :3]))
 
 
-def _matrices(path: Path, rows: Iterable[_Line]) -> Array:
-    lines: list[int] = []
-    found: list[Array] = []
-    for number, cells in rows:
-        values = _numbers(cells)
-        if len(values) != 12:
-            raise LogError(f"{path}, line {number} does not have 12 numbers: {' '.join(cells)[:60]!r}")
-        lines.append(number)
-        found.append(values.reshape(3, 4))
-    if not found:
+def _matrices(path: Path, rows: _Rows) -> Array:
+    if not rows.lines:
         raise LogError(f"{path} holds no pose")
-    poses = np.tile(np.eye(4), (len(found), 1, 1))
-    poses[:, :3] = found
+    poses = np.tile(np.eye(4), (len(rows.lines), 1, 1))
+    poses[:, :3] = rows.values.reshape(-1, 3, 4)
     rotations = poses[:, :3, :3]
     if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
     if (mirrored := np.flatnonzero(np.linalg.det(rotations) < 0)).size:
-        raise LogError(f"{path}, line {lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes")
+        raise LogError(
+            f"{path}, line {rows.lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes"
+        )
     return se3.orthonormalise(poses)
-
-
-def _numbers(cells: list[str]) -> Array:
-    """The cells of a line as finite numbers; empty where they are not."""
-    try:
-        values = np.array([float(cell) for cell in cells])
-    except ValueError:
-        return np.empty(0)
-    return values if np.isfinite(values).all() else np.empty(0)
-
-
-def _ascending(path: Path, stamps: list[tuple[int, int]]) -> NDArray[np.int64]:
-    """The stamps of lines, nanoseconds. Raises LogError naming the first line that is not later than the one before."""
-    times = np.array([stamp for _, stamp in stamps], dtype=np.int64)
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        line = stamps[int(late[0]) + 1][0]
-        raise LogError(f"{path}, line {line}: its stamp is not later than the one before: sort the lines")
-    return times
