@@ -1,36 +1,33 @@
-"""Where a point appears in the image as delivered: the pinhole camera with its lens distortion."""
+"""Where a point appears in the image as delivered, and what a pixel looks at: the pinhole camera with its lens.
 
+OpenCV's models and coefficient order: plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (… k4 k5 k6), equidistant
+(Kannala–Brandt, θ polynomial).
+"""
+
+import cv2
 import numpy as np
 
 from ..geometry.se3 import Array
 from .models import Camera
 
-_ON_AXIS = 1e-12  # of x and y at depth 1: nearer to the axis a fisheye bends nothing
+
+def distortion(camera: Camera) -> tuple[bool, Array]:
+    """Whether the lens is a fisheye (also one whose coefficients are all zero), and its coefficients for OpenCV."""
+    return camera.distortion_model == "equidistant", np.array(camera.D if any(camera.D) else (0.0,) * 4)
 
 
 def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
-    """Project points (n, 3), Z > 0, into the image as delivered: pixels (n, 2).
+    """Project points (n, 3), Z > 0, into the image as delivered: pixels (n, 2)."""
+    if not len(points_in_cam):
+        return np.empty((0, 2))
+    fisheye, d = distortion(camera)
+    project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+    points = np.asarray(points_in_cam, float)[:, None]
+    return np.asarray(project(points, np.zeros(3), np.zeros(3), camera.K, d)[0], float).reshape(-1, 2)
 
-    OpenCV's models and coefficient order: plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (… k4 k5 k6),
-    equidistant (Kannala–Brandt, θ polynomial).
-    """
-    x = points_in_cam[:, 0] / points_in_cam[:, 2]
-    y = points_in_cam[:, 1] / points_in_cam[:, 2]
-    d = camera.D
-    if camera.distortion_model == "equidistant":  # a fisheye also where its coefficients are all zero
-        d = d or (0.0,) * 4
-        r = np.hypot(x, y)
-        theta = np.arctan(r)
-        bent = theta * (1 + theta**2 * (d[0] + theta**2 * (d[1] + theta**2 * (d[2] + theta**2 * d[3]))))
-        factor = np.where(r > _ON_AXIS, bent / np.where(r > _ON_AXIS, r, 1.0), 1.0)
-        x, y = x * factor, y * factor
-    elif any(d):
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*d, *(0.0,) * (8 - len(d)))
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        x, y = (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
-    k = camera.K
-    return np.stack([k[0, 0] * x + k[0, 1] * y + k[0, 2], k[1, 1] * y + k[1, 2]], axis=1)
+
+def rays_of(camera: Camera, pixels: Array) -> Array:
+    """The rays (n, 3), Z = 1, of pixels (n, 2); what a lens model has no answer for is not finite."""
+    fisheye, d = distortion(camera)
+    rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    return np.concatenate([rays, np.ones((len(pixels), 1))], axis=1)

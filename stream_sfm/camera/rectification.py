@@ -16,6 +16,7 @@ from ..errors import RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from .lens import distortion, project_into_image, rays_of
 from .models import Camera
 from .rig import MonoRig, StereoRig
 
@@ -101,9 +102,7 @@ class Rectifier:
         for camera, rotation, k_rectified in self._sides:
             rays = np.column_stack([places_px, np.ones(len(places_px))]) @ np.linalg.inv(k_rectified).T @ rotation
             ahead = rays[:, 2] > 0
-            fisheye, d = _distortion(camera)
-            project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
-            raw = project(rays[ahead, None], np.zeros(3), np.zeros(3), camera.K, d)[0].reshape(-1, 2)
+            raw = project_into_image(camera, rays[ahead])
             inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < _ROW_REACH).all(axis=1)
             row = raw[inside, 1] / (camera.height - 1) - 0.5
             found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
@@ -181,20 +180,12 @@ def _extents(
     return extents, spans
 
 
-def _distortion(camera: Camera) -> tuple[bool, Array]:
-    """Whether the lens is a fisheye (also one whose coefficients are all zero), and its coefficients for OpenCV."""
-    fisheye = camera.distortion_model == "equidistant"
-    return fisheye, np.array(camera.D if any(camera.D) else (0.0,) * 4)
-
-
 def _extent(camera: Camera, rotation: Array) -> Array:
     """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
     w, h = camera.width - 1.0, camera.height - 1.0
     pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
-    fisheye, d = _distortion(camera)
-    rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
     with np.errstate(invalid="ignore"):  # where the lens model has no answer, the caller says so
-        rays = np.concatenate([rays, np.ones((4, 1))], axis=1) @ rotation.T
+        rays = rays_of(camera, pixels) @ rotation.T
     # a lens of 180° and more reaches behind the rectified plane; the focal length bounds what is kept of it
     rays = rays[:, :2] / np.maximum(rays[:, 2:], _MIN_RAY_DEPTH)
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
@@ -204,7 +195,7 @@ def _maps(
     camera: Camera, rotation: Array, k_rectified: Array
 ) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None:
     size = (camera.width, camera.height)
-    fisheye, d = _distortion(camera)
+    fisheye, d = distortion(camera)
     module = cv2.fisheye if fisheye else cv2
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k_rectified, size, cv2.CV_32FC1)
     # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels

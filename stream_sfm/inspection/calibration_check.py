@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.lens import rays_of
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..geometry.medians import MAD_TO_STD, median
@@ -143,11 +144,5 @@ def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
 
 def _rectified(camera: Camera, rotation: Array, points_px: Array) -> Array:
     """Normalised rectified coordinates (n, 2) of pixels (n, 2)."""
-    points = points_px.reshape(-1, 1, 2)
-    d = np.array(camera.D) if camera.D else np.zeros(4)
-    if camera.distortion_model == "equidistant":
-        flat = cv2.fisheye.undistortPoints(points, camera.K, d)
-    else:
-        flat = cv2.undistortPoints(points, camera.K, d)
-    rays = np.concatenate([flat.reshape(-1, 2), np.ones((len(points_px), 1))], axis=1) @ rotation.T
+    rays = rays_of(camera, points_px) @ rotation.T
     return np.where(rays[:, 2:] > 0.05, rays[:, :2] / np.maximum(rays[:, 2:], 0.05), np.nan)
