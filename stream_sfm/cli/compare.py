@@ -11,16 +11,13 @@ from .usage import print_error
 if TYPE_CHECKING:
     from ..run.compare import ComparisonResult
 
-# The names of `run.compare.COMPARED`, which the help lists without importing the estimators.
-DEFAULT_METHODS = "cross-frame,cross-frame-wc,cross-frame-cc,ekf,iterated-ekf,ekf-cv,frame-to-frame"
-
 
 def compare(
     log: options.Log,
     /,
     *,
     out: options.MaybeFolder = None,
-    methods: options.Names = DEFAULT_METHODS,
+    methods: options.Names = "",
     self_test: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
@@ -54,7 +51,9 @@ def compare(
     config, selection = settings.read(), frames.selection()
     recording = open_log(log, *cameras.chosen, ground_truth=truth.read())
     folder = Path(out) if out else new_run_folder(log)
-    names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(",")))))
+    names = (
+        tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) if methods else comparison.COMPARED
+    )
     written = comparison.outputs(folder, names)
     options.protect(written, log, truth.ground_truth, settings.config, cameras.calibration)
     inspection = inspect_log(log, *cameras.chosen)

@@ -204,19 +204,16 @@ class Settings:
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
-        estimate_every: an older name of the setting estimate_every
     """
 
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
-    estimate_every: Annotated[MaybeCount, Parameter(show=False)] = None
 
     def read(self, *further: str) -> "Config":
         """The configuration, with `further` settings. Raises ConfigError."""
         from ..config import read_config
 
-        every = [f"estimate_every={self.estimate_every}"] if self.estimate_every else []
-        return read_config(self.config, [*(self.set or []), *every, *further])
+        return read_config(self.config, [*(self.set or []), *further])
 
 
 @Parameter(name="*", group=SETTINGS)

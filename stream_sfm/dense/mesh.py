@@ -81,4 +81,4 @@ def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]
         [np.bincount(faces.ravel(), np.repeat(across[:, i], 3), minlength=len(vertices)) for i in range(3)], axis=1
     )
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.maximum(length, 1e-30), np.float32)
+    return (normals / np.maximum(length, 1e-30)).astype(np.float32)

@@ -107,12 +107,13 @@ class RosMessages:
         fixed_from_moving = frames.pose(self._in_map() @ estimate.world_from_cam)
         pose = ros_messages.pose_of(fixed_from_moving)
         covariance = fixed_axis_covariance(fixed_from_moving[:3, :3], frames.cov_pose(estimate.cov_pose))
-        yield "/stream_sfm/pose", ros_messages.pose_with_covariance(head, pose, covariance)
+        stated = {"pose": pose, "covariance": covariance}
+        yield "/stream_sfm/pose", cdr.make(ros_messages.POSE, header=head, pose=stated)
         self._odometry = odometry = Odometry.after(self._odometry, estimate)
         yield from self._moving(odometry)
         numbers = self._numbers(odometry, fixed_from_moving, covariance)
         yield "/stream_sfm/scalars", cdr.make(SCALARS, header=head, **numbers)
-        if self._path.add(ros_messages.pose_stamped(head, pose)):
+        if self._path.add(cdr.make("geometry_msgs/msg/PoseStamped", header=head, pose=pose)):
             yield self._path_now(estimate)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
@@ -151,7 +152,7 @@ class RosMessages:
 
     def _path_now(self, estimate: FrameEstimate) -> tuple[str, Any]:
         head = ros_messages.header(estimate.stamp_ns, self._frames.world)
-        return "/stream_sfm/path", ros_messages.path(head, self._path.poses())
+        return "/stream_sfm/path", cdr.make(ros_messages.PATH, header=head, poses=self._path.poses())
 
     def _map(
         self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array

@@ -50,11 +50,11 @@ class RosFrames:
         """Return the pose (4, 4) of the odom frame in that of the world, both with the axes of the settings."""
         if not self._turns:
             return world_from_odom
-        return np.asarray(self.fixed_from_world @ world_from_odom @ se3.inverse(self.fixed_from_world))
+        return self.fixed_from_world @ world_from_odom @ se3.inverse(self.fixed_from_world)
 
     def twist(self, twist: Array) -> Array:
         """Return the twist (6,) of the moving frame in its own axes from that of the camera in its own."""
-        return twist if self.base_from_cam is None else np.asarray(se3.adjoint(self.base_from_cam) @ twist)
+        return twist if self.base_from_cam is None else se3.adjoint(self.base_from_cam) @ twist
 
     def cov_pose(self, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose or twist, translation first, in the moving frame's own axes."""
@@ -70,7 +70,7 @@ class RosFrames:
         if not self._turns:
             return points_in_world, cov_points
         turned = self.fixed_from_world[:3, :3]
-        return se3.transform(self.fixed_from_world, points_in_world), np.asarray(turned @ cov_points @ turned.T)
+        return se3.transform(self.fixed_from_world, points_in_world), turned @ cov_points @ turned.T
 
 
 def _base_from_cam(ros: RosConfig) -> Array:

@@ -1,6 +1,5 @@
 """The ROS 2 messages of `estimates.mcap`. Our own are defined in `own_messages.py`."""
 
-from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -25,7 +24,7 @@ POINT_DTYPE = np.dtype(
 _FLOAT32, _UINT32 = 7, 6  # numbers of PointField
 _UPPER = np.triu_indices(3)
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
-_UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]]).reshape(36)
+_UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
 
 for _name, _text in DEFINITIONS.items():
@@ -46,16 +45,6 @@ def pose_of(parent_from_child: Array) -> Any:
     return make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
 
 
-def pose_stamped(head: Any, pose: Any) -> Any:
-    """Make a PoseStamped."""
-    return make("geometry_msgs/msg/PoseStamped", header=head, pose=pose)
-
-
-def pose_with_covariance(head: Any, pose: Any, covariance: Array) -> Any:
-    """Make a PoseWithCovarianceStamped; `covariance` (6, 6) in ROS's convention."""
-    return make(POSE, header=head, pose={"pose": pose, "covariance": covariance.reshape(36)})
-
-
 def odometry(
     head: Any, child_frame_id: str, pose: Any, covariance: Array, twist: Array | None, cov_twist: Array | None
 ) -> Any:
@@ -66,29 +55,22 @@ def odometry(
         ODOMETRY,
         header=head,
         child_frame_id=child_frame_id,
-        pose={"pose": pose, "covariance": covariance.reshape(36)},
+        pose={"pose": pose, "covariance": covariance},
         twist={
             "twist": {"linear": linear, "angular": angular},
-            "covariance": _UNKNOWN_TWIST if cov_twist is None else cov_twist.reshape(36),
+            "covariance": _UNKNOWN_TWIST if cov_twist is None else cov_twist,
         },
     )
 
 
 def transforms(*stamped: tuple[Any, str, Any]) -> Any:
     """Make a TFMessage of headers, child frames and their poses in the frames of the headers."""
-    return make(TRANSFORMS, transforms=[_transform(*one) for one in stamped])
-
-
-def _transform(head: Any, child_frame_id: str, pose: Any) -> Any:
-    at = pose.position
-    inside = {"translation": {"x": at.x, "y": at.y, "z": at.z}, "rotation": pose.orientation}
-    name = "geometry_msgs/msg/TransformStamped"
-    return make(name, header=head, child_frame_id=child_frame_id, transform=inside)
-
-
-def path(head: Any, poses: Sequence[Any]) -> Any:
-    """Make a Path through PoseStamped messages."""
-    return make(PATH, header=head, poses=list(poses))
+    found = []
+    for head, child_frame_id, pose in stamped:
+        name, at = "geometry_msgs/msg/TransformStamped", pose.position
+        inside = {"translation": {"x": at.x, "y": at.y, "z": at.z}, "rotation": pose.orientation}
+        found.append(make(name, header=head, child_frame_id=child_frame_id, transform=inside))
+    return make(TRANSFORMS, transforms=found)
 
 
 def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) -> Any:

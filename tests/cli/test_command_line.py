@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 
 from stream_sfm import estimators
-from stream_sfm.cli import compare
 from stream_sfm.cli.main import COMMANDS, build_app, main
 from stream_sfm.cli.options import Method
 from stream_sfm.cli.usage import COMMANDS as HINTED_COMMANDS
 from stream_sfm.cli.usage import OPTIONS, option_names
 from stream_sfm.config import Config, FrontendConfig, WindowConfig, read_config
-from stream_sfm.run.compare import COMPARED
 from tests.helpers.stereo_logs import Spec, write_log
 from tests.helpers.wall_log import write_wall_log
 
@@ -161,7 +159,6 @@ def test_the_shell_completes_settings_too(cli):
 
 def test_the_parser_knows_the_methods():
     assert tuple(estimators.METHODS) == METHODS
-    assert tuple(compare.DEFAULT_METHODS.split(",")) == COMPARED
 
 
 def test_hints_name_options_that_exist():
