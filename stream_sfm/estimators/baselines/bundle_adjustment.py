@@ -26,7 +26,7 @@ _LEAST_DECREASE = 1e-12  # squared standard deviations: converged, where an exac
 class WeightedViews:
     """Stereo views as flat rows, sorted by point.
 
-    `frame` (k,), `point` (k,) indices from 0, every point at least once; `z_px` (k, 4) without NaN; `information`
+    `frame` (k,), `point` (k,) indices from 0; `z_px` (k, 4) without NaN; `information`
     (k, 4, 4), zero where a side is missing.
     """
 
@@ -130,11 +130,11 @@ class Reduced:
         jt_point = np.swapaxes(j_point, 1, 2) @ views.information
         w = np.zeros((p, 3, b, 6))
         w[views.point, :, views.frame] = jt_point @ j_pose
-        v = _sum_by_point(views, jt_point @ j_point)
-        g_point = _sum_by_point(views, matvec(jt_point, r))
+        v, g_point = np.zeros((p, 3, 3)), np.zeros((p, 3))
         if priors is not None:
-            v = v + priors.information
-            g_point = g_point + matvec(priors.information, priors.mean - points)
+            v, g_point = v + priors.information, matvec(priors.information, priors.mean - points)
+        np.add.at(v, views.point, jt_point @ j_point)
+        np.add.at(g_point, views.point, matvec(jt_point, r))
         u, g = np.zeros((b, 6, b, 6)), np.zeros((b, 6))
         np.add.at(u.swapaxes(1, 2), (views.frame, views.frame), jt_pose @ j_pose)
         np.add.at(g, views.frame, matvec(jt_pose, r))
@@ -235,9 +235,3 @@ def adjust(
                 break
         converged = before - best <= tolerance * before + _LEAST_DECREASE
     return Adjustment(ref_from_cam, points, best, squares, done, converged)
-
-
-def _sum_by_point(views: WeightedViews, values: Array) -> Array:
-    """Sum the rows of `values` (k, …) of each point; views are sorted by point."""
-    starts = np.flatnonzero(np.diff(views.point, prepend=-1))
-    return np.add.reduceat(values, starts, axis=0)

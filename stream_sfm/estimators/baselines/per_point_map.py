@@ -14,7 +14,7 @@ from ...types import Observations, Solution
 from ..lifecycle import WorldPoints
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .bundle_adjustment import Adjustment, Covariances, PointPriors, Reduced, WeightedViews, adjust
-from .per_point_priors import Leaving, LeavingRule, with_every_point
+from .per_point_priors import Leaving, LeavingRule
 
 _TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
 
@@ -152,7 +152,7 @@ class PerPointMap:
                 held=frame.held,
                 points=self._points[rows],
                 priors=PointPriors(self._priors.mean[rows], self._priors.information[rows]),
-                views=with_every_point(_views([frame], self.ids[rows]), len(rows)),
+                views=_views([frame], self.ids[rows]),
             )
         )
         if carried.new_from_ref is not None:

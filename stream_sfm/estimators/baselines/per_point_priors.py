@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...geometry import se3
 from ...geometry.linear import symmetric
@@ -21,7 +20,7 @@ class Leaving:
     """The oldest frame of a window, and the points (p) that it sees or that have a prior.
 
     `ref_from_cam` (4, 4) with `cov_pose` (6, 6) as the window knows it, `held` if it is not estimated; `points` (p, 3)
-    in ref; `views` of all of them, without information where the frame does not see a point.
+    in ref; `views` of those that the frame sees.
     """
 
     projection: StereoProjection
@@ -56,8 +55,9 @@ def world_centred(leaving: Leaving) -> CarriedPriors:
     gain = np.linalg.solve(np.eye(6) + leaving.cov_pose @ (ji @ j_pose), leaving.cov_pose @ ji)
     info = views.information - np.swapaxes(ji, 1, 2) @ gain
     jt = np.swapaxes(j_point, 1, 2) @ info
-    information = priors.information + jt @ j_point
-    right = priors.information @ (priors.mean - points)[..., None] + jt @ r[..., None]
+    information, right = priors.information.copy(), priors.information @ (priors.mean - points)[..., None]
+    information[views.point] += jt @ j_point
+    right[views.point] += jt @ r[..., None]
     delta = np.linalg.solve(information, right)[..., 0]
     return CarriedPriors(PointPriors(points + delta, symmetric(information)), None)
 
@@ -95,17 +95,3 @@ def camera_centred_literal(leaving: Leaving) -> CarriedPriors:
     reduced = Reduced.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, held, carried)
     information = np.asarray(np.linalg.inv(reduced.covariances().cov_points))
     return CarriedPriors(PointPriors(in_cam + reduced.solve()[1], information), cam_from_ref)
-
-
-def with_every_point(views: WeightedViews, points: int) -> WeightedViews:
-    """Return the views and, of each of `points` that has none, one without information."""
-    missing = np.setdiff1d(np.arange(points), views.point)
-    n = len(missing)
-    point: NDArray[np.intp] = np.concatenate([views.point, missing])
-    order = np.argsort(point, kind="stable")
-    return WeightedViews(
-        np.concatenate([views.frame, np.zeros(n, np.intp)])[order],
-        point[order],
-        np.concatenate([views.z_px, np.zeros((n, 4))])[order],
-        np.concatenate([views.information, np.zeros((n, 4, 4))])[order],
-    )
