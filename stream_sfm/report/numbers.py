@@ -10,7 +10,6 @@ from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched, truth_of_frames
 from ..evaluation.relative import (
-    Interval,
     enough_known,
     growth_exponents,
     mean_squares,
@@ -27,18 +26,9 @@ from .verdict import verdict
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
-    *FIGURES,
-    "growth_exponent",
-    "growth_exponent_ci95",
-    "growth_exponent_rotation",
-    "growth_exponent_rotation_ci95",
-    "rpe_position_rms_m",
-    "rpe_rotation_rms_deg",
-    "std_truth",
-    "relative_consistency",
-    "straight",
-    "turning",
-)
+    *FIGURES, "growth_exponent", "growth_exponent_ci95", "growth_exponent_rotation", "growth_exponent_rotation_ci95",
+    "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency", "straight", "turning",
+)  # fmt: skip
 _TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 
 
@@ -103,11 +93,6 @@ def _complete(run: RunRecord, c: Comparison) -> bool:
     return 0 < len(run) == len(c.front)
 
 
-def interval(found: Interval) -> list[float]:
-    """The low and the high end of an interval."""
-    return [found.low, found.high]
-
-
 def _median(values: Any) -> float | None:
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
@@ -116,22 +101,17 @@ def _median(values: Any) -> float | None:
 
 def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
     """RPE, growth, and errors of straight and turning spans; empty unless most frames in a row have a truth."""
-    found = consecutive(estimate, truth)
-    if found is None:
+    in_a_row = _consecutive(estimate, truth)
+    if in_a_row is None:
         return {}
-    stamps_ns, e, t = found
+    stamps_ns, e, t = in_a_row
     position2, rotation2 = mean_squares(e, t, [1])
     result: dict[str, Any] = {
         "rpe_position_rms_m": float(np.sqrt(position2[0])),
         "rpe_rotation_rms_deg": float(np.degrees(np.sqrt(rotation2[0]))),
     }
-    if (growth := growth_exponents(e, t)) is not None:
-        result |= {
-            "growth_exponent": growth[0].value,
-            "growth_exponent_ci95": interval(growth[0]),
-            "growth_exponent_rotation": growth[1].value,
-            "growth_exponent_rotation_ci95": interval(growth[1]),
-        }
+    for name, found in zip(("", "_rotation"), growth_exponents(e, t) or (), strict=False):
+        result |= {f"growth_exponent{name}": found.value, f"growth_exponent{name}_ci95": [found.low, found.high]}
     if len(e) > _TURN_SPAN + 1:
         p, r = relative_errors(e, t, _TURN_SPAN)
         known, turns = np.isfinite(p), turning(stamps_ns, t, _TURN_SPAN)
@@ -146,7 +126,7 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
     return result
 
 
-def consecutive(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Array, Array] | None:
+def _consecutive(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Array, Array] | None:
     """Stamps, poses and truths of frames in a row, the truth NaN where it is not known; None where it rarely is."""
     true = truth_of_frames(estimate.stamps_ns, truth)
     rows = np.flatnonzero(np.isfinite(true).all(axis=(1, 2)))
@@ -164,16 +144,16 @@ def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
     reference = by_name.pop("cross-frame", None)
     if c.truth.poses is None or reference is None:
         return {}
-    of_reference = consecutive(reference.trajectory(), c.truth.poses)
+    of_reference = _consecutive(reference.trajectory(), c.truth.poses)
     if of_reference is None:
         return {}
     _, base, true = of_reference
     result = {}
     for run in by_name.values():
-        of_run = consecutive(run.trajectory(), c.truth.poses)
+        of_run = _consecutive(run.trajectory(), c.truth.poses)
         if of_run is not None and (found := paired_ratio(of_run[1], base, true)) is not None:
             result[run.key] = {
-                name: {"value": ratio.value, "ci95": interval(ratio)}
+                name: {"value": ratio.value, "ci95": [ratio.low, ratio.high]}
                 for name, ratio in zip(("position", "rotation"), found, strict=True)
             }
     return result
