@@ -20,9 +20,8 @@ from ..rig_model.model import RigModel
 from ..types import LastingErrors, Observations, RigView, Solution
 from .measure import bound_variances, errors, followed
 from .scenes import Scene, Sequence
-from .statistics import mean, ratio
 from .studies import Condition, of_conditions
-from .trials import Measured, Report
+from .trials import Measured, Report, mean, ratio
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}

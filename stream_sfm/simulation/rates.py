@@ -9,15 +9,13 @@ from functools import partial
 import msgspec
 import numpy as np
 
+from .figure6 import BATCHES
 from .measure import QUANTITIES, Method, bound_of, bound_variances, measure
-from .motions import MOTIONS
-from .scenes import Scene
-from .statistics import exponent, mean, ratio
-from .trials import Job, Measured, Report, Study, trials_of
+from .scenes import MOTIONS, Scene
+from .trials import Job, Measured, Report, Study, exponent, mean, ratio, trials_of
 
 METHOD = Method("cross-frame")
 READINGS = (METHOD, Method("cross-frame-wc"), Method("cross-frame-cc"))  # the joint window; the paper's WC and CC
-BATCHES = (1, 2, 4, 8)  # b of the estimators, as in the paper's figure
 SPANS = (2, 4, 8, 16)  # L of the drift rates
 WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
 LAST_FRAMES = tuple(range(20, 31, 2))  # over which variances of the estimators are taken

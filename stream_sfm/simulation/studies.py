@@ -12,8 +12,7 @@ from ..estimators import METHODS
 from ..geometry.se3 import Array
 from .measure import NORMALISED, QUANTITIES, Method, measure
 from .scenes import Scene
-from .statistics import mean, ratio
-from .trials import Job, Measured, Report, Study, trials_of
+from .trials import Job, Measured, Report, Study, mean, ratio, trials_of
 
 REFERENCE = "cross-frame"
 EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))

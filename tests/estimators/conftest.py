@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.simulation.motions import MOTIONS
-from stream_sfm.simulation.scenes import Scene, Sequence
+from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 
 
 @pytest.fixture(scope="session")

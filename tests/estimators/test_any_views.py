@@ -13,8 +13,7 @@ from stream_sfm.frontend.right_turn import root_of_turn
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import TERMS
-from stream_sfm.simulation.motions import MOTIONS
-from stream_sfm.simulation.scenes import Scene
+from stream_sfm.simulation.scenes import MOTIONS, Scene
 from stream_sfm.types import Ambiguity, Observations, RigView, Status
 
 SEQUENCE = Scene(frames=10, motion=MOTIONS["arc"], visible=50, round_off=False).sequence(np.random.SeedSequence(5))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stream_sfm.geometry import se3
-from stream_sfm.simulation.motions import MOTIONS
 from stream_sfm.simulation.scenes import (
     HEIGHT,
+    MOTIONS,
     ROUND_OFF_PX,
     WIDTH,
     Scene,
