@@ -116,6 +116,7 @@ class RerunSink:
                 for name, strips in (("way", way[None]), ("loops", way[joined])):
                     shown = rr.LineStrips3D.from_fields(strips=strips.astype(np.float32))
                     self._stream.log(f"{path}/{name}", shown)
+        self._recording.close()
 
     def _ellipsoid(self, cov_position: Array) -> None:
         """Log the 3σ ellipsoid of the position, in the axes of the camera."""
