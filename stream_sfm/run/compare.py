@@ -130,7 +130,7 @@ def compare(
         _, positions_m, joined = places.lines()
         ends = positions_m[joined]
     found = Comparison(
-        log=log.path.name,
+        log=log.path.absolute().name,  # which "." has too
         rig=rig,
         config=config,
         runs=runs,
