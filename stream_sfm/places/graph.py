@@ -23,6 +23,11 @@ from ..geometry.se3 import Array
 from ..motion import Motion
 from .chain import growth
 
+try:
+    import gtsam
+except ImportError:  # said where a map is made
+    gtsam = None  # type: ignore[assignment]
+
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 _ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
 _FLOOR = 1e-12  # m² and rad², so that motions known by definition can be inverted
@@ -34,12 +39,10 @@ _KEPT_WEIGHT = 0.5
 
 def require_gtsam() -> None:
     """Raise a ConfigError where GTSAM is not installed."""
-    try:
-        import gtsam  # noqa: F401
-    except ImportError:
+    if gtsam is None:
         raise ConfigError(
             "maps need GTSAM, which is not installed: pip install gtsam, or this package with its extra [map]"
-        ) from None
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,8 +269,6 @@ class PoseGraph:
 
     def solve(self) -> None:
         """Solve everything anew: where segments were joined, or nodes and loops have gone."""
-        import gtsam
-
         settings = gtsam.ISAM2Params()
         settings.setFactorization("QR")  # σ of one graph differ by 10⁴
         self._isam = gtsam.ISAM2(settings)
@@ -276,8 +277,6 @@ class PoseGraph:
 
     def _update(self) -> None:
         """Give iSAM2 what has come since the last time, and take its poses."""
-        import gtsam
-
         if self._isam is None:
             self.solve()
             return
@@ -285,18 +284,18 @@ class PoseGraph:
         new = self.numbers[self._solved :]
         for number in new:
             values.insert(number, _pose3(self.pose(number)))
-        self._add_odometry(factors, new)
+        self._add_odometry(factors, new, {self._home[s] for s in self.segments[: self._solved]})
         for loop in self._asked:
             factors.add(self._factor(loop.old, loop.new, loop.motion))
         self._isam.update(factors, values)
         self._isam.update()  # a second step: the first one is linearised before the loop
         self._solved, self._asked = len(self.numbers), []
-        self._take(self._isam.calculateBestEstimate())
+        values = self._isam.calculateBestEstimate()
+        poses = np.array([values.atPose3(number).matrix() for number in self.numbers])
+        self._poses[: len(poses)] = se3.orthonormalise(poses)
 
-    def _add_odometry(self, factors: Any, numbers: Iterable[int]) -> None:
-        import gtsam
-
-        seen = {self._home[s] for s in self.segments[: self._solved]} if self._solved else set()
+    def _add_odometry(self, factors: Any, numbers: Sequence[int], seen: set[int]) -> None:
+        """The motions to nodes, and of each world that is not among those `seen` where it begins."""
         wanted = set(numbers)
         for number in numbers:
             if (home := self.home(number)) not in seen:
@@ -309,27 +308,17 @@ class PoseGraph:
 
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
         """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
-        import gtsam
-
         motion = link.given(self._mean, self._cov_common)
         cov = spread**2 * motion.cov + _FLOOR * np.eye(6)
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
         return gtsam.BetweenFactorPose3(first, second, _pose3(motion.earlier_from_newest), noise)
 
-    def _take(self, values: Any) -> None:
-        poses = np.array([values.atPose3(number).matrix() for number in self.numbers])
-        self._poses[: len(poses)] = se3.orthonormalise(poses)
-
     def _batch(self, loops: Sequence[Loop], spread: float = 1.0) -> tuple[Any, Any, int]:
         """All factors, all poses, and how many factors come before the loops, whose σ are `spread` times as large."""
-        import gtsam
-
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for number in self.numbers:
             values.insert(number, _pose3(self.pose(number)))
-        solved, self._solved = self._solved, 0
-        self._add_odometry(factors, self.numbers)
-        self._solved = solved
+        self._add_odometry(factors, self.numbers, set())
         sure = factors.size()
         for loop in loops:
             factors.add(self._factor(loop.old, loop.new, loop.motion, spread))
@@ -337,8 +326,6 @@ class PoseGraph:
 
     def _false(self) -> list[Loop]:
         """The loops that graduated non-convexity refuses."""
-        import gtsam
-
         kept, values = list(self.loops), None
         for spread in _SPREADS:
             if not kept:
@@ -414,6 +401,4 @@ def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Motion) -> L
 
 
 def _pose3(pose: Array) -> Any:
-    import gtsam
-
     return gtsam.Pose3(se3.orthonormalise(pose))

@@ -100,26 +100,11 @@ def save_map(
         rig = _numbers(projection), rect_from_cam.ravel().tolist()
         write(MapRecord(SCHEMA_VERSION, __version__, len(keyframes), len(motions), *rig))
         for k, frame in enumerate(keyframes):
-            write(
-                KeyframeRecord(
-                    state.numbers[k],
-                    state.segments[k],
-                    state.homes[k],
-                    frame.frame_index,
-                    frame.stamp_ns,
-                    frame.depth_m,
-                    state.poses[k].tobytes(),
-                    state.covs[k].tobytes(),
-                    frame.odom_from_cam.tobytes(),
-                    frame.points.tobytes(),
-                    frame.cov_points.tobytes(),
-                    frame.patches,
-                    frame.feature_px.tobytes(),
-                    frame.feature_points.tobytes(),
-                    frame.descriptors.tobytes(),
-                ),
-                frame.stamp_ns,
-            )
+            kept: dict[str, Any] = {name: getattr(frame, name) for name in frame.__slots__}
+            kept |= {"world_from_cam": state.poses[k], "cov_odometry": state.covs[k]}
+            kept |= {"number": state.numbers[k], "segment": state.segments[k], "home": state.homes[k]}
+            arrays = {name: x.tobytes() for name, x in kept.items() if isinstance(x, np.ndarray)}
+            write(KeyframeRecord(**kept | arrays), frame.stamp_ns)
         for first, second, is_loop, link in motions:
             write(MotionRecord(first, second, is_loop, link.earlier_from_newest.tobytes(), link.cov.tobytes()))
 

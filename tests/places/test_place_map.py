@@ -1,6 +1,5 @@
 """The sink: loops closed in a run, live and replayed, lost and found, with bounds."""
 
-import sys
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -315,6 +314,6 @@ def test_a_map_that_cannot_be_written_costs_no_results(room: Room, tmp_path: Pat
 def test_what_a_map_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(sfm.ConfigError, match="pair of cameras"):
         PlaceMap(sfm.MonoRig(rig().left))  # type: ignore[arg-type]
-    monkeypatch.setitem(sys.modules, "gtsam", None)
+    monkeypatch.setattr("stream_sfm.places.graph.gtsam", None)
     with pytest.raises(sfm.ConfigError, match=r"pip install gtsam, or this package with its extra \[map\]"):
         PlaceMap(rig())
