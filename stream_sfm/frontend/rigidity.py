@@ -20,6 +20,8 @@ from ..geometry.se3 import Array
 # 140. So have some of a sample log whose calibration errs, but no motion there leaves views out.
 _APART = 12.0
 _SHARED = 0.01  # of a view's variance: errors that all views of a half share, of calibration above all
+# Of the evidence of what is left out over that of the rest: bodies have .05 to .3, halves of a drone's last frames 1.
+_MAX_ODDS = 0.5
 _LEAST = 4 * MIN_VIEWS  # views: fewer are no two halves
 
 
@@ -40,6 +42,8 @@ def rigid_motion(views: PointViews, weights: Array, found: Resection, predicted:
             continue
         if _halves(views, other)[0] < _APART:
             odds = evidence(views, weights * left_out) / says
+            if odds > _MAX_ODDS:
+                continue
             second = SecondMotion(found.cam_from_ref, found.cov_pose, left_out, odds)
             best, most = replace(other, second=second), says
     return best
