@@ -1,4 +1,4 @@
-"""All keyframes together: a pose graph of odometry and loops, solved by GTSAM, which is imported when one is made.
+"""All keyframes together: a pose graph of odometry and loops, solved by GTSAM.
 
 Nodes are numbered by the caller. Odometry is cut where frames were lost: what comes after is a segment of its own, at
 home in its own frame, until a loop joins it to an older one. Errors that all motions of a run have in common,
@@ -11,6 +11,7 @@ prediction could not exclude another place are judged together with all others b
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,11 @@ from ..geometry.se3 import Array
 from ..motion import Motion
 from .chain import growth
 
+gtsam: Any
 try:
-    import gtsam
+    gtsam = import_module("gtsam")
 except ImportError:  # said where a map is made
-    gtsam = None  # type: ignore[assignment]
+    gtsam = None
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 _ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
