@@ -239,7 +239,8 @@ def main() -> None:
     unknown = [p for p in patterns if not any(fnmatchcase(name, p) for name in HARD)]
     if unknown:
         parser.error(f"no hard log is called {unknown[0]}; there are {', '.join(HARD)}")
-    orders = [Order(name, arguments.width, arguments.frames, arguments.seed * (name in LOOPS)) for name in names]
+    seeded = ("demo", *LOOPS)
+    orders = [Order(name, arguments.width, arguments.frames, arguments.seed * (name in seeded)) for name in names]
     write_logs(Path(folder), orders, arguments.workers)
 
 
