@@ -7,6 +7,7 @@ the size of patches.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +56,11 @@ def find_rough_motion(
 ) -> RoughMotion | None:
     """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
     (projection, config), best = setup, None
-    before_half, cov_points = as_exposed(previous, images), tracks.cov_points(projection)
-    for start, levels, zoom in _attempts(config.frontend.pyramid_levels, tracks, predicted, motion_known):
+    exposed, cov_points = as_exposed(previous, images), tracks.cov_points(projection)
+    # where half of the view is covered, mean and contrast change, and the exposure does not
+    before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
+    attempts = _attempts(config.frontend.pyramid_levels, tracks, predicted, motion_known)
+    for (start, levels, zoom), before_half in product(attempts, before_halves):
         at_px = projection.project_homogeneous(tracks.moved(start).points)[:, :2]
         found = np.zeros(len(tracks), bool)
         for aligner, rows in split(aligners, tracks.scale):

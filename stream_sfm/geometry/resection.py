@@ -1,7 +1,7 @@
 """Robust resection: the motion of a stereo camera from points with covariances and their stereo views.
 
 Every estimator starts a frame from it, and the front-end takes its outlier test from it. Cauchy weights come first,
-then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
+wide and then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
 Gaussian noise. Where too few views agree with what a start led to, the whole space of motions is searched
 (`motion_search.py`), and it is looked whether the views that disagree have another motion in common.
 """
@@ -23,12 +23,15 @@ from .se3 import MAX_ROTATION_STEP_RAD, Array
 from .stereo import StereoProjection
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
+_FIRST_CAUCHY_WIDTH2 = 6.0  # a little wider while the motion is still moving fast: fewer good views are let go of
+_WIDE_STEPS = 3
 _MAX_ROBUST_STEPS = 9
 _MAX_FINAL_STEPS = 4
 _RELINEARISE_EVERY = 3  # steps: between them the pose moves too little to change the Jacobian much
 # Squared length of a step in standard deviations of the motion, below which iterating stops.
 _ROBUST_CONVERGED = 0.3  # half a standard deviation; the final least squares does the rest
 _FINAL_CONVERGED = 1e-2  # a tenth of a standard deviation
+_SPREAD_SETTLED = 2.0  # residuals this close to their expected size: the first step may already be the last
 # The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
@@ -131,7 +134,7 @@ def resect(
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4). `weights` (n,): how much
     each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
     only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
-    of any; where nearly all of them do, no other start is needed. `find_second`: whether a second
+    of any; where nearly all of them do, neither another start nor annealing is needed. `find_second`: whether a second
     motion is looked for. `shared` (n, 4, j): what errors of σ = 1 that all views share do to them; they are estimated
     with the motion. `start_is_decided`: no motion of other views is looked for.
     """
@@ -157,7 +160,7 @@ def resect(
 
 
 def _solve(views: PointViews, start: _Motion, weights: Array) -> Resection:
-    """Iterate with Cauchy weights, gate, and finish with plain least squares over the accepted views."""
+    """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
     return _least_squares(views, weights, *_robust_fit(views, start))
 
 
@@ -170,7 +173,7 @@ def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array)
 def _search(views: PointViews, start: _Motion, weights: Array) -> Resection:
     """Search for the motion of largest support, and finish it with plain least squares.
 
-    No Cauchy weights: among many views that move together even small weights would lead away from it.
+    No annealing: among many views that move together even small weights would lead away from it.
     """
     motion = search_motion(views, start.cam_from_ref, weights)
     return _least_squares(views, weights, _Motion(motion, start.amplitudes), *views.linearise(motion))
@@ -219,8 +222,10 @@ def _robust_fit(views: PointViews, at: _Motion) -> tuple[_Motion, Array, Array]:
     root, j = views.linearise(at.cam_from_ref)
     r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
     for k in range(_MAX_ROBUST_STEPS):
-        at, moved, _ = _step(at, j, r, 1 / (1 + s2 / (_spread(s2) * CAUCHY_WIDTH**2)))
-        if moved < _ROBUST_CONVERGED:
+        spread = _spread(s2)
+        width = spread * (_FIRST_CAUCHY_WIDTH2 if k < _WIDE_STEPS else CAUCHY_WIDTH**2)
+        at, moved, _ = _step(at, j, r, 1 / (1 + s2 / width))
+        if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
             break
         if (k + 1) % _RELINEARISE_EVERY == 0:
             root, j = views.linearise(at.cam_from_ref)

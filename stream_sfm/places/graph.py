@@ -11,7 +11,6 @@ prediction could not exclude another place are judged together with all others b
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,10 @@ from ..geometry.se3 import Array
 from ..motion import Motion
 from .chain import growth
 
-gtsam: Any
 try:
-    gtsam = import_module("gtsam")
+    import gtsam
 except ImportError:  # said where a map is made
-    gtsam = None
+    gtsam = None  # type: ignore[assignment]
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 _ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
