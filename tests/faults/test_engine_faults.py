@@ -32,9 +32,9 @@ def seen(n: int) -> sfm.StereoFrame:
     return view(POSES[n], n)
 
 
-def view(world_from_cam: np.ndarray, n: int) -> sfm.StereoFrame:
-    WALL.rng = np.random.default_rng(n)  # the same grain in whatever order the tests run
-    return WALL.frame(STEREO, world_from_cam, n)
+def view(world_from_cam: np.ndarray, n: int, wall: Wall = WALL) -> sfm.StereoFrame:
+    wall.rng = np.random.default_rng(n)  # the same grain in whatever order the tests run
+    return wall.frame(STEREO, world_from_cam, n)
 
 
 def edited(numbers: range, edit: Edit, frame: sfm.StereoFrame, n: int) -> sfm.StereoFrame:
@@ -71,11 +71,11 @@ def at_fault(n: int) -> bool:
     return 10 <= n < 14
 
 
-def jump(first: int, later_s: float) -> list[sfm.StereoFrame]:
-    """Ten frames, then those from pose `first` on, so many seconds later."""
+def jump(first: int, later_s: float, wall: Wall = WALL) -> list[sfm.StereoFrame]:
+    """Ten frames, then those from pose `first` on, so many seconds later, before `wall`."""
     begin = round(later_s * 1e9) + 9 * PERIOD_NS
     return [seen(n) for n in range(10)] + [
-        replace(seen(first + k), stamp_ns=begin + k * PERIOD_NS) for k in range(10)
+        replace(view(POSES[first + k], first + k, wall), stamp_ns=begin + k * PERIOD_NS) for k in range(10)
     ]
 
 
@@ -134,7 +134,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "gap of 2 s, the same scene": lambda: Fault([seen(n) for n in [*range(10), *range(50, 60)]], "io{19}"),
     "gap of 2 s, another scene": lambda: Fault(
-        jump(90, 2), "io{9}lio{8}", "views of known points", POSES[[*range(10), *range(90, 100)]]
+        jump(90, 2, Wall(6)), "io{9}lio{8}", "views of known points", POSES[[*range(10), *range(90, 100)]]
     ),
     "both images frozen": lambda: Fault(
         sides(lambda n: seen(9 if at_fault(n) else n).left, lambda n: seen(9 if at_fault(n) else n).right),
