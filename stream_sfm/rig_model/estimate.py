@@ -9,7 +9,7 @@ from ..camera.refinement import Refinement
 from ..geometry.se3 import Array
 from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
-_TOLD = 5.0  # standard deviations from which on an error is put into words
+CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -52,23 +52,23 @@ class RigEstimate:
         """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
         delay, readout, focal = (self.term(name) for name in (DELAY, READOUT, FOCAL))
         found = []
-        if abs(delay[0]) > _TOLD * delay[1]:
+        if abs(delay[0]) > CERTAIN * delay[1]:
             when = "late" if delay[0] > 0 else "early"
             found.append(f"the right camera is {1e3 * abs(delay[0]):.2f} ± {1e3 * delay[1]:.2f} ms {when}")
-        if abs(readout[0]) > _TOLD * readout[1]:
+        if abs(readout[0]) > CERTAIN * readout[1]:
             way = "" if readout[0] > 0 else ", from the bottom up"
             found.append(f"the shutters read out in {1e3 * abs(readout[0]):.2f} ± {1e3 * readout[1]:.2f} ms{way}")
-        if abs(focal[0]) > _TOLD * focal[1]:
+        if abs(focal[0]) > CERTAIN * focal[1]:
             longer = "longer" if focal[0] > 0 else "shorter"
             found.append(f"the focal length is {100 * abs(focal[0]):.2f} ± {100 * focal[1]:.2f} % {longer}")
         focusing = self.term(FOCUSING)
-        if abs(focusing[0]) > _TOLD * focusing[1]:
+        if abs(focusing[0]) > CERTAIN * focusing[1]:
             grows = "grows" if focusing[0] > 0 else "shrinks"
             found.append(
                 f"the focal length {grows} by {100 * abs(focusing[0]):.3f} ± {100 * focusing[1]:.3f} % per second"
             )
         rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
-        if rate @ np.linalg.solve(cov, rate) > _TOLD**2:
+        if rate @ np.linalg.solve(cov, rate) > CERTAIN**2:
             size = float(np.linalg.norm(rate))
             std = float(np.sqrt(rate @ cov @ rate)) / size
             found.append(

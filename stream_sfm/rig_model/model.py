@@ -12,10 +12,11 @@ from ..config import RigConfig
 from ..geometry.linear import product
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from .estimate import RigEstimate
+from .estimate import CERTAIN, RigEstimate
 from .field import Field, field_over
-from .terms import AT_TIMING, TERMS, columns, growth, prior_std, terms_of_turn
+from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
+_FOCUSING_S = 1.0  # for about so long an autofocus moves
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
@@ -158,6 +159,18 @@ class RigModel:
         """Return a root (m, 3) of the covariance of amplitudes by a turn of the right camera, σ about each axis."""
         root = np.zeros((len(self), 3))
         root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
+        return root
+
+    def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
+        """Return a root (m, 1) of the covariance of amplitudes by a focus that does not move steadily, eq. (72g).
+
+        0 where N(`mean`, `cov`) does not say for certain that it moves. The focal length at `age_s` stays what it is.
+        """
+        root, at = np.zeros((len(self), 1)), TERMS.index(FOCUSING)
+        if abs(mean[at]) > CERTAIN * np.sqrt(cov[at, at]):
+            focal, unit = TERMS.index(FOCAL), np.diag(self.root)
+            root[at] = mean[at] * np.sqrt(passed_s / _FOCUSING_S)
+            root[focal] = -age_s * root[at] * unit[at] / unit[focal]
         return root
 
     def corrected(self, z_px: Array) -> Array:

@@ -185,6 +185,24 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
     assert np.sum(of_pose) < chi2.ppf(1 - 5e-4, 6 * len(of_pose))
 
 
+@pytest.mark.slow
+def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
+    """By 1.5 % from .4 s to 1.4 s. Followed by a rate that is the same all the time, the mean NEES is 260, not 11."""
+    of_pose = []
+    for seed in range(4):
+        flight = Flight(seed, 0.0, 0.0, 44)
+        middle = np.tile([flight.P.cx_left_px, flight.P.cy_px], 2)
+        estimator = make_estimator("cross-frame", flight.P, Config())
+        for n, o in enumerate(flight.observations()):
+            longer = 1 + 0.015 * np.clip(n * flight.PERIOD_S - 0.4, 0, 1)
+            solution = estimator.step(replace(o, z_px=middle + longer * (o.z_px - middle)))
+        error = se3.log(
+            se3.inverse(solution.world_from_cam) @ flight.world_from_cam(np.array([43 * flight.PERIOD_S]))[0]
+        )
+        of_pose.append(error @ np.linalg.solve(solution.cov_pose, error))
+    assert np.sum(of_pose) < chi2.ppf(1 - 5e-4, 6 * len(of_pose))
+
+
 def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
     """Ten frames tell less of it than what is known: it stays there, in every frame, and is known no worse."""
     flight, known = Flight(0, 0.008, 0.0, 10), KnownTiming(0.0081, 1e-4, 0.0, 1e-4)

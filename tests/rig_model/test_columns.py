@@ -101,6 +101,20 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     )  # (72d) is a polynomial
 
 
+def test_a_focus_that_moves_otherwise_from_now_on_leaves_the_focal_length_as_it_is_now() -> None:
+    """What its root does to views is nothing now, and later as much as the rate may have changed: all of it in 1 s."""
+    model = RigModel.of(P, RigConfig())
+    at, mean, cov = TERMS.index(FOCUSING), np.zeros(len(model)), np.eye(len(model))
+    mean[at], cov[at, at] = 0.4, 0.1**2
+    assert not model.root_of_focusing(mean, cov, 3.0, 0.25).any()  # it may just as well stand still
+    cov[at, at] = 0.01**2
+    root = model.root_of_focusing(mean, cov, 3.0, 0.25)[:, 0]
+    now, later = (model.effects(Z_PX, age_s=age) @ root for age in (3.0, 5.0))
+    assert np.abs(now).max() < 1e-9
+    by_rate = (model.effects(Z_PX, age_s=5.0) - model.effects(Z_PX, age_s=3.0)) @ mean
+    assert later == pytest.approx(np.sqrt(0.25) * by_rate)
+
+
 def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_no_error() -> None:
     model = RigModel.of(P, RigConfig(), row_of=row_of)
     timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)

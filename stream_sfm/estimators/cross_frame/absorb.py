@@ -9,6 +9,7 @@ from ...geometry.se3 import Array
 from ..ids import among, union
 from .inverse_depth import Q_COLUMNS, NormalBlocks, in_reference, linearise, q_jacobian
 from .map import Map
+from .prior import Prior
 from .window_frame import WindowFrame
 
 
@@ -33,7 +34,7 @@ def absorb_oldest_frame(current: Map) -> None:
     mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
     prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
     prior = prior.select(among(prior.ids, seen_later))
-    current.prior = prior.truncate_modes()
+    current.prior = _refocused(prior.truncate_modes(), current, frame)
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
 
     if current.frames:
@@ -41,6 +42,16 @@ def absorb_oldest_frame(current: Map) -> None:
         for f, cam in zip(current.frames, cams, strict=True):
             f.cam_from_ref = cam
     current.select(among(current.ids, union(seen_later, current.prior.ids)))
+
+
+def _refocused(prior: Prior, current: Map, frame: WindowFrame) -> Prior:
+    """Return the prior with a focus that may have moved faster or slower since `frame`, if it moves at all."""
+    if frame.rig is None or not current.frames:
+        return prior
+    passed_s = (current.frames[0].stamp_ns - frame.stamp_ns) / 1e9
+    age_s = (frame.stamp_ns - prior.rig.since_ns) / 1e9
+    root = frame.rig.root_of_focusing(prior.rig.held, prior.rig.cov_held, age_s, passed_s)
+    return prior.with_rig_change(root) if root.any() else prior
 
 
 def _of_points(current: Map, frame: WindowFrame, rows: NDArray[np.intp]) -> NormalBlocks:
