@@ -26,10 +26,11 @@ def short(monkeypatch):
     for name in calibration.CONDITIONS:
         short = calibration.condition(noisy, name != "lasting_errors", (3, 5))
         monkeypatch.setitem(calibration.CONDITIONS, name, short)
-    monkeypatch.setattr(figure6, "SCENE", Scene(frames=4))
+    monkeypatch.setattr(figure6, "SCENE", dataclasses.replace(small, frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
     monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, (3, 4, 5))})
     monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
+    monkeypatch.setattr(rates, "BATCHES", (1, 2))
 
 
 SAID = {
