@@ -27,7 +27,6 @@ from stream_sfm.evaluation.association import matched
 from stream_sfm.frontend.persistence import _whitened_rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
-from stream_sfm.run.depth import TrueDepth
 from stream_sfm.types import Observations, Selection, Trajectory
 
 LAGS = (1, 2, 5, 10, 20)
@@ -65,7 +64,7 @@ class Slides:
     """Distances of left positions from those of the true point, by the age of the track."""
 
     def __init__(self, log: StereoLog, engine: Engine) -> None:
-        self._depth, self._truth = TrueDepth(log), log.ground_truth()
+        self._depth, self._truth = log.depth_images(), log.ground_truth()
         self._engine = engine
         self._points: dict[int, tuple[int, Array]] = {}  # frame of the first view, and the point in the world
         self._errors: dict[int, list[Array]] = defaultdict(list)

@@ -7,23 +7,26 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ..blas import one_thread
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..engine import Engine
-from ..errors import ConfigError, InputError, LogError
+from ..errors import ConfigError, LogError
 from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..inspection.calibration_check import Images
 from ..inspection.findings import quick_problems
 from ..interrupts import deferred_interrupts
+from ..observer import Observer
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
 from ..recording.topics import PairChoice
-from ..results.folder import close_all
-from ..types import Selection, Sink, Status
+from ..run.lane import Lane
+from ..run.loop import run
+from ..types import Frame, FrameEstimate, Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
@@ -73,9 +76,9 @@ class DenseView:
         valid = self._reduced(rectifier.valid.astype(np.uint8)) == 1
         self._stereo = DenseStereo(self.projection, config.dense, valid)
 
-    def see(self, frame: RecordedFrame, rectified: Sequence[Image]) -> tuple[DisparityMap, Image]:
-        """Return the disparities of a frame, from its rectified images, and its rectified left image (h, w, 3)."""
-        left, right = (self._reduced(image) for image in rectified)
+    def see(self, frame: RecordedFrame) -> tuple[DisparityMap, Image]:
+        """Return the disparities of a frame, and its rectified left image (h, w, 3)."""
+        left, right = (self._reduced(image) for image in self._rectifier.rectify(*_images(frame)))
         rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
             picture = np.repeat(left[:, :, None], 3, axis=2)
@@ -146,9 +149,8 @@ def surface(
 def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
     """The surface that one frame shows, in the axes of its physical left camera."""
     frame, read = _frame(log, number, selection)
-    rectifier = Rectifier(log.stereo_rig)
-    view = DenseView(rectifier, config)
-    found, picture = view.see(frame, rectifier.rectify(*(np.asarray(image, np.uint8) for image in frame.images)))
+    view = DenseView(Rectifier(log.stereo_rig), config)
+    found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
@@ -159,8 +161,13 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
 def _problems(log: StereoLog, frame: RecordedFrame) -> list[str]:
     """Return why a surface of these images cannot be right, such as exchanged cameras."""
     choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
+    return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, [_images(frame)])]
+
+
+def _images(frame: RecordedFrame) -> Images:
+    """Left and right, which have 8 bits in frames of a log."""
     left, right = (np.asarray(image, np.uint8) for image in frame.images)
-    return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, [(left, right)])]
+    return left, right
 
 
 def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
@@ -177,66 +184,52 @@ def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[Re
 
 def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:
     """The surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
-    fused = _FusedFrames(log, config, sinks)
-    problems: list[str] = []
+    with one_thread:
+        observer = Observer(log.stereo_rig, config)
+        lane = Lane(config, observer, None, None)
+        fused = _Fused(log, config, observer.rectifier)
     with deferred_interrupts() as interruption:
-        try:
-            for frame in interruption.until_requested(log.frames(selection)):
-                fused.take(frame)
-            if interruption.requested:
-                problems.append(f"interrupted after {len(fused.path)} frames")
-        except InputError as error:
-            if not fused.path:
-                raise
-            problems.append(str(error))
-        finally:
-            close_all(sinks)
-    return fused.surface(problems, interruption.requested)
+        course = run(log, [lane], [fused, *sinks], selection=selection or Selection(), interruption=interruption)
+    if lane.error is not None:
+        course.end(lane.error)
+    if course.error is not None:
+        raise course.error
+    fusion, record = fused.fusion, lane.record
+    mesh, problems = fusion.mesh(), [*course.warnings, *record.warnings()]
+    if record.count(Status.LOST):
+        problems.append("lost frames are left out, and parts of the surface seen after them may be displaced")
+    if not len(mesh.faces):
+        raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
+    path = record.trajectory().world_from_cam[:, :3, 3]
+    return Surface(
+        mesh,
+        len(path) + record.refused,
+        fusion.frames,
+        fusion.voxel_m,
+        path,
+        list(dict.fromkeys([*log.stats.warnings, *(fused.problems or []), *problems])),
+        course.complete and log.stats.complete,
+        course.interrupted,
+    )
 
 
-class _FusedFrames:
-    """The surface of a log while it is being fused: frames are estimated by the engine and added one by one."""
+class _Fused:
+    """A sink that fuses what frames show, unless their pose is lost; `problems` are those of the first one."""
 
-    def __init__(self, log: StereoLog, config: Config, sinks: Sequence[Sink]) -> None:
-        self._log, self._sinks = log, sinks
-        self._engine = Engine(log.stereo_rig, config)
-        rectifier = self._engine.observer.rectifier
+    def __init__(self, log: StereoLog, config: Config, rectifier: Rectifier) -> None:
+        self._log, self._view = log, DenseView(rectifier, config)
         self._rect_from_cam = rectifier.rect_from_cam
-        self._view = DenseView(rectifier, config)
-        self._fusion = Fusion(self._view.projection, config.dense)
-        self.path: list[Array] = []
-        self._problems: list[str] = []
-        self._lost = 0
+        self.fusion = Fusion(self._view.projection, config.dense)
+        self.problems: list[str] | None = None
 
-    def take(self, frame: RecordedFrame) -> None:
-        """Estimate the pose of a frame and fuse what it shows, unless the pose is lost."""
-        if not self.path:
-            self._problems = _problems(self._log, frame)
-        observer = self._engine.observer
-        prepared = observer.prepare(frame, len(self.path))
-        estimate = self._engine.step(frame, prepared)
-        self.path.append(estimate.world_from_cam[:3, 3])
-        if estimate.status is Status.LOST:
-            self._lost += 1
-        else:
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Add a frame."""
+        assert isinstance(frame, RecordedFrame)  # of a log
+        self.problems = _problems(self._log, frame) if self.problems is None else self.problems
+        if estimate.status is not Status.LOST:
             cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
             world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect
-            self._fusion.add(*self._view.see(frame, prepared.rectified), world_from_rect, cov_position)
-        for sink in self._sinks:
-            sink.write(estimate, frame)
+            self.fusion.add(*self._view.see(frame), world_from_rect, cov_position)
 
-    def surface(self, problems: list[str], interrupted: bool) -> Surface:
-        """Return the surface so far. Raises LogError where there is none."""
-        log, frames = self._log, len(self.path)
-        complete = log.stats.complete and not problems
-        mesh = self._fusion.mesh()
-        if self._lost:
-            problems.append(
-                f"tracking was lost in {self._lost} of {frames} frames, which are left out; later parts of the "
-                "surface may be displaced"
-            )
-        if not len(mesh.faces):
-            raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
-        warnings = list(dict.fromkeys([*log.stats.warnings, *self._problems, *problems]))
-        path, used = np.array(self.path), self._fusion.frames
-        return Surface(mesh, frames, used, self._fusion.voxel_m, path, warnings, complete, interrupted)
+    def close(self) -> None:
+        """Nothing is open."""

@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from mcap.records import Attachment
-
 from ..camera.calibration.read import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
@@ -52,11 +50,6 @@ class _BothSides(Source):
         self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
         self.format, self.profile, self.library = source.format, source.profile, source.library
 
-    @property
-    def indexed(self) -> bool:
-        """See `Source`."""
-        return self._source.indexed
-
     def contents(self) -> Contents | None:
         """Of the source as it lies on disk."""
         return self._source.contents()
@@ -84,11 +77,3 @@ class _BothSides(Source):
                 made = encoder.raw_image(side, image.stamp_ns, pixels)
                 if topics is None or made.channel.topic in topics:
                     yield made._replace(log_time_ns=message.log_time_ns)
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """See `Source`."""
-        return self._source.attachments(damage)
-
-    def drop_unverified_index(self) -> bool:
-        """See `Source`."""
-        return self._source.drop_unverified_index()

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError
+from ..errors import InputError, LogError
 from ..mcap_file.damage import Damage
 from ..sources.source import Source
 from ..types import Trajectory
@@ -90,18 +90,25 @@ def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tup
 
 
 class DepthImages:
-    """Looks up the depth image of a stamp while stamps ascend; only one image is held at a time."""
+    """Looks up the depth image of a stamp while stamps ascend; only one image is held at a time.
+
+    After one that cannot be read there are none, and `problem` says why.
+    """
 
     def __init__(self, images: Iterator[tuple[int, Depth]]) -> None:
         """`images`: (stamp_ns, depth), stamps ascending, as `StereoLog.depths` yields them."""
         self._images = images
         self._current: tuple[int, Depth] | None = None
         self._exhausted = False
+        self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
         """The depth image of this moment (within 1 ms), or None."""
         while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - _SAME_STAMP_NS):
-            self._current = next(self._images, None)
+            try:
+                self._current = next(self._images, None)
+            except InputError as error:
+                self._current, self.problem = None, f"ground-truth depth is not compared: {error}"
             self._exhausted = self._current is None
         if self._current is None or abs(self._current[0] - stamp_ns) > _SAME_STAMP_NS:
             return None

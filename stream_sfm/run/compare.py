@@ -16,6 +16,7 @@ from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
+from ..recording.ground_truth import DepthImages
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration_field import calibration_error
 from ..report.front_record import FrontRecord
@@ -25,7 +26,6 @@ from ..report.records import NO_LOOPS, Comparison, Truth
 from ..report.view import View
 from ..rig_model.estimate import RigEstimate
 from ..types import Selection, Sink
-from .depth import TrueDepth
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
@@ -98,7 +98,7 @@ def compare(
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
     rig = log.stereo_rig
-    depth = TrueDepth(log)
+    depth = log.depth_images()
     observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
     view, with_loops = View(rig.left), []
@@ -157,7 +157,7 @@ def compare(
 
 
 def _lanes(
-    rig: StereoRig, config: Config, methods: Sequence[str], depth: TrueDepth, folder: Path | None
+    rig: StereoRig, config: Config, methods: Sequence[str], depth: DepthImages, folder: Path | None
 ) -> tuple[Observer, list[Lane]]:
     """The observer that all methods share, and a lane of each."""
     with one_thread:
@@ -177,7 +177,7 @@ def _key(method: str) -> str:
     return method.replace("-", "_")
 
 
-def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: TrueDepth) -> list[str]:
+def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: DepthImages) -> list[str]:
     changes = [str(change) for lane in lanes[:1] for change in lane.record.rig_changes]
     return list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
 

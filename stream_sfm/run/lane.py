@@ -13,11 +13,11 @@ from ..estimators import make_estimator
 from ..evaluation.structure import StructureComparison
 from ..observer import Observed, Observer
 from ..recording.frames import RecordedFrame
+from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, Observations, Solution
-from .depth import TrueDepth
 
 
 class Lane:
@@ -27,7 +27,7 @@ class Lane:
     If the estimator fails, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
     """
 
-    def __init__(self, config: Config, observer: Observer, depth: TrueDepth | None, folder: Path | None) -> None:
+    def __init__(self, config: Config, observer: Observer, depth: DepthImages | None, folder: Path | None) -> None:
         self.config = config
         projection = observer.projection
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)

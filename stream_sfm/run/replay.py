@@ -20,7 +20,6 @@ from ..report.calibration_field import describe
 from ..report.records import Truth
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink
-from .depth import TrueDepth
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
@@ -137,7 +136,7 @@ class _Replay:
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
-        self._depth = None if config.mono else TrueDepth(log)
+        self._depth = None if config.mono else log.depth_images()
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)

@@ -158,9 +158,3 @@ def _size_of_file(path: Path) -> int:
         return path.stat().st_size
     except OSError:  # it is missing, which its reading will report
         return 0
-
-
-def _encoder(rig: StereoRig | None) -> "ProfileEncoder":
-    from .profile import ProfileEncoder  # here, as most runs read no folder of images and need no protobuf
-
-    return ProfileEncoder(rig)

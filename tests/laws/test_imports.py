@@ -27,10 +27,10 @@ LAYERS = (
     ("observer", "sources"),
     ("engine", "recording"),
     ("results", "places", "inspection", "importers", "simulation"),
-    ("report", "dense"),
+    ("report",),
     ("viewer",),
     ("run",),
-    ("batch",),
+    ("batch", "dense"),
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}

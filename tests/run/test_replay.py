@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import read_config
-from stream_sfm.recording.ground_truth import DepthImages
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.recording.stereo_log import StereoLog, open_log
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
@@ -21,8 +21,7 @@ from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.sinks import Calling
 from tests.helpers.trajectories import read_trajectory
-from tests.helpers.wall import PERIOD_NS
-from tests.helpers.wall_log import START_NS, write_wall_log
+from tests.helpers.wall_log import write_wall_log
 
 FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
     f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")
@@ -178,14 +177,13 @@ def test_a_sink_gets_each_estimate_with_its_frame_after_the_files(tmp_path: Path
 
 
 def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkeypatch) -> None:
-    looked_up = DepthImages.at
+    depths = StereoLog.depths
 
-    def fails_later(self, stamp_ns):
-        if stamp_ns > START_NS + 3 * PERIOD_NS:
-            raise sfm.LogError("the chunk is damaged")
-        return looked_up(self, stamp_ns)
+    def fails_later(self):
+        yield from islice(depths(self), 3)
+        raise sfm.LogError("the chunk is damaged")
 
-    monkeypatch.setattr(DepthImages, "at", fails_later)
+    monkeypatch.setattr(StereoLog, "depths", fails_later)
     summary = replay(wall_log, None, FAST).summary
     assert summary["warnings"] == ["ground-truth depth is not compared: the chunk is damaged"]
     assert summary["ground_truth"]["local_structure_rms_m"] is None
