@@ -1,10 +1,11 @@
 """Sentences that several rooms share: unknown names with the nearest known one, and invalid values in plain words."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
+_LISTED = 20  # names in one sentence
 _SIMILAR = 0.7  # of 1 for equal names: one letter wrong in four
 _KINDS = {
     "int": "a whole number",
@@ -37,6 +38,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence that a name is not known, with the nearest known one, or else with all of them."""
     known = list(known)
     return f"unknown {kind} {name!r}{did_you_mean(name, known) or '; known are ' + ', '.join(known)}"
+
+
+def some_of(names: Sequence[str], separator: str = ", ") -> str:
+    """Names in a sentence: all of them, or the first and how many more there are."""
+    more = len(names) - _LISTED
+    return separator.join(names[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

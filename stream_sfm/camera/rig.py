@@ -17,7 +17,6 @@ from .models import Camera
 from .refinement import Refinement
 
 _MAX_POSE = 1e6  # metres, of any element: more is a damaged file
-_MAX_SKEW = 1e-3  # of a rotation's products from those of an exact one: three decimals are enough in a file
 _MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline, not a pair
 _USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 _ANY_SIZE = (1000, 1000)  # of images, pixels
@@ -45,9 +44,8 @@ class StereoRig:
         if self.refinement is not None and not isinstance(self.refinement, Refinement):
             raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
         pose = _checked_pose(self.right_from_left)
-        r = pose[:3, :3]
-        if not np.allclose(r @ r.T, np.eye(3), atol=_MAX_SKEW) or np.linalg.det(r) < 0:
-            raise ConfigError(f"right_from_left holds no rotation: {r.tolist()}")
+        if not se3.is_rotation(pose[:3, :3]):
+            raise ConfigError(f"right_from_left holds no rotation: {pose[:3, :3].tolist()}")
         object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             raise ConfigError(

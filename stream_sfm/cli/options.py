@@ -115,7 +115,6 @@ def _setting_names(_context: Any) -> list[str]:
 # Kinds of arguments; the docstring of a command, or of a record below, says what each is for.
 Log = Annotated[str, Parameter("LOG")]
 NewLog = Annotated[str, Parameter("OUT.mcap")]
-Seconds = Annotated[float, Parameter(converter=each(seconds), metavar="S")]
 MaybeSeconds = Annotated[float | None, Parameter(converter=each(seconds), metavar="S")]
 Offset = Annotated[float, Parameter(converter=each(lambda text: finite(text, "a number of seconds")), metavar="S")]
 Count = Annotated[int, Parameter(converter=each(whole(1)), metavar="N")]

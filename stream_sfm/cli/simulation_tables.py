@@ -30,13 +30,7 @@ def _tables(experiment: str, report: dict[str, Any]) -> Iterator[Table]:
     elif experiment == "figure6":
         yield _errors_at_the_end(report)
     else:
-        for condition, part in report["conditions"].items():
-            if experiment == "calibration":
-                yield _calibration(condition, part, report["expected"])
-            elif experiment == "consistency":
-                yield _normalised_errors(condition, part)
-            else:
-                yield from _variances(condition, part, report["reference"])
+        yield from _of_conditions(report)
 
 
 def _errors_at_the_end(report: dict[str, Any]) -> Table:
@@ -49,50 +43,26 @@ def _errors_at_the_end(report: dict[str, Any]) -> Table:
     return (title, ["estimator", *columns], rows)
 
 
-def _normalised_errors(condition: str, part: dict[str, Any]) -> Table:
-    entries = {
-        name: {k: v for k, v in entry.items() if isinstance(v, dict)} for name, entry in part["estimators"].items()
-    }
-    meaning = "mean normalised squared error (expected: pose 6, points 3)"
-    return _intervals(f"{condition}: {meaning}; {part['trials']} trials", entries)
-
-
-def _calibration(condition: str, part: dict[str, Any], expected: dict[str, float]) -> Table:
-    columns = {"nees_pose": f"pose (expected: {expected['nees_pose']:.0f})"}
-    if any("nees_rig" in entry for entry in part["estimators"].values()):
-        columns["nees_rig"] = f"calibration (expected: {expected['nees_rig']:.0f})"
-    rows = [
-        [
-            name,
-            *(_interval(v) for v in entry["over_bound"].values()),
-            *(_interval(entry[key]) if key in entry else "" for key in columns),
-        ]
-        for name, entry in part["estimators"].items()
-    ]
-    quantities = next(iter(part["estimators"].values()))["over_bound"]
-    title = (
-        f"{condition.replace('_', ' ')}: variance relative to the bound, and normalised squared errors; "
-        f"{part['trials']} trials"
-    )
-    return (title, ["window", *(q.replace("_", " ") for q in quantities), *columns.values()], rows)
-
-
-def _variances(condition: str, part: dict[str, Any], reference: str) -> Iterator[Table]:
+def _of_conditions(report: dict[str, Any]) -> Iterator[Table]:
+    """Of each condition, a table for each kind of figures: one row per estimator, with its intervals."""
+    expected = (f"{k.removeprefix('nees_')} {v:.0f}" for k, v in report.get("expected", {}).items() if "nees" in k)
     meanings = {
+        "": f"mean normalised squared error (expected: {', '.join(expected).replace('_', ' ')})",
         "over_bound": "variance relative to the Cramér–Rao bound",
-        "over_reference": f"variance relative to {reference}, paired",
+        "over_reference": f"variance relative to {report.get('reference')}, paired",
     }
-    for key, meaning in meanings.items():
-        entries = {name: entry[key] for name, entry in part["estimators"].items() if key in entry}
-        if entries:
-            yield _intervals(f"{condition}: {meaning}; {part['trials']} trials", entries)
-
-
-def _intervals(title: str, entries: dict[str, dict[str, Any]]) -> Table:
-    """One row per estimator, one column per quantity, each with its interval."""
-    columns = list(next(iter(entries.values())))
-    rows = [[name, *(_interval(entry[c]) for c in columns)] for name, entry in entries.items()]
-    return (title, ["estimator", *(c.replace("_", " ") for c in columns)], rows)
+    for condition, part in report["conditions"].items():
+        for key, meaning in meanings.items():
+            entries = {name: entry.get(key, {}) if key else entry for name, entry in part["estimators"].items()}
+            columns = {k: None for entry in entries.values() for k, v in entry.items() if _is_interval(v)}
+            rows = [
+                [name, *(_interval(entry[k]) if k in entry else "" for k in columns)]
+                for name, entry in entries.items()
+                if entry
+            ]
+            if columns:
+                title = f"{condition.replace('_', ' ')}: {meaning}; {part['trials']} trials"
+                yield (title, ["estimator", *(k.replace("_", " ") for k in columns)], rows)
 
 
 def _growth(report: dict[str, Any]) -> Table:
@@ -136,6 +106,10 @@ def _of_estimators(
         for k, value in enumerate(values)
     ]
     return (title, ["estimator", heading, *(q.replace("_", " ") for q in _QUANTITIES)], rows)
+
+
+def _is_interval(v: Any) -> bool:
+    return isinstance(v, dict) and "low" in v
 
 
 def _interval(v: dict[str, float]) -> str:

@@ -101,6 +101,13 @@ def point_in_source_jacobian(points_in_source: Array) -> Array:
     return np.concatenate([minus_eye, skew(points_in_source)], axis=-1)
 
 
+def is_rotation(matrices: ArrayLike, tolerance: float = 1e-3) -> NDArray[np.bool_]:
+    """Return whether matrices (…, 3, 3) are rotations, R Rᵀ within a tolerance: files give as few as four digits."""
+    r = np.asarray(matrices, dtype=float)
+    off = np.abs(r @ np.swapaxes(r, -1, -2) - _EYE)
+    return np.asarray((off < tolerance).all(axis=(-2, -1)) & (np.linalg.det(r) > 0))
+
+
 def orthonormalise(pose: ArrayLike) -> Array:
     """Return the pose with its rotation, which is nearly one, projected back onto SO(3).
 

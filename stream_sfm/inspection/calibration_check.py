@@ -24,7 +24,7 @@ _MIN_FRAME_MATCHES = 8  # in one frame
 _INLIER_SPREADS, _MIN_INLIER_PX = 3.0, 1.0  # matches within 3 σ of the median row offset, but never less than 1 px
 _INLIER_ROUNDS = 6  # of median and spread, enough to settle
 _NEGATIVE_PX = -1.0  # disparities below it are negative beyond the noise of a match
-_CLEARLY_BETTER = 0.5  # the other row error must be below this share of the present one
+CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides between two pairings
 _CLEAR_ROW_ERROR_PX = 0.2  # below it, another pairing of the frames cannot be told from this one
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
@@ -102,7 +102,7 @@ def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: Calibr
     }
     errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
     best = min(errors, key=lambda shift: errors[shift])
-    if errors[best] < _CLEARLY_BETTER * check.row_error_px and check.row_error_px > _CLEAR_ROW_ERROR_PX:
+    if errors[best] < CLEARLY_BETTER * check.row_error_px and check.row_error_px > _CLEAR_ROW_ERROR_PX:
         return best, errors[best]
     return 0, check.row_error_px
 

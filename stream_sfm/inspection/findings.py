@@ -13,6 +13,7 @@ from ..camera.rig import StereoRig
 from ..recording.rig import REMEDY, right_is_left
 from ..recording.topics import PairChoice
 from .calibration_check import (
+    CLEARLY_BETTER,
     CalibrationCheck,
     Corners,
     Images,
@@ -25,25 +26,20 @@ from .calibration_check import (
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
 
 _EQUAL_SCALES = 0.01  # width and height that changed by factors this close were resized, not cropped
-_NEGATIVE_SHARE = 0.05  # of the matches, from which on negative disparities are reported
+# A calibration beyond either may be that of exchanged cameras or of images before rectification: these are tried.
+_ROW_ERROR_PX = 0.5
+_NEGATIVE_SHARE = 0.05  # of the matches with negative disparity, from which on it is reported as well
 _SWAPPED_SHARE = 0.5  # of the matches with negative disparity: most of the scene is beyond infinity
 _UNSWAPPED_SHARE = 0.1  # at most so many with the images exchanged, where the rows show that they are
-_LARGE_ROW_ERROR_PX = 0.5  # exchanged images have more than this
 _WRONG_ROW_ERROR_PX = 1.0  # images that are rectified twice have more than this
-_CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides between two pairings
-# Distance of a principal point from the centre, in halves of the image.
-_OFF_CENTRE_WARNING, _OFF_CENTRE_PROBLEM = 0.3, 0.5
+# Each from which on it is a warning, and a problem.
+_OFF_CENTRE = 0.3, 0.5  # of a principal point, in halves of the image
 _OFF_SCALE = 0.2  # the same, where it is off by one factor in both directions: K of images of another size
 _SAME_FACTOR = 0.1  # relative difference of both factors that still counts as one
 # Median and spread of the row differences of matched corners; left-right matching allows 1.5 px.
-_ROW_OFFSET_WARNING_PX, _ROW_OFFSET_PROBLEM_PX = 0.5, 2.0
-_ROW_SPREAD_WARNING_PX, _ROW_SPREAD_PROBLEM_PX = 0.8, 3.0
+_ROW_OFFSET_PX, _ROW_SPREAD_PX = (0.5, 2.0), (0.8, 3.0)
 # Offsets of stamps beyond both are reported: at 50 px of motion per frame, 0.02 periods are one pixel.
 _STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS = 1.0, 0.02
-
-# A calibration that fits this well cannot be that of exchanged cameras or of images before rectification, so that
-# these need not be tried.
-_GOOD_ROW_ERROR_PX, _GOOD_NEGATIVE_SHARE = 0.5, 0.05
 
 
 def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
@@ -68,7 +64,7 @@ def calibration_findings(
 ) -> Findings:
     """Report the first cause that explains the check of these corners; what else the rows show follows from it."""
     swapped = as_they_are = check
-    if not (check.row_error_px <= _GOOD_ROW_ERROR_PX and check.negative_share <= _GOOD_NEGATIVE_SHARE):
+    if not (check.row_error_px <= _ROW_ERROR_PX and check.negative_share <= _NEGATIVE_SHARE):
         swapped = check_calibration(rig, [(right, left) for left, right in corners])
         as_they_are = check_as_they_are(rig, corners)
     if (problem := _side_problem(rig, check, swapped, choice)) is not None:
@@ -139,9 +135,9 @@ def _scale_findings(rig: StereoRig) -> Findings:
                 f"{text}: K seems to belong to images of about {2 * cx:.0f}×{2 * cy:.0f}; scale K (and P) with the "
                 f"images, that is by {2 / (sx + sy):.2g}, or {REMEDY}"
             )
-        elif off_centre > _OFF_CENTRE_PROBLEM:
+        elif off_centre > _OFF_CENTRE[1]:
             problems.append(f"{text}: K does not belong to these images; {REMEDY}")
-        elif off_centre > _OFF_CENTRE_WARNING:
+        elif off_centre > _OFF_CENTRE[0]:
             warnings.append(f"{text}: were the images cropped after the calibration?")
     return problems, warnings
 
@@ -156,10 +152,8 @@ def _side_problem(
     share = f"{100 * check.negative_share:.0f} % of the matches have negative disparity"
     swap = f"{choice.right} as left and {choice.left} as right"
     # Cameras that converge have disparities of both signs in their images; there the rows decide.
-    rows_better = swapped.row_error_px < _CLEARLY_BETTER * check.row_error_px
-    rows_decide = (
-        rows_better and check.row_error_px > _LARGE_ROW_ERROR_PX and swapped.negative_share < _UNSWAPPED_SHARE
-    )
+    rows_better = swapped.row_error_px < CLEARLY_BETTER * check.row_error_px
+    rows_decide = rows_better and check.row_error_px > _ROW_ERROR_PX and swapped.negative_share < _UNSWAPPED_SHARE
     if check.negative_share <= _SWAPPED_SHARE and negative_m is not None:
         return (
             f"the sign of the baseline is wrong: by the calibration the right camera stands {negative_m:.4g} m to "
@@ -187,7 +181,7 @@ def _side_problem(
 def _rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
     """Report images that fit better as they are: they are rectified already, or cameras side by side are others."""
     before, after = as_they_are.row_error_px, check.row_error_px
-    if after <= _WRONG_ROW_ERROR_PX or before >= min(_CLEARLY_BETTER * after, _LARGE_ROW_ERROR_PX):
+    if after <= _WRONG_ROW_ERROR_PX or before >= min(CLEARLY_BETTER * after, _ROW_ERROR_PX):
         return None
     return (
         f"the calibration does not belong to these images: matched corners lie on one row to {before:.2f} px as they "
@@ -202,8 +196,8 @@ def _row_findings(check: CalibrationCheck) -> Findings:
         return [], [f"the calibration could not be checked: only {check.matches} corners match left to right"]
     offset_px, spread_px = abs(check.vertical_px), check.vertical_spread_px
     text = f"the rows of matched corners differ by {check.vertical_px:+.2f} ± {spread_px:.2f} px"
-    if offset_px > _ROW_OFFSET_PROBLEM_PX or spread_px > _ROW_SPREAD_PROBLEM_PX:
+    if offset_px > _ROW_OFFSET_PX[1] or spread_px > _ROW_SPREAD_PX[1]:
         return [f"{text}: the calibration does not belong to these images; {REMEDY}"], []
-    if offset_px > _ROW_OFFSET_WARNING_PX or spread_px > _ROW_SPREAD_WARNING_PX:
+    if offset_px > _ROW_OFFSET_PX[0] or spread_px > _ROW_SPREAD_PX[0]:
         return [], [f"{text}: the calibration is not accurate, or the cameras are not triggered together"]
     return [], []

@@ -12,7 +12,8 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.message import Channel, Message
+from ..inputs import INT64
+from ..mcap_file.message import MAX_NAME, Channel, Message
 from .message_limits import MAX_REPEATED_BYTES, decode_json
 from .ros import ros_decoder
 
@@ -33,10 +34,8 @@ _KINDS = {
 
 _MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a calibration or a pose are kilobytes
 _MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
-_MAX_TEXT = 2**12  # characters of a name: of a coordinate frame, an encoding
 _QUATERNION_NORMS = (0.5, 2.0)  # wider than any rounding; outside it the numbers are not a rotation
 _ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
-_INT64 = 2**63  # stamps are 64-bit nanoseconds everywhere
 
 
 class UndecodableMessage(Exception):
@@ -230,7 +229,7 @@ def _stamp_ns(message: Any) -> int:
     stamp = _get(message, "timestamp") if _has(message, "timestamp") else _get(_get(message, "header"), "stamp")
     sec = int(_get(stamp, "sec", "seconds", "secs"))
     stamp_ns = sec * 1_000_000_000 + int(_get(stamp, "nanosec", "nsec", "nanos", "nsecs"))
-    if not -_INT64 <= stamp_ns < _INT64:
+    if not -INT64 <= stamp_ns < INT64:
         raise ValueError(f"a stamp of {sec} s")
     return stamp_ns
 
@@ -243,7 +242,7 @@ def _frame_id(message: Any) -> str:
 
 def _text(value: Any) -> str:
     """A name as Unicode that can be encoded: JSON may hold half a surrogate pair. Raises ValueError if too long."""
-    if len(text := "" if value is None else str(value)) > _MAX_TEXT:  # JSON's null
+    if len(text := "" if value is None else str(value)) > MAX_NAME:  # JSON's null
         raise ValueError(f"a name of {len(text)} characters")
     return text.encode("utf-8", "backslashreplace").decode()
 

@@ -30,7 +30,6 @@ from .transforms import fixed_transform
 
 ATTACHMENT = "calibration.toml"
 REMEDY = "give the calibration of these cameras"
-_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: matrices are sent with as few as four digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,8 +174,7 @@ def _rotation(message: CalibrationMessage) -> Array:
     """R as a rotation; the identity where it was not sent. Raises ConfigError."""
     if not message.R.any():
         return np.eye(3)
-    orthogonal = np.allclose(message.R @ message.R.T, np.eye(3), atol=_ROTATION_TOLERANCE)
-    if not orthogonal or np.linalg.det(message.R) < 0:
+    if not se3.is_rotation(message.R):
         raise ConfigError(f"{message.topic}: R is not a rotation matrix: {message.R.tolist()}")
     pose: Array = se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))
     return pose[:3, :3]

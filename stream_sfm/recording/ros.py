@@ -9,12 +9,12 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from ..mcap_file.message import MAX_ROS_DEFINITION
 from .message_limits import bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
 # rosbags generates Python code from a definition, so a hostile one could ask for any amount of it, or endless loops.
-_MAX_DEFINITION_BYTES = 2**15  # nav_msgs/Odometry, the longest that is read, has 8 kB with all comments
 _MAX_ELEMENTS = 64  # of an array of messages or strings; those of a camera, a pose or a transform have none
 _MAX_LENGTH = 2**27  # of an array of numbers; those of messages have 36 at most
 # In IDL, of what is left without texts, comments and annotations. The time that rosbags takes for brackets in
@@ -50,7 +50,7 @@ def ros_decoder(
     """
     if (message_encoding, schema_encoding) not in _SUPPORTED:
         return None
-    if len(definition) > _MAX_DEFINITION_BYTES:
+    if len(definition) > MAX_ROS_DEFINITION:
         raise ValueError(f"a definition of {len(definition)} bytes")
     text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
     types = _parse_types(text, schema_name, idl=schema_encoding == SchemaEncoding.ROS2IDL)

@@ -7,11 +7,12 @@ missing), grey before colour, uncompressed before compressed. Anything else is t
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import LogError
+from ..wording import some_of
 
 _NOT_A_CAMERA = re.compile(
     r"depth(?!ai)|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
@@ -30,8 +31,6 @@ _SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
 _FORM = re.compile(r"(?<![a-z])(compressed|rect|rectified|raw|colou?r|mono|gr[ae]y|rgb|image)(?![a-z])")
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
-
-_MAX_LISTED = 20  # names in one sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,12 +153,6 @@ def _check_named(path: Path, image_topics: Iterable[str], left: str | None, righ
 
 def _listed(topics: Iterable[str]) -> str:
     return some_of(sorted(topics), ", ") or "none"
-
-
-def some_of(names: Sequence[str], separator: str) -> str:
-    """Names in a sentence: all of them, or the first and how many more there are."""
-    more = len(names) - _MAX_LISTED
-    return separator.join(names[:_MAX_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
 def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:

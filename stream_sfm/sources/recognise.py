@@ -10,6 +10,7 @@ from typing import IO
 from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
+from ..wording import some_of
 from . import ros1_bag, sqlite_bag
 from .data_sets import is_data_set, open_folder
 from .mcap import McapSource
@@ -30,7 +31,6 @@ _OTHER_FILES = (
 )
 _START_BYTES = 16
 _RESULT = "estimates.mcap"  # of a run
-_LISTED = 3  # recordings that a message names
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
     "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
@@ -120,5 +120,5 @@ def _recordings_in(folder: Path) -> str:
     """Some paths of recordings in a folder, for people; empty where there is none."""
     with suppress(OSError):
         found = [str(p) for p in sorted(folder.iterdir()) if not p.name.startswith(".") and is_recording(p)]
-        return ", ".join(found[:_LISTED]) + (" …" if len(found) > _LISTED else "")
+        return some_of(found)
     return ""

@@ -14,6 +14,7 @@ import zstandard
 
 from ..errors import LogError
 from ..inputs import open_regular, read_small
+from ..wording import some_of
 from .joined import JoinedSource
 from .mcap import McapSource
 from .source import Source, natural_order
@@ -23,7 +24,6 @@ METADATA = "metadata.yaml"
 _SUFFIXES = (".mcap", ".db3")
 # What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
 _FREE_BYTES, _MAX_RATIO = 2**29, 20
-_LISTED = 5  # files named in a message
 _MAX_METADATA_BYTES, _MAX_FILES = 2**24, 2**14  # a bag of ten thousand files has some megabytes of metadata
 _SQLITE_VERSIONS_AT = 18  # two bytes: 1 with a rollback journal, 2 with a write-ahead log
 # What is read of metadata.yaml, as recorders write it: a YAML parser would take minutes for a long one, and aliases
@@ -41,8 +41,8 @@ def bag_files(folder: Path) -> list[Path]:
     for suffix in _SUFFIXES:
         found = [p for p in folder.iterdir() if p.is_file() and p.name.removesuffix(".zstd").endswith(suffix)]
         if len({re.sub(r"\d+(?=\D*$)", "", p.name.split(".")[0]) for p in found}) > 1:
-            listed = ", ".join(sorted(p.name for p in found)[:_LISTED])
-            raise LogError(f"{folder} holds several recordings ({listed}, …): name one of them")
+            listed = some_of(sorted(p.name for p in found))
+            raise LogError(f"{folder} holds several recordings ({listed}): name one of them")
         if found:
             return sorted(found, key=lambda p: natural_order(p.name))
     return []
@@ -63,7 +63,7 @@ def open_rosbag2(folder: Path) -> Source:
         except LogError as error:  # often the last file of a recorder that crashed
             missing.append(str(error))
     if not parts:
-        raise LogError("; ".join(missing[:_LISTED]))
+        raise LogError(some_of(missing, "; "))
     return JoinedSource(folder, parts, missing, notes, by_message)
 
 

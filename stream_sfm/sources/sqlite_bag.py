@@ -18,16 +18,14 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import MAX_NAME, MAX_ROS_DEFINITION, Channel, Message
 from ..mcap_file.records import MAX_RECORD_BYTES
 from .source import Contents, Source
 
 MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
-# Rows that are read of topics and definitions, and characters of a name and of a definition. Robots have hundreds of
-# topics, and the definition of an image has some kilobytes.
-_MAX_ROWS, _MAX_NAME, _MAX_DEFINITION = 2**13, 2**12, 2**15
+_MAX_ROWS = 2**13  # that are read of topics and definitions; robots have hundreds
 # Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
 _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
@@ -102,8 +100,8 @@ class SqliteBagSource(Source):
         if next(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", _TABLES[2:]), None):
             rows = self._rows(
                 "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
-                f"WHERE length(topic_type) <= {_MAX_NAME} AND length(encoded_message_definition) <= {_MAX_DEFINITION} "
-                f"LIMIT {_MAX_ROWS}"
+                f"WHERE length(topic_type) <= {MAX_NAME} "
+                f"AND length(encoded_message_definition) <= {MAX_ROS_DEFINITION} LIMIT {_MAX_ROWS}"
             )
             definitions = {
                 kind: (encoding, text.encode())
@@ -113,7 +111,7 @@ class SqliteBagSource(Source):
         channels = {}
         query = (
             "SELECT id, name, type, serialization_format FROM topics "
-            f"WHERE length(name) <= {_MAX_NAME} AND length(type) <= {_MAX_NAME} LIMIT {_MAX_ROWS}"
+            f"WHERE length(name) <= {MAX_NAME} AND length(type) <= {MAX_NAME} LIMIT {_MAX_ROWS}"
         )
         for number, topic, kind, encoding in self._rows(query):
             if not _are_text(topic, kind, encoding or ""):

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import open_log
 from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
@@ -102,19 +101,13 @@ def test_half_size_images_with_the_calibration_of_the_full_size(path, frames):
     assert "images are 160×120, the calibration is for 320×240" in problem and "resized by 0.5" in problem
 
 
-@pytest.mark.parametrize("empty", [False, True])
-def test_a_missing_right_camera(path, frames, empty):
-    write(path, frames, sides=(LEFT,))
-    if empty:  # the driver announced the topic and never sent anything
-        log = LogWriter(path)
-        write_image(log, "foxglove", RIGHT, START_NS, frames[0].right, "png")
-        log.writer.register_channel(LEFT, "protobuf", 1)
-        log.close()
-        (problem,) = inspect_log(path)["problems"]
-        assert "one camera only" in problem and LEFT in problem
-    else:
-        (problem,) = inspect_log(path)["problems"]
-        assert f"images of one camera only, {LEFT}" in problem
+def test_a_topic_that_was_announced_and_never_sent_is_no_camera(path, frames):
+    log = LogWriter(path)
+    write_image(log, "foxglove", RIGHT, START_NS, frames[0].right, "png")
+    log.writer.register_channel(LEFT, "protobuf", 1)
+    log.close()
+    (problem,) = inspect_log(path)["problems"]
+    assert "one camera only" in problem and LEFT in problem
 
 
 def test_right_stamps_30_ms_late_at_10_hz(path, frames):
@@ -175,12 +168,3 @@ def test_exit_codes_and_json(path, frames, cli):
     for words in ("baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "this log can be replayed"):
         assert words in text
     assert "the images are swapped" in cli("inspect", write(path, frames, swapped=True), code=3).out
-
-
-def test_the_calibration_from_outside_is_the_one_that_counts(path, frames, tmp_path):
-    write(path, frames, [replace(c, P=np.zeros((3, 4))) for c in infos()])
-    assert "baseline is not known" in inspect_log(path)["problems"][0]
-    (tmp_path / "c.toml").write_text(STEREO.to_toml())
-    found = inspect_log(path, calibration=tmp_path / "c.toml")
-    assert found["problems"] == [] and found["rig"]["source"].endswith("c.toml")
-    assert len(list(open_log(path, calibration=tmp_path / "c.toml").frames())) == 8

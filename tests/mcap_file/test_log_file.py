@@ -8,7 +8,6 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from stream_sfm.errors import LogError
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
@@ -82,16 +81,3 @@ def test_attachments_and_the_header(path: Path) -> None:
     assert list(file.attachments(Damage(), max_bytes=10)) == []
     header = file.header()
     assert header is not None and (header.profile, header.library) == ("test", "tests")
-
-
-def test_what_is_not_mcap_is_named(tmp_path: Path) -> None:
-    for content, words in (
-        (b"", "is empty"),
-        (b"hello, world", "is not an MCAP file"),
-        (b"\x89MCAP9\r\n", "version"),
-    ):
-        (tmp_path / "x").write_bytes(content)
-        with pytest.raises(LogError, match=words):
-            LogFile(tmp_path / "x")
-    with pytest.raises(LogError, match="cannot read"):
-        LogFile(tmp_path / "none")

@@ -201,35 +201,3 @@ def test_several_pairs_are_the_users_choice(path):
     log.close()
     with pytest.raises(LogError, match="/front/left/image and /front/right/image; /rear"):
         open_log(path)
-
-
-def test_a_calibration_from_outside(path):
-    whole = open_log(write_log(path)).rig
-    write_log(path, Spec(infos=(None, None)))
-    check_frames(path, calibration=whole)
-    swapped = StereoRig(whole.right, whole.left, np.linalg.inv(whole.right_from_left))
-    with pytest.raises(LogError, match="swapped"):
-        open_log(path, calibration=swapped)
-
-
-def test_rig_of_raw_images_inverts_rectification(path):
-    """K, D, R, P as cv2.stereoRectify gives them lead back to the rotation and translation it was given."""
-    k = np.array([[82.0, 0, 47], [0, 81, 33], [0, 0, 1]])
-    d = (-0.2, 0.05, 0.001, -0.002)
-    rotation = cv2.Rodrigues(np.array([0.01, -0.06, 0.02]))[0]
-    translation = np.array([[-0.3], [0.01], [0.02]])
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(k, np.array([d]), k, np.array([d]), (96, 64), rotation, translation)
-    infos = (Calib(K=k, D=d, R=r1, P=p1), Calib(K=k, D=d, R=r2, P=p2))
-    rig = open_log(write_log(path, Spec(infos=infos))).rig
-    np.testing.assert_allclose(rig.right_from_left[:3, :3], rotation, atol=1e-9)
-    np.testing.assert_allclose(rig.right_from_left[:3, 3:], translation, atol=1e-9)
-    assert d == rig.left.D and rig.left.distortion_model == "plumb_bob"
-
-
-def test_rectified_images_are_pinholes_with_p(path):
-    k = np.diag([50.0, 50, 1])
-    infos = (Calib(K=k, D=(0.1, 0, 0, 0, 0)), right_calib(K=k, D=(0.1, 0, 0, 0, 0)))
-    topics = ("/left/image_rect", "/right/image_rect")
-    rig = open_log(write_log(path, Spec(infos=infos, topics=topics, info_topics=("/left/info", "/right/info")))).rig
-    assert rig.left.distortion_model == "none" and rig.left.K[0, 0] == 80.0
-    np.testing.assert_array_equal(rig.right_from_left[:3, :3], np.eye(3))

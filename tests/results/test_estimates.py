@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, config_to_toml
-from stream_sfm.errors import InputError, LogError, OutputError
+from stream_sfm.errors import InputError, LogError
 from stream_sfm.geometry import se3
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
@@ -224,11 +224,6 @@ def test_damage_is_an_error_or_told_and_what_is_read_is_right(written: Path, tmp
             with pytest.raises(LogError, match=re.escape(str(damaged))):
                 [*read_estimates(damaged), *read_clouds(damaged), *read_clouds(damaged, "/stream_sfm/map")]
     assert 20 < told < 60  # most of the bytes are in chunks, which have a checksum
-
-
-def test_a_folder_that_cannot_be_written_is_an_output_error(tmp_path: Path):
-    with pytest.raises(OutputError, match=r"nowhere/e\.mcap"):
-        EstimatesWriter(tmp_path / "nowhere" / "e.mcap", rig(), Config())
 
 
 def test_ros_covariance_is_that_of_fixed_axis_errors():

@@ -1,6 +1,5 @@
 """The result folder: made with the first estimate, finished whatever fails."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,30 +18,6 @@ def steps() -> list[tuple[sfm.FrameEstimate, sfm.StereoFrame]]:
     engine = sfm.Engine(rig())
     frames = Wall(5).frames(rig(), camera_path(3))
     return [(engine.step(frame), frame) for frame in frames]
-
-
-def test_live_estimates_are_written_as_those_of_a_replay(steps, tmp_path: Path) -> None:
-    config = sfm.Config()
-    folder = ResultFolder(tmp_path / "a" / "run", rig(), config)
-    assert not (tmp_path / "a").exists()
-    for step in steps:
-        folder.write(*step)
-    folder.close()
-    folder.write_summary({"frames": 3})
-    names = {
-        "estimates.mcap",
-        "trajectory.tum",
-        "trajectory.kitti",
-        "metadata.yaml",
-        "trajectory.csv",
-        "config.toml",
-        "summary.json",
-    }
-    assert {p.name for p in folder.path.iterdir()} == names
-    assert sfm.read_config(folder.path / "config.toml") == config
-    assert json.loads((folder.path / "summary.json").read_text()) == {"frames": 3}
-    poses = np.loadtxt(folder.path / "trajectory.kitti").reshape(-1, 3, 4)
-    assert np.allclose(poses, [e.world_from_cam[:3] for e, _ in steps], atol=1e-9)
 
 
 def test_a_program_that_fails_keeps_what_it_has_written(steps, tmp_path: Path) -> None:

@@ -32,7 +32,6 @@ _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTI
 _YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
 # KITTI: a name and at least three numbers.
 _ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
-_ROTATION_TOLERANCE = 1e-3  # of R Rᵀ from the identity: files give as few as four digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ class Document:
     def rotation(self, value: Any, key: str) -> Array:
         """`value` as a rotation matrix (3, 3)."""
         matrix = self.numbers(value, key, (3, 3))
-        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(matrix) < 0:
+        if not se3.is_rotation(matrix):
             raise self.error(f"{key} is not a rotation matrix: {matrix.tolist()}")
         return matrix
 
