@@ -23,7 +23,7 @@ from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner, drift
 from .image_checks import image_note
 from .new_points import begin_points, renews
-from .pair_check import PairCheck, PairFit, problem_of
+from .pair_check import PairFit, problem_of
 from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
@@ -110,6 +110,7 @@ class StereoFrontEnd:
             images, state.previous, fit, state.rows, state.aligners[1].noise.factor
         )
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
+        start_anew |= state.start.doubted and state.start.is_over
         state = replace(state, pair=pair)
         if followed is None or start_anew:
             return self._start_over(state, images, stamp_ns, wait=not start_anew)
@@ -125,7 +126,7 @@ class StereoFrontEnd:
             observed,
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
-            ambiguity=_ambiguity(followed.other, state.pair),
+            ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
             lasting=replace(observed.lasting, std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))])),
         )
@@ -167,8 +168,8 @@ class StereoFrontEnd:
             track_ids=ids,
             z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
-            note=self._turn_note(state.turn_watch) or note or state.pair.problem,
-            ambiguity=_ambiguity(None, state.pair),
+            note=self._turn_note(state.turn_watch) or note or _misfit(state),
+            ambiguity=_ambiguity(None, state),
             lasting=LastingErrors(np.zeros(n), persistence.inflation),
             rig=None
             if self.setup.config.rig.exact
@@ -203,11 +204,17 @@ class StereoFrontEnd:
         return found if not rad.any() else with_turn(self.rig, found, rad)
 
 
-def _ambiguity(other: SecondMotion | None, pair: PairCheck) -> Ambiguity | None:
+def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Why the motion of a frame may not be the camera's: another one may be, or left and right do not fit."""
+    misfit = bool(_misfit(state))
     if other is not None:
-        return Ambiguity(other.cam_from_ref, other.cov_pose, bool(pair.problem))
-    return Ambiguity(misfit=True) if pair.problem else None
+        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit)
+    return Ambiguity(misfit=True) if misfit else None
+
+
+def _misfit(state: FrontEndState) -> str:
+    """Say why what agrees may not be the scene, or nothing."""
+    return state.pair.problem or state.start.problem
 
 
 def _remember(state: FrontEndState, images: PreparedImages, stamp_ns: int) -> FrontEndState:

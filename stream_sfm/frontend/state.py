@@ -18,6 +18,7 @@ from .persistence import Persistence
 from .prepared import PreparedImages
 from .right_turn import RightTurn, TurnWatch
 from .rows import Rows
+from .start_check import StartCheck
 from .stereo_depth import RowMatches
 from .timing import Timing
 from .tracks import Tracks
@@ -48,7 +49,8 @@ class FrontEndState:
     - `aligners`: templates and noise of views; `rows`, `turn`, `timing`: what is known of the cameras; `rows_waiting`:
       matches of a frame whose velocity is not known yet, which a late camera would turn into rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
-      `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions.
+      `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
+      whether the map has started with the motion of the camera.
     - `bias` and `persistence`: errors that views of a point share.
     - `map`: with one camera, how far the map has come.
     """
@@ -70,6 +72,7 @@ class FrontEndState:
     velocity: Array = field(default_factory=lambda: np.zeros(6))
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
+    start: StartCheck = field(default_factory=StartCheck)
     rows_waiting: RowMatches | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     bias: DisparityBias = field(default_factory=DisparityBias)

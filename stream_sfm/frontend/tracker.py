@@ -25,6 +25,7 @@ from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
 from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
+from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .stereo_depth import align_in_both, cov_of_rows_as_turn, learn_rows, unknown_rows, update_depths
 from .tracks import Tracks
@@ -154,6 +155,7 @@ def lose(state: FrontEndState) -> FrontEndState:
         tracks=Tracks.none(),
         velocity=np.zeros(6),
         ambiguity=AmbiguityMemory(),
+        start=StartCheck(),
         background_hidden=False,
         turn_watch=None if state.turn_watch is None else state.turn_watch.calm(),
     )
@@ -281,13 +283,16 @@ def _advance(
     now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
     agreed = candidates.before.agreed[views.found]
     ambiguity, other, settled = state.ambiguity.after(motion, agreed, rival)
-    found = _found(setup, candidates.before.keep(views.found), views, motion)
+    found, start = _found(setup, candidates.before.keep(views.found), views, motion), state.start
+    if other is None:  # otherwise it is said already that the motion may be that of a body
+        start = start.after(found.ids, motion.accepted)
     state = replace(
         state,
         tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
+        start=start,
     )
     return state, Followed(motion.cam_from_ref, z_px + taken_px[rows], cov_px, found, other, settled)
 

@@ -90,3 +90,13 @@ def test_a_body_that_hides_the_wall_is_not_taken_for_it() -> None:
     assert any("the background is hidden" in e.reason for e in estimates)
     assert statuses[-1] == sfm.Status.OK
     assert squares.max() < 60
+
+
+def test_a_start_with_a_body_that_covers_two_thirds_is_doubted_and_redone() -> None:
+    """Its motion has most of the views: no frame is ok until it has gone, and then a map begins that covers both."""
+    edges_m = 0.575 * HALF_VIEW_M + np.cumsum(np.where(np.arange(34) < 8, 0.02, 0.25))
+    estimates, squares = estimated(1.35 * HALF_VIEW_M, edges_m)
+    assert all(e.status == sfm.Status.DEGRADED for e in estimates[1:8])
+    assert all("agree with the motion since the start" in e.reason for e in estimates[1:8])
+    assert estimates[-1].status == sfm.Status.OK
+    assert squares.max() < 60

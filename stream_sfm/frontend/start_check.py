@@ -1,0 +1,65 @@
+"""Whether the motion that a map has started with is the camera's, judged by the points that begin meanwhile.
+
+At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later say
+so, because they begin where points are missing, and the background is there. As long as too many of them disagree, the
+motion may be that of a body; once they agree, the start is redone from there.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .tracks import FULL_HISTORY
+
+# Of new points that are found again, those that agree: .93 and more in the first frames of calm scenes, .68 to .77 in
+# a crowd, whether the motion is right or not.
+_CALM_SHARE = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class StartCheck:
+    """What new points have said since the start, older ones counting less: how many were `found`, and `agreed`.
+
+    `calm_frames` in a row in which enough of them agreed. `doubted`: since the start they once did not. `next_id`: of
+    the tracks that have not been judged.
+    """
+
+    found: float = 0.0
+    agreed: float = 0.0
+    calm_frames: int = 0
+    doubted: bool = False
+    next_id: int = 0
+
+    @property
+    def problem(self) -> str:
+        """What is wrong; or nothing."""
+        if not self.doubted or self.is_over:
+            return ""
+        return (
+            f"of the points that have begun lately {self.agreed / self.found:.0%} agree with the motion since the "
+            "start: it may be that of something that moves through the view"
+        )
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the motion is taken for the camera's for good, or the start is to be redone where it was doubted."""
+        return self.calm_frames >= FULL_HISTORY
+
+    def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
+        """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
+
+        Those `accepted` (n,) agree with its motion. Each track is judged once, when it is first found again.
+        """
+        new, kept = ids >= self.next_id, 1 - 1 / FULL_HISTORY
+        if self.is_over or not len(ids):
+            return self
+        now = replace(
+            self,
+            found=kept * self.found + int(new.sum()),
+            agreed=kept * self.agreed + int((new & accepted).sum()),
+            next_id=int(ids[-1]) + 1,
+        )
+        if now.agreed >= _CALM_SHARE * now.found:
+            return replace(now, calm_frames=self.calm_frames + 1)
+        return replace(now, calm_frames=0, doubted=True)
