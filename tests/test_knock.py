@@ -13,9 +13,10 @@ import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
-from stream_sfm.recording.log_writer import StereoLogWriter
+from stream_sfm.recording.log_writer import MessageWriter
 from stream_sfm.rig_model.terms import TERMS, TURNING
 from stream_sfm.run.compare import compare
+from stream_sfm.sources.profile import ProfileEncoder
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 FRAMES, KNOCK = 26, 12
@@ -131,10 +132,14 @@ def test_a_right_camera_that_turns_steadily_is_followed() -> None:
 
 @pytest.mark.slow
 def test_a_comparison_says_it_once_in_its_report_and_in_the_summary_of_each_method(tmp_path: Path) -> None:
-    with StereoLogWriter(tmp_path / "knocked.mcap", rig()) as writer:
+    encoder = ProfileEncoder(rig())
+    with MessageWriter(tmp_path / "knocked.mcap") as writer:
         for frame in frames("yaw"):
             for side, image in enumerate(frame.images):
-                writer.image(side, frame.stamp_ns, cv2.imencode(".png", image)[1].tobytes(), "png")
+                png = cv2.imencode(".png", image)[1].tobytes()
+                for message in encoder.due_calibration(side, frame.stamp_ns):
+                    writer.write(message)
+                writer.write(encoder.image(side, frame.stamp_ns, png, "png"))
     methods = ("cross-frame", "frame-to-frame")
     compare(tmp_path / "knocked.mcap", tmp_path / "out", methods=methods)
     files = [tmp_path / "out" / "report.json", *(tmp_path / "out").rglob("summary.json")]

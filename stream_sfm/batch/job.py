@@ -28,7 +28,7 @@ _RECORD, _STDERR = "job.json", "stderr.txt"
 FILES = (*RESULTS, _RECORD, _STDERR)  # what a job writes to its folder
 _ERROR_PREFIX = "stream-sfm: "  # how the command line begins the line that states an error
 JobStatus = Literal["done", "incomplete", "failed", "interrupted"]
-_POLL_S = 0.2
+POLL_S = 0.2  # how soon a request to end is seen
 SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and its files; then it is killed
 
 
@@ -180,7 +180,7 @@ def _watch(child: subprocess.Popen[bytes], job: Job) -> bool:
     """Wait for the end; returns whether it was brought about by `stop`."""
     while True:
         with suppress(subprocess.TimeoutExpired):
-            child.wait(_POLL_S)
+            child.wait(POLL_S)
             return False
         if job.stop.exists():
             assert child.stdin is not None

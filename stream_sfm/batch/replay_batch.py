@@ -24,13 +24,12 @@ from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
 from ..report.batch_page import render_batch
 from ..types import Selection
-from .job import FILES, Job, JobResult, read_summary, run_job
+from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files
 
 SCHEMA_VERSION = 1
 RECORD, PAGE = "batch.json", "report.html"
 _LOST = "the scheduler of the cluster, or its last worker, is gone: start it again, and the same batch"
-_POLL_S = 0.2  # how soon a Ctrl-C is passed on to the jobs
 
 
 def replay_batch(
@@ -145,7 +144,7 @@ def _run_jobs(
         waiting = set(futures)
         try:
             while waiting:
-                ended, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
+                ended, waiting = wait(waiting, POLL_S, FIRST_COMPLETED)
                 for future in ended:
                     job = futures[future]
                     results[job.name] = _result(future, job)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    log: options.Log,
+    log: options.Recording,
     /,
     *,
     out: options.MaybeFolder = None,
@@ -35,7 +35,6 @@ def compare(
     `replay` does.
 
     Args:
-        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree

@@ -1,10 +1,9 @@
 """`stream-sfm config`: the settings as commented TOML."""
 
-from ..errors import ExitCode
 from . import options
 
 
-def config(*, expert: options.ResultFlag = False, settings: options.Settings = options.Settings()) -> int:
+def config(*, expert: options.ResultFlag = False, settings: options.Settings = options.Settings()) -> None:
     """Print the settings as commented TOML, which --config reads.
 
     Prints the defaults, changed by --config and --set.
@@ -15,4 +14,3 @@ def config(*, expert: options.ResultFlag = False, settings: options.Settings = o
     from ..config import config_to_toml
 
     print(config_to_toml(settings.read(), expert=expert), end="")
-    return ExitCode.DONE

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..errors import ConfigError, ExitCode, RigError
+from ..errors import ConfigError, RigError
 from . import options
 
 
@@ -14,7 +14,7 @@ def convert_calibration(
     out: options.OutFile,
     size: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="W×H")] = None,
     json: options.Json = False,
-) -> int:
+) -> None:
     """Convert the calibration of another tool to TOML.
 
     Recognises a calibration of Kalibr, ROS, EuRoC, KITTI or OpenCV by its content: a file, the files of the left and
@@ -48,7 +48,6 @@ def convert_calibration(
     else:
         left = rig.left
         print(f"written to {out}: {left.width}×{left.height} pixels, baseline {rig.baseline_m:.4g} m")
-    return ExitCode.DONE
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from ..errors import ExitCode
 from ..wording import printable
 from . import options
 
@@ -27,20 +26,18 @@ def kitti(
     /,
     *,
     poses: options.MaybeFile = None,
-    force: options.ResultFlag = False,
+    force: options.Force = False,
     json: options.Json = False,
-) -> int:
+) -> None:
     """Convert one sequence of the KITTI odometry benchmark.
 
     Args:
         folder: the sequence, with calib.txt, times.txt, image_0 and image_1
-        out: the log to write
         poses: poses, 12 numbers per line; poses/SEQUENCE.txt beside sequences/ if not given
-        force: replace OUT.mcap if it exists
     """
     from ..importers.data_sets import import_kitti
 
-    return _report(import_kitti(folder, out, poses, overwrite=force), json)
+    _report(import_kitti(folder, out, poses, overwrite=force), json)
 
 
 @import_.command
@@ -49,19 +46,17 @@ def euroc(
     out: options.NewLog,
     /,
     *,
-    force: options.ResultFlag = False,
+    force: options.Force = False,
     json: options.Json = False,
-) -> int:
+) -> None:
     """Convert one recording in the format of the EuRoC MAV data set.
 
     Args:
         folder: the folder mav0, or the folder that contains it
-        out: the log to write
-        force: replace OUT.mcap if it exists
     """
     from ..importers.data_sets import import_euroc
 
-    return _report(import_euroc(folder, out, overwrite=force), json)
+    _report(import_euroc(folder, out, overwrite=force), json)
 
 
 @import_.command
@@ -74,31 +69,29 @@ def images(
     calibration: Pair,
     stamps: options.MaybeFile = None,
     rate: Rate = None,
-    force: options.ResultFlag = False,
+    force: options.Force = False,
     json: options.Json = False,
-) -> int:
+) -> None:
     """Convert two sets of image files with a calibration.
 
     Left and right files are paired in the order of their names. FILES is a folder, a glob such as 'left/*.png', or
     several files.
 
     Args:
-        out: the log to write
         left: the left images
         right: the right images
         calibration: the calibration of the pair: a file, the files of left and right, or their folder
         stamps: one time stamp per line: seconds, or integer nanoseconds
         rate: frames per second without stamps (10)
-        force: replace OUT.mcap if it exists
     """
     from ..importers.data_sets import import_images
 
     where = options.calibration_files(calibration)
     assert where is not None
-    return _report(import_images(left, right, where, out, stamps, rate, overwrite=force), json)
+    _report(import_images(left, right, where, out, stamps, rate, overwrite=force), json)
 
 
-def _report(imported: "Imported", json: bool) -> int:
+def _report(imported: "Imported", json: bool) -> None:
     from .printing import print_json, print_notes
 
     print_notes("warning", imported.warnings)
@@ -108,4 +101,3 @@ def _report(imported: "Imported", json: bool) -> int:
     else:
         counts = f"{imported.left} left and {imported.right} right images, {imported.poses} poses"
         print(f"{printable(str(imported.path))}: {counts}")
-    return ExitCode.DONE

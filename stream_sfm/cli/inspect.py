@@ -7,7 +7,7 @@ _LOOK_FRAMES = 60  # some seconds, in which most cameras turn
 
 
 def inspect(
-    log: options.Log, /, *, cameras: options.Cameras = options.Cameras(), json: options.Json = False
+    log: options.Recording, /, *, cameras: options.Cameras = options.Cameras(), json: options.Json = False
 ) -> int:
     """Show what a log contains and check whether it can be replayed.
 
@@ -15,9 +15,6 @@ def inspect(
     the calibration against the images: rows of matched corners, and what the first frames tell about lenses, focal
     length, delay of the right camera and readout of the shutters. If a replay cannot work, the exit code is 3 and the
     output says what to change.
-
-    Args:
-        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log

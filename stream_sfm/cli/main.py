@@ -37,7 +37,7 @@ from .surface import surface
 from .usage import hint, option_names, print_error, rewritten, usage_error
 from .view import view
 
-COMMANDS: dict[str, App | Callable[..., int]] = {
+COMMANDS: dict[str, App | Callable[..., int | None]] = {
     "replay": replay,
     "live": live,
     "evaluate": evaluate,
@@ -181,7 +181,7 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         with termination_as_interrupt():
             code = app(words)
             sys.stdout.flush()
-            return ExitCode.DONE if code is None else int(code)  # None: --help, --version
+            return ExitCode.DONE if code is None else int(code)  # None: nothing to be told, as of --help
     except CycloptsError as error:
         return failed(error, ExitCode.USAGE, *usage_error(app, words, error))
     except StreamSfmError as error:

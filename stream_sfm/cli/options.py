@@ -114,7 +114,10 @@ def _setting_names(_context: Any) -> list[str]:
 
 # Kinds of arguments; the docstring of a command, or of a record below, says what each is for.
 Log = Annotated[str, Parameter("LOG")]
-NewLog = Annotated[str, Parameter("OUT.mcap")]
+Recording = Annotated[
+    str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders")
+]
+NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
 MaybeSeconds = Annotated[float | None, Parameter(converter=each(seconds), metavar="S")]
 Offset = Annotated[float, Parameter(converter=each(lambda text: finite(text, "a number of seconds")), metavar="S")]
 Count = Annotated[int, Parameter(converter=each(whole(1)), metavar="N")]
@@ -139,6 +142,7 @@ MaybeTopic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Names = Annotated[str, Parameter(group=RESULTS, metavar="NAME,…")]
 Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE", validator=_one_or_two)]
 ResultFlag = Annotated[bool, Parameter(group=RESULTS)]
+Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
 CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
 Quiet = Annotated[bool, Parameter(alias="-q", group=GENERAL, help="print errors only")]
 Verbose = Annotated[bool, Parameter(alias="-v", group=GENERAL)]

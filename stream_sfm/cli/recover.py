@@ -10,7 +10,7 @@ def recover(
     out: options.NewLog,
     /,
     *,
-    force: options.ResultFlag = False,
+    force: options.Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -22,8 +22,6 @@ def recover(
 
     Args:
         log: the damaged MCAP file
-        out: the file to write
-        force: replace OUT.mcap if it exists
     """
     from ..importers.recover import recover as recover_file
     from .printing import print_json, print_notes, print_table

@@ -1,6 +1,6 @@
 """`stream-sfm refine`: a refined calibration from recordings."""
 
-from ..errors import ConfigError, ExitCode
+from ..errors import ConfigError
 from . import options
 
 
@@ -11,7 +11,7 @@ def refine(
     frames: options.Frames = options.Frames(),
     settings: options.Settings = options.Settings(),
     json: options.Json = False,
-) -> int:
+) -> None:
     """Refine the calibration of a rig from its recordings.
 
     Estimates from one log or several of the same cameras how their calibration errs, and writes the calibration with
@@ -44,4 +44,3 @@ def refine(
         for log, of_log in zip(logs, told, strict=True):
             print(f"{log}: {of_log['text']}")
         print(f"written to {out}: give it to other commands with --calibration {out}")
-    return ExitCode.DONE

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def replay(
-    log: options.Log,
+    log: options.Recording,
     /,
     *,
     out: options.MaybeFolder = None,
@@ -44,7 +44,6 @@ def replay(
     trajectory.csv, summary.json and config.toml.
 
     Args:
-        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
         out: result folder; runs/LOG-TIME if not given
         rrd: write a recording for the Rerun viewer
         view: show the run in a Rerun window

@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..errors import ExitCode
 from ..wording import printable
 from . import options
 
@@ -22,7 +21,7 @@ def simulate(
     workers: options.Workers = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> int:
+) -> None:
     """Run Monte Carlo studies on the paper's simulated stereo pair.
 
     Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
@@ -60,4 +59,3 @@ def simulate(
         print_tables(experiment, report)
         written = "results.json, figure6.png and figure6.svg" if experiment == "figure6" else "results.json"
         print(f"{written} in {printable(str(folder))}")
-    return ExitCode.DONE

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def surface(
-    log: options.Log,
+    log: options.Recording,
     /,
     *,
     out: options.OutFile,
@@ -35,7 +35,6 @@ def surface(
     fused in the world frame (the first left camera) by the estimated poses.
 
     Args:
-        log: the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders
         out: the mesh to write, a .ply
         frame: use frame N, from 0 (0)
         all: fuse all frames

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ..errors import ExitCode, InputError
+from ..errors import InputError
 from . import options
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def view(
     *,
     rrd: options.MaybeOutFile = None,
     quiet: options.Quiet = False,
-) -> int:
+) -> None:
     """Open a finished run in the Rerun viewer.
 
     Shows the path, the points and the figures of a run, and the images where its log is still where it was.
@@ -54,7 +54,6 @@ def view(
             viewer.write(estimate, shown)  # type: ignore[arg-type]  # it takes estimates without images, too
             advance()
     viewer.close()
-    return ExitCode.DONE
 
 
 def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":

@@ -5,7 +5,7 @@ crossings on its edges; around each crossed edge, the four cells that share it f
 missing there is no cell, so surfaces end where nothing was seen.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,13 @@ _CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])  # x, y
 _EDGES = [(i, i | bit) for bit in (4, 2, 1) for i in range(8) if not i & bit]
 
 
-@dataclass(frozen=True, slots=True)
-class Isosurface:
-    """A surface of triangles in units of voxels.
+class Isosurface(NamedTuple):
+    """A surface of triangles in units of voxels."""
 
-    `points` (n, 3) are relative to the centre of voxel (0, 0, 0); `faces` (m, 3); `normals` (n, 3) point to the
-    positive side; `attributes` (n, k) are means over the corners of the cell.
-    """
-
-    points: Array
-    faces: NDArray[np.int32]
-    normals: Array
-    attributes: Array
+    points: Array  # (n, 3), relative to the centre of voxel (0, 0, 0)
+    faces: NDArray[np.int32]  # (m, 3)
+    normals: Array  # (n, 3), to the positive side
+    attributes: Array  # (n, k), means over the corners of the cell
 
 
 def isosurface(keys: Keys, distances: NDArray[np.floating], attributes: NDArray[np.floating]) -> Isosurface:

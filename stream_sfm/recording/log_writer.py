@@ -1,4 +1,4 @@
-"""Writes logs: messages of any source into an MCAP file, and stereo logs in the log profile (docs/log-profile.md)."""
+"""Writes logs: messages of any source into an MCAP file."""
 
 from pathlib import Path
 from types import TracebackType
@@ -8,11 +8,8 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from .. import __version__
-from ..camera.rig import StereoRig
 from ..files import PartFile
-from ..geometry.se3 import Array
 from ..mcap_file.message import Channel, Message
-from ..sources.profile import ProfileEncoder
 
 
 class MessageWriter:
@@ -76,24 +73,3 @@ class MessageWriter:
         """Finish the file and give it its name."""
         with self._file:
             self._writer.finish()
-
-
-class StereoLogWriter(MessageWriter):
-    """Writes a stereo log in the log profile; images and poses are given in ascending order of time."""
-
-    def __init__(self, path: str | Path, rig: StereoRig) -> None:
-        super().__init__(path)
-        self._encoder = ProfileEncoder(rig)
-
-    def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> None:
-        """Write one image of `side` (0 left, 1 right), `encoding` png, jpeg or webp, its bytes as they are."""
-        for calibration in self._encoder.due_calibration(side, stamp_ns):
-            self.write(calibration)
-        self.write(self._encoder.image(side, stamp_ns, data, encoding))
-
-    def pose(self, stamp_ns: int, world_from_cam: Array) -> None:
-        """Write one pose (4, 4) of ground truth: the physical left camera in the world, metres."""
-        self.write(self._encoder.pose(stamp_ns, world_from_cam))
-
-    def __enter__(self) -> "StereoLogWriter":
-        return self

@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ..errors import InputError
-from ..results.trajectory_files import read_tum
+from ..sources.pose_files import read_tum
 from ..types import Status
 from .figures import ACCURACY, FURTHER, table
 from .lengths import unit_for

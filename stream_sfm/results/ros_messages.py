@@ -21,7 +21,7 @@ COVARIANCE_FIELDS = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 POINT_DTYPE = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "sigma_m", *COVARIANCE_FIELDS)] + [("track_id", "<u4")]
 )
-_FLOAT32, _UINT32 = 7, 6  # numbers of PointField
+_KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
 _UPPER = np.triu_indices(3)
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
@@ -100,12 +100,6 @@ def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) ->
 @cache
 def _point_fields() -> list[Any]:
     return [
-        make(
-            "sensor_msgs/msg/PointField",
-            name=name,
-            offset=offset,
-            datatype=_UINT32 if kind == np.uint32 else _FLOAT32,
-            count=1,
-        )
+        make("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=_KINDS[kind.str], count=1)
         for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
     ]

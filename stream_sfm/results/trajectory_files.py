@@ -12,8 +12,7 @@ import numpy as np
 from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..sources import pose_files
-from ..types import Frame, FrameEstimate, Trajectory
+from ..types import Frame, FrameEstimate
 from .frame_table import frame_table
 
 
@@ -60,8 +59,3 @@ def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
 def _csv_line(estimate: FrameEstimate) -> str:
     row = [column[0] for column in frame_table([estimate]).values()]
     return ",".join(f"{value:.12g}" if isinstance(value, np.floating) else str(value) for value in row)
-
-
-def read_tum(path: str | Path) -> Trajectory:
-    """Read a TUM file; stamps come back to the nanosecond. Raises InputError naming the line."""
-    return pose_files.read_tum(Path(path))

@@ -10,6 +10,7 @@ import struct
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -25,7 +26,7 @@ from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
 from .source import Contents, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
-_MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_Kind = IntEnum("_Kind", {"MESSAGE": 2, "BAG_HEADER": 3, "CHUNK": 5, "CHUNK_INFO": 6, "CONNECTION": 7})
 _PAIR = struct.Struct("<II")  # of a time: seconds, nanoseconds; of a chunk info: connection, number of messages
 _MAX_HEADER_BYTES = 2**16  # the fields of one record, a few dozen bytes
 _MAX_INDEXED = 2**20  # connections and chunks: a recording of a terabyte has fewer
@@ -156,7 +157,7 @@ class Ros1BagSource(Source):
                     at = end
                     continue
                 problem = f"the record there ends {end - self.size_bytes} bytes behind the file"
-                if record.kind == _CHUNK:
+                if record.kind == _Kind.CHUNK:
                     yield record  # as far as it goes
             except BrokenRecord as error:
                 problem = str(error)
@@ -174,7 +175,7 @@ class Ros1BagSource(Source):
     def _read_index(self, stream: IO[bytes]) -> _Index | None:
         """The index; None where the bag was not closed. Raises BrokenRecord where it cannot be trusted."""
         header = _read_record(stream, len(MAGIC))
-        if header.kind != _BAG_HEADER:
+        if header.kind != _Kind.BAG_HEADER:
             raise BrokenRecord("the bag header is missing")
         if header.fields.get("encryptor"):
             raise LogError(f"{self.path} is encrypted: decrypt it with `rosbag decrypt`")
@@ -185,9 +186,9 @@ class Ros1BagSource(Source):
         while at < self.size_bytes and len(index.connections) + len(index.chunks) < _MAX_INDEXED:
             record = _read_record(stream, at)
             data = _take(stream, record.length)
-            if record.kind == _CONNECTION:
+            if record.kind == _Kind.CONNECTION:
                 index.add_connection(record, data)
-            elif record.kind == _CHUNK_INFO:
+            elif record.kind == _Kind.CHUNK_INFO:
                 counts = dict(_PAIR.iter_unpack(data[: len(data) // _PAIR.size * _PAIR.size]))
                 index.chunks[record.number("chunk_pos", 8)] = frozenset(counts)
                 for number, count in counts.items():
@@ -211,22 +212,24 @@ class _MessageReader:
     def read(self, stream: IO[bytes], record: _Record, size: int) -> Iterator[Message]:
         """Yield the messages in a record of a stream of `size` bytes. Raises BrokenRecord."""
         kind, whole = record.kind, record.data_at + record.length <= size
-        if kind not in (_CHUNK, _CONNECTION, _MESSAGE) or (kind == _CHUNK and self._can_skip(record)):
+        if kind not in (_Kind.CHUNK, _Kind.CONNECTION, _Kind.MESSAGE) or (
+            kind == _Kind.CHUNK and self._can_skip(record)
+        ):
             return
         stream.seek(record.data_at)
         data = stream.read(min(record.length, size - record.data_at))
-        if kind == _CHUNK:
+        if kind == _Kind.CHUNK:
             self._allowance.begin(len(data), record.number("size"))
             content = decompress(record.fields.get("compression", b""), data, record.number("size"), whole)
             chunk, at = BytesIO(content), 0
             while at < len(content):
                 inner = _read_record(chunk, at)
                 self._allowance.take_record()
-                if inner.kind == _CHUNK or inner.data_at + inner.length > len(content):
+                if inner.kind == _Kind.CHUNK or inner.data_at + inner.length > len(content):
                     raise BrokenRecord("the records of a chunk do not add up")
                 yield from self.read(chunk, inner, len(content))
                 at = inner.data_at + inner.length
-        elif kind == _CONNECTION:
+        elif kind == _Kind.CONNECTION:
             self._index.add_connection(record, data)
         else:
             channel = self._index.connections.get(record.number("conn"))

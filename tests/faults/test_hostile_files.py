@@ -13,7 +13,7 @@ import stream_sfm as sfm
 from stream_sfm.camera.calibration.document import load
 from stream_sfm.cli.main import main
 from stream_sfm.inputs import check_text, check_values, open_regular, read_small
-from stream_sfm.results.trajectory_files import read_tum
+from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.sources.text_files import stamp_ns
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import rig

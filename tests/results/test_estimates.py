@@ -23,7 +23,8 @@ from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import fixed_axis_covariance
 from stream_sfm.results.run_results import read_results
-from stream_sfm.results.trajectory_files import kitti_writer, read_tum, tum_writer
+from stream_sfm.results.trajectory_files import kitti_writer, tum_writer
+from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import estimate_messages

@@ -15,8 +15,8 @@ import stream_sfm as sfm
 from stream_sfm.config import read_config
 from stream_sfm.recording.stereo_log import StereoLog, open_log
 from stream_sfm.results.estimates_writer import EstimatesWriter
-from stream_sfm.results.trajectory_files import read_tum
 from stream_sfm.run.replay import ReplayInterrupted, replay
+from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.sinks import Calling
