@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 from .blas import one_thread
-from .camera.rig import MonoRig, StereoRig, baseline_question
+from .camera.rig import MonoRig, StereoRig, baseline_warnings
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
@@ -51,7 +51,7 @@ class Engine:
             self.estimator = make(self.observer.projection, self.config)
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
-        if question := baseline_question(self.rig):
+        for question in baseline_warnings(self.rig):
             logging.getLogger("stream_sfm").warning(question)
 
     @property

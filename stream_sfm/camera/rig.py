@@ -127,16 +127,16 @@ class MonoRig:
         return toml_file.text(self.cameras)
 
 
-def baseline_question(rig: StereoRig | MonoRig) -> str:
-    """Ask about a baseline that is hardly in metres, as all lengths are; empty for an ordinary one."""
+def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
+    """Ask about a baseline that is hardly in metres, as all lengths are; a list of one, or of none."""
     low_m, high_m = _USUAL_BASELINE_M
     if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
-        return ""
+        return []
     unit = "millimetres" if rig.baseline_m > high_m else "another unit"
-    return (
+    return [
         f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}? Lengths must be in metres, and "
         "all estimated lengths follow from it"
-    )
+    ]
 
 
 def _checked_pose(given: object) -> Array:

@@ -27,7 +27,7 @@ def convert_calibration(
         size: size of the images in pixels, for formats that do not contain it
     """
     from ..camera.rectification import check_rectifiable
-    from ..camera.rig import StereoRig, baseline_question
+    from ..camera.rig import StereoRig, baseline_warnings
     from ..files import write_whole
     from ..inspection.overview import describe_rig
     from .printing import print_json, print_notes
@@ -37,7 +37,7 @@ def convert_calibration(
     options.protect([out], list(files))
     rig = StereoRig.from_calibration(files[0] if len(files) == 1 else list(files), _size(size))
     write_whole(out, rig.to_toml().encode())
-    questions = list(filter(None, [baseline_question(rig)]))
+    questions = baseline_warnings(rig)
     try:
         check_rectifiable(rig)
     except RigError as error:  # the file may be converted in order to be corrected

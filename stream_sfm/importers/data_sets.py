@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..camera.rig import StereoRig, baseline_question
+from ..camera.rig import StereoRig, baseline_warnings
 from ..errors import InputError, OutputError
 from ..files import make_folder
 from ..mcap_file.damage import Damage
@@ -86,9 +86,7 @@ def _copy_to_log(
             log.write(message)
         if not damage.complete:  # what a replay would skip is not left out of a copy
             raise InputError(damage.notes[-1])
-    warnings = list(source.notes)
-    if source.rig is not None and (question := baseline_question(source.rig)):
-        warnings.append(question)
+    warnings = [*source.notes, *(baseline_warnings(source.rig) if source.rig is not None else ())]
     if expects_poses and not source.poses:
         warnings.append(f"no ground truth was found for {source.path}")
     left, right = source.images

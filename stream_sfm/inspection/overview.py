@@ -11,7 +11,7 @@ from ..camera.calibration.read import Where
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
-from ..camera.rig import StereoRig
+from ..camera.rig import StereoRig, baseline_warnings
 from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..recording.both_sides import both_sides
@@ -19,7 +19,7 @@ from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
-from ..recording.rig import baseline_warnings, check_rig, find_rig
+from ..recording.rig import check_rig, find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified

@@ -16,7 +16,7 @@ from ..camera.calibration.projections import gives_baseline, pose_from_projectio
 from ..camera.calibration.read import Where, named
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
-from ..camera.rig import MonoRig, StereoRig, baseline_question
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
@@ -97,12 +97,6 @@ def right_is_left(rig: StereoRig) -> float | None:
     """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
-
-
-def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
-    """What is to be asked about a baseline, as a list of none or one."""
-    question = baseline_question(rig)
-    return [question] if question else []
 
 
 def _error(problem: str, *hints: str) -> LogError:

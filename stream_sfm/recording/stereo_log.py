@@ -5,7 +5,7 @@ from contextlib import closing
 from pathlib import Path
 
 from ..camera.calibration.read import Where
-from ..camera.rig import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, LogError
 from ..mcap_file.damage import Damage
 from ..sources.camera import CameraSource
@@ -19,7 +19,7 @@ from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_tru
 from .log_writer import MessageWriter
 from .messages import MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .rig import FoundRig, baseline_warnings, check_rig, find_rig
+from .rig import FoundRig, check_rig, find_rig
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair
 from .truth_file import GroundTruthFile, load_truth, time_warning

@@ -37,6 +37,7 @@ class ResultFolder:
             None  # where a map of places has the world of the estimates
         )
         self._files: list[Sink] = []
+        self._estimates: EstimatesWriter | None = None
         self._lock: int | None = None
         self._closed = False
 
@@ -78,34 +79,26 @@ class ResultFolder:
         self._closed = bool(self._files)  # where nothing was written nothing is closed
         try:
             close_all(self._files)
-            self._write_metadata()
+            path = self.path / bag_metadata.NAME  # which makes the folder a bag, unless it is one that is not ours
+            if self._estimates is not None and bag_metadata.may_be_written(path, "estimates.mcap"):
+                write_whole(path, self._estimates.metadata())
         finally:
             if self._lock is not None:
                 os.close(self._lock)
                 self._lock = None
 
-    def _write_metadata(self) -> None:
-        """Make the folder a bag, unless it is one already that is not ours."""
-        for file in self._files:
-            path = self.path / bag_metadata.NAME
-            if isinstance(file, EstimatesWriter) and bag_metadata.may_be_written(path, "estimates.mcap"):
-                write_whole(path, file.metadata())
-
     def _open(self) -> None:
         make_folder(self.path)
         self._lock = lock_folder(self.path)
-        self._write_config()
-        self._files.append(
-            EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config, self.map_from_world)
-        )
+        if self.path / "config.toml" in changed_results(self.path, self._config):
+            write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
+        estimates = self.path / "estimates.mcap"
+        self._estimates = EstimatesWriter(estimates, self._rig, self._config, self.map_from_world)
+        self._files.append(self._estimates)  # one by one: those that are open are closed where the next one fails
         unit = UNIT_WITHOUT_SCALE if self._config.mono else ""
         self._files.append(tum_writer(self.path / "trajectory.tum", unit))
         self._files.append(kitti_writer(self.path / "trajectory.kitti"))
         self._files.append(csv_writer(self.path / "trajectory.csv"))
-
-    def _write_config(self) -> None:
-        if self.path / "config.toml" in changed_results(self.path, self._config):
-            write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
 
 
 def changed_results(folder: Path, config: Config) -> list[Path]:

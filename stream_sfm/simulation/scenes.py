@@ -16,11 +16,7 @@ from ..types import Observations
 
 WIDTH, HEIGHT = 512, 480  # px; paper
 NEAR_M, FAR_M = 2.0, 3.0  # paper: points are uniform in depth between them
-F_PX, BASELINE_M, CROSSING_M = (
-    600.0,
-    0.250,
-    2.5,
-)  # ours, the paper gives none: axes cross in mid-scene
+F_PX, BASELINE_M, CROSSING_M = 600.0, 0.250, 2.5  # ours, the paper gives none: axes cross in mid-scene
 ROUND_OFF_PX = 12**-0.5  # closed form: standard deviation of rounding to whole pixels
 FRAME_NS = 100_000_000  # ours: ten frames per second
 _MAX_DRAWS = 50  # rounds of drawing points before less image support is asked for
