@@ -51,6 +51,7 @@ from ._core import rig_mixture as rig_mixture
 from ._core import rotation_vectors as rotation_vectors
 from ._core import sample_weights as sample_weights
 from ._core import store_patches as store_patches
+from ._core import unfilter_png as unfilter_png
 from ._core import velocities_by_twist as velocities_by_twist
 from ._core import view_residuals as view_residuals
 from ._core import warp_patches as warp_patches

@@ -17,6 +17,12 @@ def match_along_rows(
     Images of one pyramid level, of one size; disparities from `first` to `last`, pixels of that level.
     """
 
+def unfilter_png(filtered: NDArray[np.uint8], pixel: int) -> NDArray[np.uint8]:
+    """Bytes (h, w) of a PNG image with one or two a `pixel`, from rows (h, 1 + w) that begin with their filter.
+
+    Raises ValueError for a filter that does not exist.
+    """
+
 def sample_weights(radius_px: int, spacing_px: int) -> Grey:
     """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
 

@@ -106,6 +106,9 @@ NB_MODULE(_core, m) {
         });
         return nb::make_tuple(numpy(std::move(r.at)), numpy(std::move(r.found)), numpy(std::move(r.error)));
     });
+    m.def("unfilter_png", [](const GreyOf<std::uint8_t>& filtered, std::size_t pixel) {
+        return numpy(unlocked([&] { return unfilter_png(view(filtered), pixel); }));
+    });
     m.def("disparity_slopes", [](const Grey& left, const Grey& right, const In<std::int64_t, 2>& points_px,
                                  const In<double, 2>& right_px, int radius, double std_grey) {
         return numpy(unlocked([&] {

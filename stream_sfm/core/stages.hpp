@@ -36,6 +36,9 @@ Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const V
 AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
 
+// png.cpp
+Array<std::uint8_t, 2> unfilter_png(const View<std::uint8_t, 2>& filtered, std::size_t pixel);
+
 // slant.cpp
 Array<double, 2> disparity_slopes(const Image& left, const Image& right, const Pixels& points, const View<double, 2>& right_px,
                                   int radius, double std_grey);

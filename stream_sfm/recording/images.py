@@ -12,6 +12,7 @@ from ..camera.pixels import Grey
 from ..errors import LogError
 from ..sources import image_header
 from .messages import ImageMessage
+from .png import decode_plain_png
 
 # encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
 _PLAIN: dict[str, tuple[int, int, int | None]] = {
@@ -98,6 +99,8 @@ def _decode_compressed(message: ImageMessage) -> Grey:
         raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes that declare {width}×{height} pixels")
     if problem := image_header.problem(message.data):
         raise UndecodableImage(f"{message.topic}: an image that is not decoded: {problem}")
+    if (grey := decode_plain_png(message.data)) is not None:
+        return grey
     # An orientation tag is ignored: the calibration is of the pixels as they were recorded.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)

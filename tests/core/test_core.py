@@ -27,6 +27,7 @@ SEEN = (SLOTS % 2, SLOTS, VIEWS, COV, SHARED, FIELD, MOVES)
 # Each function with arguments that it takes
 CALLS = {
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
+    "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
@@ -88,7 +89,9 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
                     some.flat[::3] = value
                 others.append(some)
         else:
-            others += [np.full_like(argument, value) for value in (-1, 10**6, 2**62, -(2**62))]
+            others += [
+                np.full(argument.shape, value).astype(argument.dtype) for value in (-1, 10**6, 2**62, -(2**62))
+            ]
         for other in others:
             arguments = list(CALLS[name])
             arguments[at] = other.copy()

@@ -53,6 +53,7 @@ HOMES = {
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
+    "isal": ("recording",),
     "rosbags": ("recording", "sources"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),

@@ -1,6 +1,7 @@
 """Single images: channels in their order, 16 bits, padding, depth in metres."""
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from stream_sfm.camera.pixels import GreyScaler
 from stream_sfm.recording.depth import decode_depth_m
 from stream_sfm.recording.images import UndecodableImage, decode_grey, image_size
 from stream_sfm.recording.messages import ImageMessage
+from stream_sfm.recording.png import decode_plain_png
 from tests.helpers.stereo_logs import scene
 
 RED, GREEN, BLUE = 200, 100, 50
@@ -52,6 +54,44 @@ def test_colour_files_become_grey_and_tell_their_size(suffix, flags):
     message = ImageMessage("/c", 0, "c", True, suffix, data)
     assert decode_grey(message)[5, 5] == pytest.approx(LUMA, abs=2)
     assert image_size(message) == (30, 20)
+
+
+def filtered_png(pixels: np.ndarray, filter: int) -> bytes:
+    """A PNG of grey `pixels`, each row with that filter of the specification."""
+    size = pixels.itemsize
+    rows = pixels.astype(pixels.dtype.newbyteorder(">")).view(np.uint8).astype(int)
+    left, up, corner = (
+        np.pad(rows, ((d, 0), (s, 0)))[: len(rows), : rows.shape[1]] for d, s in ((0, size), (1, 0), (1, size))
+    )
+    guess = left + up - corner
+    apart = np.stack([abs(guess - left), abs(guess - up), abs(guess - corner)])
+    paeth = np.choose(apart.argmin(axis=0), [left, up, corner])
+    predicted = (0 * rows, left, up, (left + up) // 2, paeth, 0 * rows)[filter]  # the last one does not exist
+    filtered = np.insert((rows - predicted) % 256, 0, filter, axis=1).astype(np.uint8)
+    header = struct.pack(">IIBBBBB", pixels.shape[1], len(pixels), 8 * size, 0, 0, 0, 0)
+    chunks = (b"IHDR" + header, b"IDAT" + zlib.compress(filtered.tobytes()), b"IEND")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks
+    )
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("filter", range(5))
+def test_plain_pngs_have_the_pixels_that_were_put_in(kind, filter):
+    pixels = np.random.default_rng(0).integers(0, np.iinfo(kind).max, (20, 31)).astype(kind)
+    decoded = decode_plain_png(filtered_png(pixels, filter))
+    assert decoded is not None and decoded.dtype == kind
+    assert (decoded == pixels).all()
+
+
+def test_a_png_that_is_damaged_anywhere_is_left_to_the_other_decoder():
+    pixels = np.random.default_rng(0).integers(0, 256, (9, 13)).astype(np.uint8)
+    data = filtered_png(pixels, 4)
+    assert decode_plain_png(filtered_png(pixels, 5)) is None  # no such filter
+    for at in range(8, len(data)):  # the signature has been looked at before; the checksum of IEND is not needed
+        for damaged in (data[:at], data[:at] + bytes([data[at] ^ 64]) + data[at + 1 :]):
+            decoded = decode_plain_png(damaged)
+            assert decoded is None or (decoded == pixels).all()
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14, 16])
