@@ -9,10 +9,9 @@ import weakref
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
@@ -138,12 +137,7 @@ class LogFile:
         """Yield the attachments of at most `max_bytes`, in file order."""
         if self.index is not None and self.index.attachment_count == 0:
             return
-        for body, where in self._bodies(Opcode.ATTACHMENT, damage, max_bytes):
-            try:
-                attachment: Attachment = parse_record(Attachment.read, body)
-            except BrokenRecord as error:
-                damage.add(f"{where}: a damaged attachment was skipped: {error}")
-                continue
+        for attachment, body, where in self._records(Attachment, Opcode.ATTACHMENT, damage, max_bytes):
             crc = int.from_bytes(body[-4:], "little")
             if crc and crc != zlib.crc32(memoryview(body)[:-4]):  # some writers of old compute it differently
                 damage.note(f"{where}: the checksum of attachment {attachment.name!r} does not match its content")
@@ -151,32 +145,28 @@ class LogFile:
 
     def metadata(self, damage: Damage) -> Iterator[Metadata]:
         """Yield the metadata records of at most 1 MiB, in file order."""
-        for body, where in self._bodies(Opcode.METADATA, damage, _MAX_ATTACHMENT_BYTES):
-            try:
-                record: Metadata = parse_record(Metadata.read, body)
-            except BrokenRecord as error:
-                damage.add(f"{where}: damaged metadata was skipped: {error}")
-                continue
+        for record, *_ in self._records(Metadata, Opcode.METADATA, damage, _MAX_ATTACHMENT_BYTES):
             yield record
 
     def header(self) -> Header | None:
         """The header record, or None where it is damaged."""
-        with suppress(BrokenRecord):
-            for body, _ in self._bodies(Opcode.HEADER, Damage(), _MAX_HEADER_BYTES, first_only=True):
-                header: Header = parse_record(Header.read, body)
-                return header
-        return None
+        found = self._records(Header, Opcode.HEADER, Damage(), _MAX_HEADER_BYTES, first_only=True)
+        return next((header for header, *_ in found), None)
 
-    def _bodies(
-        self, opcode: int, damage: Damage, max_bytes: int, first_only: bool = False
-    ) -> Iterator[tuple[bytes, str]]:
-        """Yield the bodies of the records of one kind, each with its place; `first_only`: look at one record."""
+    def _records(
+        self, kind: Any, opcode: Opcode, damage: Damage, max_bytes: int, first_only: bool = False
+    ) -> Iterator[tuple[Any, bytes, str]]:
+        """Yield the records of one kind, each with its body and its place; `first_only`: look at one record."""
         try:
             with self._open() as stream:
                 walk = self._walk(stream, damage, lambda _: False)
                 for record in walk:
                     if record.opcode == opcode and record.length <= max_bytes:
-                        yield walk.body(record), f"{self.path} at byte {record.offset}"
+                        body, where = walk.body(record), f"{self.path} at byte {record.offset}"
+                        try:
+                            yield parse_record(kind.read, body), body, where
+                        except BrokenRecord as error:
+                            damage.add(f"{where}: damaged {opcode.name.lower()} was skipped: {error}")
                     if first_only:
                         return
         except OSError as error:
