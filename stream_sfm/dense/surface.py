@@ -16,14 +16,12 @@ from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..inspection.calibration_check import Images
-from ..inspection.findings import quick_problems
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
-from ..recording.topics import PairChoice
+from ..run.calibration import images_of, log_problems
 from ..run.lane import Lane
 from ..run.loop import run
 from ..types import Frame, FrameEstimate, Selection, Sink, Status
@@ -78,7 +76,7 @@ class DenseView:
 
     def see(self, frame: RecordedFrame) -> tuple[DisparityMap, Image]:
         """Return the disparities of a frame, and its rectified left image (h, w, 3)."""
-        left, right = (self._reduced(image) for image in self._rectifier.rectify(*_images(frame)))
+        left, right = (self._reduced(image) for image in self._rectifier.rectify(*images_of(frame)))
         rgb = decode_rgb(frame.recorded.left)
         if rgb is None or rgb.shape[:2] != frame.left.shape:
             picture = np.repeat(left[:, :, None], 3, axis=2)
@@ -154,20 +152,8 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
-    warnings = [*log.stats.warnings, *_problems(log, frame)]
+    warnings = [*log.stats.warnings, *log_problems(log, [images_of(frame)])]
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), warnings)
-
-
-def _problems(log: StereoLog, frame: RecordedFrame) -> list[str]:
-    """Return why a surface of these images cannot be right, such as exchanged cameras."""
-    choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
-    return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, [_images(frame)])]
-
-
-def _images(frame: RecordedFrame) -> Images:
-    """Left and right, which have 8 bits in frames of a log."""
-    left, right = (np.asarray(image, np.uint8) for image in frame.images)
-    return left, right
 
 
 def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
@@ -225,7 +211,7 @@ class _Fused:
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Add a frame."""
         assert isinstance(frame, RecordedFrame)  # of a log
-        self.problems = _problems(self._log, frame) if self.problems is None else self.problems
+        self.problems = log_problems(self._log, [images_of(frame)]) if self.problems is None else self.problems
         if estimate.status is not Status.LOST:
             cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
             world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect

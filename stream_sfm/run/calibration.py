@@ -1,6 +1,7 @@
 """Notices cameras and calibrations that do not belong together while a replay starts, not after hours."""
 
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +14,18 @@ from ..types import Frame, FrameEstimate
 _CONFIRMED_BY = 4  # frames: a problem in the first one must be there in all of these together
 
 
+def images_of(frame: Frame) -> Images:
+    """The first and the last image of a frame of a log, which have 8 bits."""
+    images = [np.asarray(image, np.uint8) for image in frame.images]
+    return images[0], images[-1]
+
+
+def log_problems(log: StereoLog, frames: Sequence[Images]) -> list[str]:
+    """What prevents a replay of a log with its calibration, as far as these images show."""
+    choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
+    return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, frames)]
+
+
 class CalibrationSink:
     """A sink that checks the calibration of a log against its first frames; `problems` is what it found.
 
@@ -21,7 +34,6 @@ class CalibrationSink:
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
-        self._choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
         self._frames: list[Images] = []
         self._done = False
         self.problems: list[str] = []
@@ -30,10 +42,9 @@ class CalibrationSink:
         """Check the first frame, and a few more if something is wrong with it."""
         if self._done:
             return
-        images = [np.asarray(image, np.uint8) for image in frame.images]  # as a log's frames are
-        self._frames.append((images[0], images[-1]))
+        self._frames.append(images_of(frame))
         if len(self._frames) == 1:
-            self._done = not self._check()
+            self._done = not log_problems(self._log, self._frames)
         elif len(self._frames) == _CONFIRMED_BY:
             self._conclude()
 
@@ -42,12 +53,8 @@ class CalibrationSink:
         if not self._done and self._frames:
             self._conclude()
 
-    def _check(self) -> list[str]:
-        problems = quick_problems(self._log.stereo_rig, self._choice, self._frames)
-        return [f"{self._log.path}: {problem}" for problem in problems]
-
     def _conclude(self) -> None:
-        self.problems = self._check()
+        self.problems = log_problems(self._log, self._frames)
         self._frames.clear()
         self._done = True
         for problem in self.problems:
