@@ -296,7 +296,7 @@ class PlaceMap:
         }
         sure = {old: link for old, link in near.items() if not is_ambiguous(link.cov, keyframe.depth_m)}
         for old in apart(filter(self._unseen_since(number), sure), _CANDIDATES, _APART):
-            if (loop := self._verified(old, number, seen)) and agrees(sure[old], loop.motion):
+            if (loop := self._verified(old, number, seen, sure[old])) and agrees(sure[old], loop.motion):
                 if gain(sure[old], loop.motion) > _MIN_GAIN:
                     self._graph.close([loop], doubtful=False)
                 return
@@ -322,8 +322,10 @@ class PlaceMap:
 
         return test
 
-    def _verified(self, old: int, new: int, seen: Seen) -> Loop | None:
-        found = self._verifier.motion(self._nodes[old].keyframe, seen)
+    def _verified(self, old: int, new: int, seen: Seen, known: Motion | None = None) -> Loop | None:
+        turn = self._rect_from_cam
+        predicted = None if known is None else turn @ known.earlier_from_newest @ turn.T
+        found = self._verifier.motion(self._nodes[old].keyframe, seen, predicted)
         if found is None:
             return None
         return Loop(old, new, Motion(self._axes.poses(found.earlier_from_newest), self._axes.cov_pose(found.cov)))

@@ -51,9 +51,14 @@ class Verifier:
         self._projection = p = projection
         self._matrix = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
 
-    def motion(self, old: Keyframe, new: Seen) -> Motion | None:
-        """The motion from the old keyframe to the new one, in rectified axes; None where they do not show the same."""
+    def motion(self, old: Keyframe, new: Seen, predicted: Array | None = None) -> Motion | None:
+        """The motion from the old keyframe to the new one, in rectified axes; None where they do not show the same.
+
+        Where too few features match, the patches are warped by the motion `predicted`, if there is one.
+        """
         start = self._rough(old, new.keyframe)
+        if start is None and predicted is not None:
+            start = se3.inverse(predicted)
         if start is None or not len(old.points):
             return None
         images, atlas = [smoothed(image) for image in new.images], templates(old)
