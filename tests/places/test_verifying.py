@@ -1,5 +1,7 @@
 """Whether a place is the same, and the covariance of the motion between two views of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,22 @@ def test_the_motion_between_two_views_and_its_covariance(projection: StereoProje
 def test_other_places_are_not_verified(projection: StereoProjection) -> None:
     first, other = seen(Wall(1), np.eye(4), projection), seen(Wall(2), np.eye(4), projection)
     assert Verifier(projection).motion(first.keyframe, other) is None
+
+
+def test_where_no_feature_matches_a_prediction_takes_the_place_of_it_and_proves_nothing(
+    projection: StereoProjection,
+) -> None:
+    first, second, other = (
+        seen(Wall(s), pose, projection) for s, pose in ((1, np.eye(4)), (1, SECOND), (2, SECOND))
+    )
+    unlike = replace(first.keyframe, descriptors=255 - second.keyframe.descriptors[:1].repeat(20, axis=0))
+    near = SECOND @ se3.exp([0.01, -0.01, 0, 0.002, 0, 0])
+    verifier = Verifier(projection)
+    assert verifier.motion(unlike, second) is None
+    found = verifier.motion(unlike, second, near)
+    assert found is not None
+    assert np.linalg.norm((se3.inverse(found.earlier_from_newest) @ SECOND)[:3, 3]) < 0.02
+    assert verifier.motion(unlike, other, near) is None
 
 
 def test_views_from_too_far_are_not_verified(projection: StereoProjection) -> None:
