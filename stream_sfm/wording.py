@@ -46,6 +46,11 @@ def some_of(names: Sequence[str], separator: str = ", ") -> str:
     return separator.join(names[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
+def counted(n: int, thing: str) -> str:
+    """A number of things: 1 frame, 2 frames."""
+    return f"{n} {thing}{'' if n == 1 else 's'}"
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of a sentence that suggests the known name nearest to `name`; empty where none is near."""
     nearest = get_close_matches(name, list(known), n=1, cutoff=_SIMILAR)

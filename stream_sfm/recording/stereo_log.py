@@ -13,6 +13,7 @@ from ..sources.devices import open_device
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from ..types import Selection, Trajectory
+from ..wording import counted
 from .both_sides import both_sides
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
@@ -191,7 +192,7 @@ class StereoLog:
                 if decoder.skipped:
                     self.stats.complete = False
                     self.stats.warnings.append(
-                        f"{self.stats.undecodable} frames could not be decoded and were skipped, the first: "
+                        f"{counted(self.stats.undecodable, 'frame')} skipped that could not be decoded, the first: "
                         f"{decoder.problem}"
                     )
         if not delivered:

@@ -9,6 +9,7 @@ from markupsafe import Markup
 from ..errors import InputError
 from ..sources.pose_files import read_tum
 from ..types import Status
+from ..wording import counted
 from .figures import ACCURACY, FURTHER, table
 from .lengths import unit_for
 from .svg import Chart, Series, draw
@@ -27,7 +28,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     }
     return render(
         "batch.html.j2",
-        title=f"{len(content['logs'])} {_logs(content)}, method {content['method']}",
+        title=f"{counted(len(content['logs']), 'log')}, method {content['method']}",
         n=content,
         conclusion=conclusion(content),
         estimated=estimated,
@@ -42,14 +43,10 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     )
 
 
-def _logs(content: dict[str, Any]) -> str:
-    return "log" if len(content["logs"]) == 1 else "logs"
-
-
 def conclusion(content: dict[str, Any]) -> str:
     """A sentence that says how many logs were completed, and what became of the others."""
     counts = content["counts"]
-    parts = [f"{counts.get('done', 0)} of {len(content['logs'])} {_logs(content)} done"]
+    parts = [f"{counts.get('done', 0)} of {counted(len(content['logs']), 'log')} done"]
     for status, words in (
         ("incomplete", "only partly read"),
         ("failed", "failed"),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..types import Trajectory
+from ..wording import counted
 from . import charts
 from .figures import ACCURACY, FURTHER, table
 from .lengths import unit_for
@@ -32,7 +33,7 @@ def render_evaluation(runs: Sequence[Evaluated]) -> str:
     poses = {run.name: run.trajectory.world_from_cam for run in scaled if len(run.trajectory)}
     return render(
         "evaluation.html.j2",
-        title="1 run" if len(runs) == 1 else f"{len(runs)} runs",
+        title=counted(len(runs), "run"),
         runs=[(run, looks(run.name), label(run.method)) for run in runs],
         accuracy=table((*ACCURACY, *FURTHER[:2]), [run.figures for run in runs], {"errors": unit}),
         charts=[

@@ -19,6 +19,7 @@ from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory
+from ..wording import counted
 from .calibration_field import CalibrationError
 from .front_record import FrontRecord
 from .view import View
@@ -143,11 +144,11 @@ class RunRecord:
                 f"earlier frames distances of 10 m are off by {10 * wrong_px / self._disparity_at_1m_px:.1%}"
             )
         if self.refused:
-            notes.append(f"{self.refused} frames were refused, the first: {self.first_refusal}")
+            notes.append(f"{counted(self.refused, 'frame')} refused, the first: {self.first_refusal}")
         if lost := self.count(Status.LOST):
-            notes.append(f"tracking was lost in {lost} frames, {self._first(Status.LOST)}")
+            notes.append(f"tracking was lost in {counted(lost, 'frame')}, {self._first(Status.LOST)}")
         if (degraded := self.count(Status.DEGRADED)) > _MANY_DEGRADED * len(self):
-            notes.append(f"{degraded} of {len(self)} frames are degraded, {self._first(Status.DEGRADED)}")
+            notes.append(f"{degraded} of {counted(len(self), 'frame')} degraded, {self._first(Status.DEGRADED)}")
         return [*notes, *([self.failure] if self.failure else [])]
 
     def _first(self, status: Status) -> str:

@@ -21,6 +21,7 @@ from ..recording.frames import RecordedFrame
 from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
 from ..types import Frame, FrameEstimate, Selection, Sink
+from ..wording import counted
 from .lane import Lane, without_rig_errors
 
 Frames = Generator[RecordedFrame, None, None]
@@ -93,7 +94,7 @@ def run(
     if not course.frames and refusal is not None and course.error is None:
         course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
     if interruption.requested:
-        course.interrupt(f"interrupted after {course.frames} frames")
+        course.interrupt(f"interrupted after {counted(course.frames, 'frame')}")
     try:
         close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
     except Exception as error:
