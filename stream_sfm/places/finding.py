@@ -25,10 +25,15 @@ NEAREST = 64  # keyframes by predicted pose, whose covariances are looked at: a 
 _ROUNDS = 4  # of k-majority: the fifth moves no word by more than a bit
 
 
-def nearest_poses(olds_from_new: Array, depth_m: float) -> NDArray[np.intp]:
-    """Rows of up to `NEAREST` predicted motions (n, 4, 4), the nearest first."""
-    motion = se3.log_so3(olds_from_new[:, :3, :3])
-    apart = np.linalg.norm(olds_from_new[:, :3, 3], axis=1) / depth_m + np.linalg.norm(motion, axis=1)
+def offsets_m(poses: Array, pose: Array) -> Array:
+    """How far (n,) poses (n, 4, 4) are from one (4, 4)."""
+    return np.asarray(np.linalg.norm(poses[:, :3, 3] - pose[:3, 3], axis=1))
+
+
+def nearest_poses(poses: Array, pose: Array, depth_m: float) -> NDArray[np.intp]:
+    """Rows of up to `NEAREST` of poses (n, 4, 4), those nearest to one (4, 4) first."""
+    cosine = 0.5 * (poses[:, :3, :3].reshape(-1, 9) @ pose[:3, :3].ravel() - 1)
+    apart = offsets_m(poses, pose) / depth_m + np.arccos(cosine.clip(-1, 1))
     return np.argsort(apart, kind="stable")[:NEAREST]
 
 
@@ -86,9 +91,8 @@ class Words:
             return sorted(among)  # so few that there are no words, and any will do
         bags = np.array([self._bags[number] for number in numbers])
         rarity = np.log(len(bags) / np.maximum(1, (bags > 0).sum(axis=0))).astype(np.float32)
-        weighted = bags * rarity
-        norm = np.linalg.norm(weighted, axis=1)
-        score = weighted @ (self._bag(descriptors[::_EVERY]) * rarity) / np.maximum(norm, 1e-6)
+        norm = np.sqrt(bags**2 @ rarity**2)
+        score = bags @ (self._bag(descriptors[::_EVERY]) * rarity**2) / np.maximum(norm, 1e-6)
         return [numbers[row] for row in np.argsort(-score, kind="stable").tolist()]
 
     def _bag(self, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ from ..geometry.se3 import Array
 from ..motion import Motion
 from ..types import Frame, FrameEstimate, Trajectory
 from .chain import UNSEEN, Chain
-from .finding import Words, apart, may_overlap, nearest_poses, stds
+from .finding import Words, apart, may_overlap, nearest_poses, offsets_m, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
 from .map_file import load_map, save_map
@@ -285,9 +285,8 @@ class PlaceMap:
     def _find(self, number: int, seen: Seen) -> None:
         """Look for older keyframes of the same place: by the predicted pose, and where that is not enough by words."""
         graph, keyframe = self._graph, seen.keyframe
-        olds_from_new = se3.inverse(graph.poses) @ graph.pose(number)
-        rows = np.flatnonzero(graph.in_world_of(number) & self._by_detour(number, olds_from_new))
-        rows = rows[nearest_poses(olds_from_new[rows], keyframe.depth_m)]
+        rows = np.flatnonzero(graph.in_world_of(number) & self._by_detour(number))
+        rows = rows[nearest_poses(graph.poses[rows], graph.pose(number), keyframe.depth_m)]
         motions, covs = graph.predicted(number, rows)
         gate = may_overlap(motions, covs, keyframe.depth_m)
         near = {
@@ -307,11 +306,12 @@ class PlaceMap:
         found = [self._verified(old, number, seen) for old in apart(alike, _CANDIDATES, _APART)]
         self._close_doubtful([loop for loop in found if loop is not None], keyframe.depth_m)
 
-    def _by_detour(self, number: int, motions: Array) -> NDArray[np.bool_]:
-        """Which nodes (n,) the camera has come from by a detour, by predicted motions (n, 4, 4) from there."""
-        nodes, new = self._nodes, self._nodes[number]
-        far_m = _MIN_DETOUR_DEPTHS * new.keyframe.depth_m + np.linalg.norm(motions[:, :3, 3], axis=1)
-        return np.asarray(new.path_m - np.array([nodes[old].path_m for old in self._graph.numbers]) > far_m)
+    def _by_detour(self, number: int) -> NDArray[np.bool_]:
+        """Which nodes (n,) the camera has come from by a detour."""
+        nodes, new, graph = self._nodes, self._nodes[number], self._graph
+        path_m = new.path_m - np.array([nodes[old].path_m for old in graph.numbers])
+        straight_m = offsets_m(graph.poses, graph.pose(number))
+        return np.asarray(path_m > straight_m + _MIN_DETOUR_DEPTHS * new.keyframe.depth_m)
 
     def _unseen_since(self, number: int) -> Callable[[int], bool]:
         """Of which nodes hardly a point is followed any more."""
