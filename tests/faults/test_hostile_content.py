@@ -53,6 +53,15 @@ def test_images_that_would_fill_memory_are_not_decoded(name):
         decode_grey(ImageMessage("/left", 0, "", True, "png", data))
 
 
+@pytest.mark.parametrize(
+    ("ending", "flags"), [(".png", []), (".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]), (".webp", [])]
+)
+def test_sound_images_pass(ending, flags):
+    data = bytes(cv2.imencode(ending, np.stack([scene(0, 0)] * 3, axis=-1), flags)[1])
+    found = decode_grey(ImageMessage("/l", 0, "", True, "", data))
+    assert found.tobytes() == cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE).tobytes()
+
+
 def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(tmp_path):
     """14.7 million empty records in 12 kB took 20 s a pass; here there are a third of them."""
     path = tmp_path / "log.mcap"
