@@ -60,10 +60,8 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
-        self._all_views = WhitenedViews.none(
-            len(rig)
-        )  # used or not; points are counted anew when they are asked for
-        self._ids_of_views = np.empty(0, np.int64)
+        # used or not; points are counted anew when they are asked for
+        self._all_views = WhitenedViews.none(len(rig))
         self._twist_error = TwistError()
         self._twists = np.zeros((1, 6))  # of the reference camera and of the window
         self._first: WindowFrame | None = frame  # until another one is absorbed
@@ -269,7 +267,7 @@ class Map:
         )
         moved = clamp_depth(points @ cam_from_previous.T)
         speed = velocities(self.projection, moved, now)
-        effects = frame.rig.effects_by_parts(frame.seen_px(rows), speed, self._age_s(frame.stamp_ns))
+        effects = frame.rig.effects_by_parts(frame.seen_px(rows), speed, self.age_s(frame.stamp_ns))
         frame.rig_effects = frame.rig_effects.take(rows, effects)
         then = TimedViews(self.projection, points, before, frame.rig.row_of)
         views = TimedViews(self.projection, moved, now, frame.rig.row_of)
@@ -293,14 +291,14 @@ class Map:
         views, rows = self.views(), self._used_rows()
         in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
         stereo = np.concatenate([f.stereo for f in self.frames])[rows]
-        age = np.array([self._age_s(f.stamp_ns) for f in self.frames])
+        age = np.array([self.age_s(f.stamp_ns) for f in self.frames])
         effects = self._effects(
             rig, in_cam, self._twists[1:][views.frame], age[views.frame], stereo, views.rig_effects
         )
         everywhere = self._all_views.rig_effects.take(rows, effects)
         self._all_views = replace(self._all_views, rig_effects=everywhere)
 
-    def _age_s(self, stamp_ns: int) -> float:
+    def age_s(self, stamp_ns: int) -> float:
         """Return for how long errors of the rig may have grown."""
         return (stamp_ns - self.prior.rig.since_ns) / 1e9
 
@@ -349,7 +347,7 @@ class Map:
         frame.used = among(frame.ids, self.prior.ids)
         q, anchors = self.q[at], self.ref_from_anchor[at]
         rows = np.flatnonzero(frame.used)
-        age = self._age_s(frame.stamp_ns)
+        age = self.age_s(frame.stamp_ns)
         effects = self._effects(rig, homogeneous_from_q(q), twist, age, frame.stereo[rows], frame.rig_effects[rows])
         frame.rig_effects = frame.rig_effects.take(rows, effects)
         views = frame.views(self.prior.ids)
@@ -373,7 +371,7 @@ class Map:
         self.rig_jumped = distance2 > _RIG_JUMP
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
-        age = self._age_s(self.frames[-1].stamp_ns)
+        age = self.age_s(self.frames[-1].stamp_ns)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 
     def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
