@@ -7,8 +7,8 @@ Under equal methods intervals exclude equality as often as they say; `tests/eval
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,8 @@ _HALVINGS = 10
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
-class Interval(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Interval:
     """A value and its 95 % interval."""
 
     value: float

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import core
 from ..camera.pixels import Grey
+from ..sources.image_header import PNG_CHUNK, PNG_SIGNATURE
 
 zlib: Any
 try:
@@ -17,10 +18,8 @@ except ImportError:  # no wheels for this machine
 else:
     zlib = isal_zlib
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">8sI4sIIBBBBBI")  # up to the checksum of the first chunk
 _WITHOUT_PIXELS = (b"IHDR", b"pHYs", b"tEXt", b"tIME")  # chunks that no decoder obeys
-_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
 
 
 def decode_plain_png(data: bytes) -> Grey | None:
@@ -32,10 +31,9 @@ def decode_plain_png(data: bytes) -> Grey | None:
     if len(data) < _HEADER.size:
         return None
     signature, length, _, width, height, bits, *kind, _ = _HEADER.unpack_from(data)
-    usual = not any(
-        kind
-    )  # grey; compressed, filtered and ordered by the one way that the specification names first
-    if signature != _SIGNATURE or length != 13 or bits not in (8, 16) or not usual:
+    # grey; compressed, filtered and ordered by the one way that the specification names first
+    usual = not any(kind)
+    if signature != PNG_SIGNATURE or length != 13 or bits not in (8, 16) or not usual:
         return None
     pixel = bits // 8
     size, content = height * (1 + width * pixel), _content(data)
@@ -54,17 +52,17 @@ def decode_plain_png(data: bytes) -> Grey | None:
 
 def _content(data: bytes) -> bytes | None:
     """The compressed pixels; None where a checksum is wrong, or a chunk is there that says how to take them."""
-    at = len(_SIGNATURE)
+    at = len(PNG_SIGNATURE)
     parts: list[bytes] = []
-    while at + _CHUNK.size < len(data):
-        length, kind = _CHUNK.unpack_from(data, at)
-        end = at + _CHUNK.size + length
+    while at + PNG_CHUNK.size < len(data):
+        length, kind = PNG_CHUNK.unpack_from(data, at)
+        end = at + PNG_CHUNK.size + length
         if data[end : end + 4] != zlib.crc32(data[at + 4 : end]).to_bytes(4, "big"):
             return None
         if kind == b"IEND":
             return b"".join(parts)
         if kind == b"IDAT":
-            parts.append(data[at + _CHUNK.size : end])
+            parts.append(data[at + PNG_CHUNK.size : end])
         elif kind not in _WITHOUT_PIXELS:
             return None
         at = end + 4

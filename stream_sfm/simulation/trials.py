@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..evaluation.relative import Interval
 from ..geometry.se3 import Array
 
 _RESAMPLES = 2000  # closed form: the ends of an interval then have a σ of 1.5 % of its length
@@ -52,15 +53,6 @@ def stacked(trials: list[Measured]) -> Measured:
 def trials_of(data: Measured) -> int:
     """Return the number of trials that were measured."""
     return len(next(iter(next(iter(data.values())).values())))
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A value and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,9 @@
 
 import struct
 
-_MAGIC = ((b"\x89PNG\r\n\x1a\n", "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
-_PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_MAGIC = ((PNG_SIGNATURE, "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
+PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
 _MAX_SCANS = 64  # of a JPEG: progressive ones have about ten, and each costs a pass over the whole image
 
 
@@ -63,20 +64,20 @@ def problem(data: bytes) -> str:
         return f"it has {scans} scans" if scans > _MAX_SCANS else ""
     if not data.startswith(b"\x89PNG"):
         return ""
-    at = 8
+    at = len(PNG_SIGNATURE)
     while at < len(data):
-        if len(data) - at < _PNG_CHUNK.size:
+        if len(data) - at < PNG_CHUNK.size:
             return "its last chunk is cut off"
-        length, kind = _PNG_CHUNK.unpack_from(data, at)
-        if (at == 8) != (kind == b"IHDR"):
+        length, kind = PNG_CHUNK.unpack_from(data, at)
+        if (at == len(PNG_SIGNATURE)) != (kind == b"IHDR"):
             return "its header is not in its place"
-        if length > len(data) - at - _PNG_CHUNK.size:
-            return f"a chunk of {length} bytes where {len(data) - at - _PNG_CHUNK.size} are left"
+        if length > len(data) - at - PNG_CHUNK.size:
+            return f"a chunk of {length} bytes where {len(data) - at - PNG_CHUNK.size} are left"
         if kind == b"acTL":
             return "it is an animation"
         if kind == b"IEND":
             return ""
-        at += _PNG_CHUNK.size + length + 4
+        at += PNG_CHUNK.size + length + 4
     return ""
 
 
