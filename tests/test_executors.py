@@ -1,6 +1,5 @@
 """Processes of this machine do what they are given, and end with the run that started them."""
 
-import signal
 import time
 from collections.abc import Callable
 from multiprocessing import active_children
@@ -14,7 +13,8 @@ from stream_sfm.interrupts import deferred_interrupts
 
 def asleep(begun: Path) -> None:
     begun.touch()
-    time.sleep(300)
+    time.sleep(60)
+    begun.with_suffix(".ended").touch()
 
 
 def patient(begun: Path) -> None:
@@ -36,8 +36,9 @@ def test_an_interrupted_run_waits_for_no_worker(job: Callable[[Path], None], tmp
         raise KeyboardInterrupt
     for worker in workers:
         worker.join()
-    # A worker that was waited for would have ended by itself, with 0.
-    assert [worker.exitcode for worker in workers] == 2 * [-signal.SIGKILL]
+    assert len(workers) == 2
+    # The pool's own thread reaps workers too, so that their exit codes may be unknown here.
+    assert not list(tmp_path.glob("*.ended"))
 
 
 def test_work_is_done_in_order() -> None:
