@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from stream_sfm.camera.known_timing import KnownTiming
-from stream_sfm.config import Config, RigConfig
+from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.inverse_depth import homogeneous_from_q
 from stream_sfm.estimators.cross_frame.window import CrossFrame
@@ -18,7 +18,7 @@ from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import FOCAL, TERMS
 from stream_sfm.rig_model.velocities import twists, velocities
-from stream_sfm.simulation.scenes import Scene, Sequence
+from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import Observations, RigView, Solution
 
 STD_PX = 0.15
@@ -201,6 +201,20 @@ def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
         )
         of_pose.append(error @ np.linalg.solve(solution.cov_pose, error))
     assert np.sum(of_pose) < chi2.ppf(1 - 5e-4, 6 * len(of_pose))
+
+
+def test_what_is_found_of_an_exact_rig_is_no_common_error_of_all_runs_in_the_shortest_window_either() -> None:
+    """Over runs that differ in noise the mean of an error that is 0 is N(0, 1/n) in units of its σ, or less."""
+    scene = replace(SCENE, track_length=8, std_px=0.3, frames=40, motion=MOTIONS["slow"])
+    found = []
+    for seed in np.random.SeedSequence(3).spawn(6):
+        sequence = scene.sequence(seed)
+        estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=2)))
+        for o in seen(sequence, np.zeros(M)):
+            rig = estimator.step(o).rig
+        assert isinstance(rig, RigEstimate)
+        found.append((rig.mean_if_wrong / np.sqrt(np.diag(rig.cov_if_wrong)))[LENS])
+    assert np.abs(np.mean(found, axis=0)).max() < norm.isf(5e-4 / M) / np.sqrt(len(found))  # 8.1 of this 3.95 at places smoothed with them
 
 
 def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:

@@ -275,11 +275,11 @@ class Map:
         return timing_unknowns(then, views, *timing, std_acceleration * (stamps[-1] - stamps[-2]) / 1e9)
 
     def renew_rig_effects(self) -> None:
-        """Take what errors of the rig do to the used views of the window where they are expected now, and as they move.
+        """Take what errors of the rig do to the used views of the window, with the velocities that are known now.
 
-        What a delay or a readout does depends on the camera's velocity, which later frames tell better. And the noise
-        of a view moves it to where an error of the rig does something else, by a fixed amount for noise of a given
-        variance, which is not averaged out: errors that hardly show would be estimated wrongly.
+        What a delay or a readout does depends on the camera's velocity, which later frames tell better. The place is
+        kept where a view was expected before it counted: at a place that goes along with the view's own noise, errors
+        that hardly show would be estimated wrongly by a fixed amount, which is not averaged out.
         """
         rig = self.frames[-1].rig
         if rig is None:
@@ -291,10 +291,12 @@ class Map:
         views, rows = self.views(), self._used_rows()
         in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
         stereo = np.concatenate([f.stereo for f in self.frames])[rows]
+        newest, at = self.frames[-1], views.frame == len(self.frames) - 1
+        newest.expected_px[newest.used] = self._expected_px(in_cam[at], stereo[at], views.rig_effects[at])
+        expected_px = np.concatenate([f.expected_px for f in self.frames])[rows]
+        speed = velocities(self.projection, in_cam, self._twists[1:][views.frame])
         age = np.array([self.age_s(f.stamp_ns) for f in self.frames])
-        effects = self._effects(
-            rig, in_cam, self._twists[1:][views.frame], age[views.frame], stereo, views.rig_effects
-        )
+        effects = rig.effects_by_parts(expected_px, speed, age[views.frame])
         everywhere = self._all_views.rig_effects.take(rows, effects)
         self._all_views = replace(self._all_views, rig_effects=everywhere)
 
@@ -302,22 +304,11 @@ class Map:
         """Return for how long errors of the rig may have grown."""
         return (stamp_ns - self.prior.rig.since_ns) / 1e9
 
-    def _effects(
-        self,
-        rig: RigModel,
-        in_cam: Array,
-        twist: Array,
-        age_s: Array | float,
-        stereo: NDArray[np.bool_],
-        effects: RigEffects,
-    ) -> RigEffects:
-        """Return what errors of the rig do to views of homogeneous points (n, 4) with twists (6,) or (n, 6).
-
-        `age_s`, or one (n,) each; `stereo` (n,): both sides were seen; `effects`: so far.
-        """
+    def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
+        """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
         z_px = self.projection.project_homogeneous(in_cam) + effects.at(self.rig_error)
         z_px[~stereo, 2:] = np.nan
-        return rig.effects_by_parts(z_px, velocities(self.projection, in_cam, twist), age_s)
+        return z_px
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -348,7 +339,9 @@ class Map:
         q, anchors = self.q[at], self.ref_from_anchor[at]
         rows = np.flatnonzero(frame.used)
         age = self.age_s(frame.stamp_ns)
-        effects = self._effects(rig, homogeneous_from_q(q), twist, age, frame.stereo[rows], frame.rig_effects[rows])
+        in_cam = homogeneous_from_q(q)
+        expected_px = self._expected_px(in_cam, frame.stereo[rows], frame.rig_effects[rows])
+        effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age)
         frame.rig_effects = frame.rig_effects.take(rows, effects)
         views = frame.views(self.prior.ids)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)

@@ -37,6 +37,7 @@ class WindowFrame:
     var_drift: Array
     cam_from_ref: Array
     ambiguity: Array
+    expected_px: Array
 
     @classmethod
     def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
@@ -56,6 +57,7 @@ class WindowFrame:
             var_drift=_drift_variances(observations, projection),
             cam_from_ref=np.eye(4),
             ambiguity=np.zeros((6, 0)),
+            expected_px=observations.z_px.copy(),
         )
 
     def corrected_px(self, rig_error: Array) -> Array:
