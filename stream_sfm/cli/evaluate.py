@@ -64,13 +64,10 @@ def evaluate(
 def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
     """The ground truth of a run, in the time of its frames. The log is opened where it has what is needed."""
     from ..recording.stereo_log import open_log
-    from ..sources.pose_files import is_euroc_table, read_poses
-    from ..types import Trajectory
 
     file, log = given.read(), run.summary.get("log")
-    if file is not None and file.frame is None and not is_euroc_table(Path(file.path)):
-        poses = read_poses(Path(file.path))
-        return Trajectory(poses.stamps_ns + round(file.offset_s * 1e9), poses.world_from_cam)
+    if file is not None and file.of_left_camera:
+        return file.poses()
     if log is None:
         raise InputError(
             f"{run.folder} does not name its log (summary.json), which is needed here", hint=("ground_truth",)

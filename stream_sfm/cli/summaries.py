@@ -21,6 +21,13 @@ _OF_METHODS = {
     **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
     "ms_per_frame_p50": ("time\nms/frame", ".4g"),
 }
+_WITHOUT_TRUTH = {
+    "divergence_from_cross_frame_m": ("away from\ncross-frame m", ".3g"),
+    "end_std_position_m": ("σ at the\nend m", ".3g"),
+    "end_std_heading_deg": ("σ of the\nheading °", ".2g"),
+    "nis_over_dof": ("NIS\n1 expected", ".3g"),
+    "ms_per_frame_p50": ("time\nms/frame", ".4g"),
+}
 _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
 _OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
 
@@ -33,17 +40,15 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
 
 def print_comparison(content: dict[str, Any]) -> None:
     """Print the methods of report.json; a figure that does not exist for this log is a dash."""
-    ratios = content["error_over_cross_frame"]
-    rows = (
-        [
-            key.replace("_", "-"),
-            *_cells(figures, _OF_METHODS),
-            _interval(ratios[key]["position"]) if key in ratios else "–",
-        ]
-        for key, figures in content["methods"].items()
-    )
-    headings = (heading for heading, _ in _OF_METHODS.values())
-    print_table(rows, ["method", *headings, "position error\nover cross-frame"])
+    ratios, away = content["error_over_cross_frame"], content["divergence_from_cross_frame_m"]
+    columns = _OF_METHODS if content["frames_with_ground_truth"] else _WITHOUT_TRUTH
+    headings, rows = ["method", *(heading for heading, _ in columns.values())], []
+    for key, found in content["methods"].items():
+        figures = {**found, "divergence_from_cross_frame_m": away.get(key)}
+        rows.append([key.replace("_", "-"), *_cells(figures, columns)])
+        if ratios:
+            rows[-1].append(_interval(ratios[key]["position"]) if key in ratios else "–")
+    print_table(rows, headings + ["position error\nover cross-frame"] * bool(ratios))
     for name, spans in (content["self_test"] or {}).items():
         print(f"halves of the {name} differ by {factors_text(spans)}")
 

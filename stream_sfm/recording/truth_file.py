@@ -29,20 +29,28 @@ class GroundTruthFile:
     frame: str | Path | None = None
     offset_s: float = 0.0
 
+    @property
+    def of_left_camera(self) -> bool:
+        """Whether the poses are the left camera's, so that no recording is needed to place them."""
+        return self.frame is None and not is_euroc_table(Path(self.path))
+
+    def poses(self, body_from_cam: Array | None = None) -> Trajectory:
+        """Return `world_from_cam` in the time of the log; `body_from_cam` (4, 4): not the identity. Raises LogError."""
+        found = read_poses(Path(self.path))
+        world_from_cam = found.world_from_cam if body_from_cam is None else found.world_from_cam @ body_from_cam
+        return Trajectory(found.stamps_ns + round(self.offset_s * 1e9), world_from_cam)
+
 
 def load_truth(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Trajectory:
     """`world_from_cam` of the physical left camera. Raises LogError for the file, ConfigError for the frame."""
+    if truth.of_left_camera:
+        return truth.poses()
+    return truth.poses(_body_from_cam(truth, source, survey, camera_frame))
+
+
+def _body_from_cam(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Array:
     path = Path(truth.path)
-    poses = read_poses(path)
-    body_from_cam = _body_from_cam(truth, path, source, survey, camera_frame)
-    stamps_ns = poses.stamps_ns + round(truth.offset_s * 1e9)
-    return Trajectory(stamps_ns, poses.world_from_cam @ body_from_cam)
-
-
-def _body_from_cam(truth: GroundTruthFile, path: Path, source: Source, survey: Survey, camera_frame: str) -> Array:
     if truth.frame is None:
-        if not is_euroc_table(path):
-            return np.eye(4)
         sensor = path.resolve().parent.parent / "cam0" / "sensor.yaml"
         if not sensor.is_file():
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""The figures of runs as the pages list them: name, unit, and which value is best."""
+"""The figures of runs as pages and tables list them: name, unit, and which value is best."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -28,6 +28,12 @@ ACCURACY = (
     Figure("t_rel_percent", "t_rel", "%", best=True),
     Figure("r_rel_deg_per_100m", "r_rel", "°/100 m", best=True),
     Figure("nees_pose_mean", "NEES", "6 expected", expected=NEES_INTERVAL),
+)
+WITHOUT_TRUTH = (
+    Figure("divergence_from_cross_frame_m", "away from cross-frame", "errors"),
+    Figure("end_std_position_m", "σ at the end", "errors"),
+    Figure("end_std_heading_deg", "σ of the heading", "°"),
+    Figure("nis_over_dof", "NIS", "1 expected"),
 )
 FURTHER = (
     Figure("ate_rmse_m", "ATE", "errors"),

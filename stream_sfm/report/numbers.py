@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched, truth_of_frames
+from ..evaluation.end_pose import end_pose
 from ..evaluation.relative import (
     enough_known,
     growth_exponents,
@@ -73,6 +74,7 @@ def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
     if truth is not None and _complete(run, c):
         figures |= evaluate_run(run.trajectory(), run.relative, truth, std, run.structure)
         figures |= _relative(run.trajectory(), truth)
+    end = end_pose(run.trajectory()) or {}
     estimator, dof = run.column("estimator"), run.column("nis_dof").sum()
     return figures | {
         "ms_per_frame_p50": _median(run.column("frontend") + estimator),
@@ -81,6 +83,8 @@ def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
         "failure": run.failure or None,
         "statuses": dict(Counter(map(str, run.statuses))),
         "path_length_m": path_length_m(run.poses) if len(run) else None,
+        "end_std_position_m": end.get("std_position_m"),
+        "end_std_heading_deg": end.get("std_heading_deg"),
         "nis_over_dof": float(run.column("nis").sum() / dof) if dof else None,
         "reprojection_rms_px": _median(run.column("reprojection_px")),
         "local_sigma_median_m": _median(run.column("sigma_local_m")),

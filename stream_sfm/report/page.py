@@ -11,7 +11,7 @@ from ..files import json_bytes, write_whole
 from ..types import Status
 from . import calibration_field, charts
 from .charts import Traces
-from .figures import ACCURACY, OF_COMPARISON, table
+from .figures import ACCURACY, OF_COMPARISON, WITHOUT_TRUTH, table
 from .lengths import LengthUnit, unit_for
 from .methods import label, short, style
 from .records import Comparison, RunRecord
@@ -32,8 +32,9 @@ def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) 
 def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     """Render a comparison and its figures, the content of report.json, as HTML."""
     traces = _traces(c)
-    methods = [content["methods"][run.key] for run in c.runs]
-    errors, local = _units(c, traces)
+    away = content["divergence_from_cross_frame_m"]
+    methods = [{**content["methods"][r.key], "divergence_from_cross_frame_m": away.get(r.key)} for r in c.runs]
+    errors, local = _units(c, traces, list(away.values()))
     units = {"errors": errors, "structure": local}
     warnings = list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]]))
     return render(
@@ -46,7 +47,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         verdict=verdict(content).sentences,
         notes=_notes(c, content),
         path_m=_path_length_m(traces, methods),
-        main=table(ACCURACY if traces else (), methods, units),
+        main=table(ACCURACY if traces else WITHOUT_TRUTH, methods, units),
         further=table(OF_COMPARISON, methods, units).turned([label(r.name) for r in c.runs]),
         charts=_charts(c, content, traces, errors),
         more_charts=_more_charts(c, traces, errors, local),
@@ -68,9 +69,9 @@ def _traces(c: Comparison) -> Traces:
     return {name: t for name, t in found if t is not None}
 
 
-def _units(c: Comparison, traces: Traces) -> tuple[LengthUnit, LengthUnit]:
-    """The units of errors of position, and of errors of the local structure."""
-    errors = unit_for(*(t.position_m for t in traces.values()))
+def _units(c: Comparison, traces: Traces, away_m: list[float]) -> tuple[LengthUnit, LengthUnit]:
+    """The units of errors of position, without truth of distances between methods, and of errors of structure."""
+    errors = unit_for(*(t.position_m for t in traces.values())) if traces else unit_for(away_m)
     sigmas = [run.column("sigma_local_m") for run in c.runs]
     return errors, unit_for(*([np.median(x[np.isfinite(x)])] for x in sigmas if np.isfinite(x).any()))
 

@@ -38,7 +38,7 @@ def verdict(content: dict[str, Any]) -> Verdict:
     """What the log shows; `content` is that of report.json."""
     covariances = _covariances(content["methods"])
     if not content["frames_with_ground_truth"]:
-        return Verdict(f"{_CANNOT}: it has no ground truth.", covariances)
+        return Verdict(f"{_CANNOT}: it has no ground truth.{_apart(content)}", covariances)
     ratios: dict[str, Ratios] = content["error_over_cross_frame"]
     if not ratios:
         return Verdict(f"{_CANNOT}: {_obstacle(content)}.", covariances)
@@ -55,6 +55,19 @@ def verdict(content: dict[str, Any]) -> Verdict:
         said = f"{least}: {_all(behind, ratios, 'larger')}"
     said += f"; {_count(level)} cannot be told apart from it" if level else ""
     return Verdict(f"{said}.", covariances)
+
+
+def _apart(content: dict[str, Any]) -> str:
+    """How far the methods are apart where nothing says which of them is right, beside what the reference claims."""
+    away, of_reference = content["divergence_from_cross_frame_m"], content["methods"].get("cross_frame")
+    if not away or of_reference is None or of_reference["end_std_position_m"] is None:
+        return ""
+    far = [f"{_rounded(find(away.values()))}" for find in (min, max)]
+    between = far[0] if far[0] == far[1] else " to ".join(far)
+    return (
+        f" Positions of the others are {between} m (RMS) away from those of {REFERENCE}, "
+        f"whose σ at the end is {_rounded(of_reference['end_std_position_m'])} m."
+    )
 
 
 def _upper(sentence: str) -> str:

@@ -89,8 +89,12 @@ def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, metho
 def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> None:
     numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
     assert "it has no ground truth" in html
-    for figures in numbers["methods"].values():
+    for key, figures in numbers["methods"].items():
         assert figures["ate_rmse_aligned_m"] is None
+        end = json.loads((tmp_path / "out" / key / "summary.json").read_text())["end"]
+        assert figures["end_std_position_m"] == end["std_position_m"]
+        assert figures["end_std_heading_deg"] == end["std_heading_deg"]
+    assert "away from cross-frame" in html and "ATE" not in html
     assert len((tmp_path / "out" / "ekf" / "trajectory.tum").read_text().splitlines()) == 12
 
 
