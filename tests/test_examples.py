@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from tests.helpers.places import LAB_LATERAL, ROOM, ROOT
+from tests.helpers.places import DEMO, LAB_LATERAL, ROOM, ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -76,13 +76,12 @@ def test_read_results(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def lengths_known(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, sfm.RunResults]:
-    """Runs over rendered logs, whose baseline and axes are exact."""
-    config = sfm.Config(rig=sfm.RigConfig(std_baseline=0.0, std_axes_rad=0.0))
-    runs = {}
-    for log in filter(Path.exists, (ROOM, LAB_LATERAL)):
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, sfm.RunResults]:
+    """Runs over rendered logs, of which only the demo's baseline and axes are not exact."""
+    exact, runs = sfm.Config(rig=sfm.RigConfig(std_baseline=0.0, std_axes_rad=0.0)), {}
+    for log in filter(Path.exists, (ROOM, LAB_LATERAL, DEMO)):
         folder = tmp_path_factory.mktemp(log.stem)
-        sfm.replay(log, folder, config)
+        sfm.replay(log, folder, sfm.Config() if log == DEMO else exact)
         runs[log] = sfm.read_results(folder)
     return runs
 
@@ -112,16 +111,14 @@ def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -
     assert float(found[4]) < 0.3
 
 
-def test_fuse_gtsam(
-    lengths_known: dict[Path, sfm.RunResults], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fuse_gtsam(runs: dict[Path, sfm.RunResults], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("gtsam", reason="needs gtsam: pip install gtsam")
     monkeypatch.syspath_prepend(ROOT / "examples")  # as for a script that is started there
-    check_fusion("fuse_gtsam.py", lengths_known, tmp_path)
+    check_fusion("fuse_gtsam.py", runs, tmp_path)
 
 
-def test_fuse_ekf(lengths_known: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
-    check_fusion("fuse_ekf.py", lengths_known, tmp_path)
+def test_fuse_ekf(runs: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
+    check_fusion("fuse_ekf.py", runs, tmp_path)
 
 
 def test_custom_sink() -> None:

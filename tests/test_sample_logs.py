@@ -4,12 +4,14 @@ That its pictures agree with its depth and its poses is seen in tests/dense/ and
 """
 
 import sys
+from itertools import islice, pairwise
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
 
 import stream_sfm as sfm
-from tests.helpers.places import ROOM, ROOT
+from tests.helpers.places import DEMO, ROOM, ROOT
 
 FRAMES, DEPTHS, SECONDS = 84, 9, 9
 
@@ -58,9 +60,27 @@ def test_the_demo_is_of_this_renderer_and_its_calibration_is_a_little_wrong():
         import render
     finally:
         sys.path.remove(str(ROOT / "tools"))
-    log, frames, rate_hz = sfm.open_log(ROOT / "logs/demo.mcap"), 180, 20.0
+    log, frames, rate_hz = sfm.open_log(DEMO), 180, 20.0
     np.testing.assert_allclose(render.room_path(frames, rate_hz), log.ground_truth().world_from_cam, atol=1e-9)
     assert len(list(log.pairs())) == frames and len(list(log.depths())) == 3
     ours = render.demo_rigs(seed=7)
     np.testing.assert_allclose(ours[0].right_from_left, log.rig.right_from_left, atol=1e-9)
     assert 1e-5 < np.abs(ours[1].right_from_left - log.rig.right_from_left).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_successive_poses_of_the_demo_err_no_more_than_the_motion_between_them() -> None:
+    """Its rig is found on the way: were each pose corrected by what the newest frames say of it, it would be 1.33."""
+    log = sfm.open_log(DEMO)
+    truth, engine = log.ground_truth(), sfm.Engine(log.rig)
+    assert truth is not None
+    true = dict(zip(truth.stamps_ns.tolist(), truth.world_from_cam, strict=True))
+    estimates = [engine.step(frame) for frame in islice(log.frames(), 80)]
+    of_poses, of_motions = [], []
+    for before, now in pairwise(estimates[10:]):
+        assert now.relative is not None
+        back = np.linalg.inv(true[now.stamp_ns]) @ true[before.stamp_ns]
+        of_poses.append(back @ np.linalg.inv(before.world_from_cam) @ now.world_from_cam)
+        of_motions.append(back @ now.relative.frame_from_newest[-1])
+    apart = [np.linalg.norm(np.array(e)[:, :3, :3] - np.eye(3)) for e in (of_poses, of_motions)]
+    assert apart[0] < 1.15 * apart[1]

@@ -5,8 +5,8 @@
     python -m tools.make_logs --hard build/small --width 320 --frames 40
     python -m tools.make_logs --hard build/loops block office mower lanes --width 256 --seed 1
 
-The last four are worlds that are seen more than once, as a seed has them. Hard logs are the scenes of
-tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the faults of
+The last four are worlds that are seen more than once. Another seed has other textures, noise and paths. Hard logs are
+the scenes of tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the faults of
 tools/render/faults.py, as walking_clean and walking_rs20; README.txt beside them says what is wrong in each.
 Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.
 """
@@ -62,7 +62,7 @@ class Order:
     name: str = "room"
     width: int = 640
     frames: int | None = None
-    seed: int = 0  # of a world with loops, and of the demo
+    seed: int = 0
 
     def recording(self) -> Recording:
         """Build the scene, which takes some seconds unless it was built before."""
@@ -86,7 +86,7 @@ def _clean(name: str, width: int, frames: int | None, seed: int) -> Recording:
     asked = {} if frames is None else {"frames": frames}
     if name in LOOPS:
         return LOOPS[name](width=width, seed=seed, **asked)
-    return (RECORDINGS | MOTIONS)[name](width=width, **asked)
+    return (RECORDINGS | MOTIONS)[name](width=width, seed=seed, **asked).wandering(seed)
 
 
 def _stamp(stamp_ns: int) -> Timestamp:
@@ -228,7 +228,9 @@ def main() -> None:
                         f"of {', '.join(FAULTS)}; default: all")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
-    parser.add_argument("--seed", type=int, default=0, help="of demo and of loops; not 0: in the log's name")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of textures, noise and paths; not 0: in the log's name"
+    )
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
     if not arguments.hard:
@@ -239,8 +241,7 @@ def main() -> None:
     unknown = [p for p in patterns if not any(fnmatchcase(name, p) for name in HARD)]
     if unknown:
         parser.error(f"no hard log is called {unknown[0]}; there are {', '.join(HARD)}")
-    seeded = ("demo", *LOOPS)
-    orders = [Order(name, arguments.width, arguments.frames, arguments.seed * (name in seeded)) for name in names]
+    orders = [Order(name, arguments.width, arguments.frames, arguments.seed) for name in names]
     write_logs(Path(folder), orders, arguments.workers)
 
 

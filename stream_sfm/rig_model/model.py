@@ -161,13 +161,18 @@ class RigModel:
         root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
         return root
 
+    def focus_moves(self, mean: Array, cov: Array) -> bool:
+        """Whether N(`mean`, `cov`) of amplitudes says for certain that the focal length changes."""
+        at = TERMS.index(FOCUSING)
+        return bool(abs(mean[at]) > CERTAIN * np.sqrt(cov[at, at]))
+
     def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
         """Return a root (m, 1) of the covariance of amplitudes by a focus that does not move steadily, eq. (72g).
 
         0 where N(`mean`, `cov`) does not say for certain that it moves. The focal length at `age_s` stays what it is.
         """
         root, at = np.zeros((len(self), 1)), TERMS.index(FOCUSING)
-        if abs(mean[at]) > CERTAIN * np.sqrt(cov[at, at]):
+        if self.focus_moves(mean, cov):
             focal, unit = TERMS.index(FOCAL), np.diag(self.root)
             root[at] = mean[at] * np.sqrt(passed_s / _FOCUSING_S)
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]

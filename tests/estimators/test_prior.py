@@ -253,8 +253,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
     delta = delta + gain @ (held - mean)
     change = rng.normal(size=M)
-    px, pq, py, distance2 = system.follow_rig(change)
-    assert distance2 == pytest.approx(change @ np.linalg.solve(of_views, change), rel=1e-6)
+    px, pq, py = system.follow_rig(change)
     followed = np.concatenate([px.ravel(), pq.ravel(), prior.world_modes @ py, prior.rig.root @ py[-M:]])
     assert np.abs((followed - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
     if own:
@@ -289,3 +288,23 @@ def _blocks(cov: np.ndarray) -> np.ndarray:
     """The blocks (n, 3, 3) on the diagonal."""
     n = len(cov) // 3
     return np.asarray(cov.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :])
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_result(size: float) -> None:
+    """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), and says the same as before."""
+    rng, m = np.random.default_rng(3), 5
+    root = np.tril(rng.normal(size=(m, m))) + 2 * np.eye(m)
+    rig = replace(RigKnowledge.unknown(np.ones(m)), mean=rng.normal(size=m), root=root, offset=rng.normal(size=m))
+    axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
+    said = rng.normal(size=m)  # by the window, along the axes
+    before = axes.T @ rig.offset
+
+    def after(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mean = before + information / (1 + information) * (said - before)
+        return rig.mean + root @ axes @ mean, root @ axes @ np.diag(1 / (1 + information)) @ (root @ axes).T
+
+    mean, cov = rig.tempered(*after(own))
+    expected_mean, expected_cov = after(own**2 / (1 + own))
+    assert cov == pytest.approx(expected_cov, rel=1e-6, abs=1e-12)
+    assert mean == pytest.approx(expected_mean, rel=1e-6, abs=1e-9)

@@ -87,7 +87,7 @@ def furnished_hall(mirror: bool = False) -> tuple[Box, ...]:
     return tuple(boxes)
 
 
-def crowd(width: int = 640, frames: int = 120, texel_m: float = 0.0025) -> Recording:
+def crowd(width: int = 640, frames: int = 120, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Three textured bodies walk through the view, close by, while the camera moves slowly."""
     walkers = (
         standing(2.6, 1.0, (0.55, 0.55, 1.8), fabric(105), 10),
@@ -108,10 +108,12 @@ def crowd(width: int = 640, frames: int = 120, texel_m: float = 0.0025) -> Recor
     path = smooth_path(
         [0, 3, 6], [(1.1, 2.9, 1.2), (1.6, 3.05, 1.22), (2.0, 3.1, 1.2)], [(0, -3, 0), (4, -2, 1), (1, -3, 0)]
     )
-    return Recording(build_scene((*hall, *walkers), 21, texel_m), rig(width), frames, 20.0, path, bodies)
+    return Recording(
+        build_scene((*hall, *walkers), 21 + 100 * seed, texel_m), rig(width), frames, 20.0, path, bodies
+    )
 
 
-def corridor(width: int = 640, frames: int = 200, texel_m: float = 0.0025) -> Recording:
+def corridor(width: int = 640, frames: int = 200, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """A white corridor with few notices, round two corners at up to 100 degrees per second."""
     paint = (bare_wall(3), bare_wall(2), bare_wall(3), bare_wall(2), planks(122), ceiling)
     block = (bare_wall(2), bare_wall(3), bare_wall(2), bare_wall(3), planks(122), planks(122))
@@ -124,10 +126,12 @@ def corridor(width: int = 640, frames: int = 200, texel_m: float = 0.0025) -> Re
     at = [(1.0, 0.9, 1.2), (5.8, 0.85, 1.2), (6.8, 1.0, 1.2), (7.15, 1.9, 1.2), (7.2, 5.0, 1.2), (6.9, 5.9, 1.2),
           (6.0, 6.15, 1.2), (3.6, 6.1, 1.2)]  # fmt: skip
     look = [(0, 0, 0), (2, -1, 0), (40, 0, 0), (88, 0, 1), (91, 0, 0), (140, -1, 0), (178, 0, 0), (180, 0, 0)]
-    return Recording(build_scene(boxes, 22, texel_m), rig(width), frames, 20.0, smooth_path(t, at, look))
+    return Recording(
+        build_scene(boxes, 22 + 100 * seed, texel_m), rig(width), frames, 20.0, smooth_path(t, at, look)
+    )
 
 
-def motorway(width: int = 640, frames: int = 60, texel_m: float = 0.02) -> Recording:
+def motorway(width: int = 640, frames: int = 60, texel_m: float = 0.02, seed: int = 0) -> Recording:
     """A car at 36 km/h already in the first frame, one metre per frame, with little close by."""
     length = 60.0 + frames
     room = Box((length / 2, 0, 12.0), (length, 60.0, 24.0),
@@ -147,10 +151,10 @@ def motorway(width: int = 640, frames: int = 60, texel_m: float = 0.02) -> Recor
         [(0.4 * np.sin(s), 0.3 * np.sin(2 * s), 0) for s in t],
     )
     stereo = rig(width, baseline_m=0.5, fov_deg=60)
-    return Recording(build_scene((room, *sheds), 23, texel_m), stereo, frames, 10.0, path)
+    return Recording(build_scene((room, *sheds), 23 + 100 * seed, texel_m), stereo, frames, 10.0, path)
 
 
-def shaken(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Recording:
+def shaken(width: int = 640, frames: int = 100, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Held in a restless hand, with a shutter open for 12 ms: motion blur of several pixels."""
 
     def path(t: float) -> Array:
@@ -159,10 +163,12 @@ def shaken(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Reco
         rotation = se3.exp_so3(np.array([0, 0, heading])) @ se3.exp_so3(np.array([roll, -pitch, 0])) @ MOUNT
         return se3.from_rotation_translation(rotation, at)
 
-    return Recording(build_scene(furnished_hall(), 24, texel_m), rig(width), frames, 20.0, path, shutter_s=0.012)
+    return Recording(
+        build_scene(furnished_hall(), 24 + 100 * seed, texel_m), rig(width), frames, 20.0, path, shutter_s=0.012
+    )
 
 
-def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recording:
+def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Exposures that jump from frame to frame and differ between the cameras."""
     rng = np.random.default_rng(6)
     gains = np.exp(rng.normal(0, 0.18, (frames, 2)) + rng.normal(0, 0.12, (frames, 1)))
@@ -173,7 +179,7 @@ def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Reco
         [(15, -3, 0), (5, -2, 0), (-6, 0, 0)],
     )
     return Recording(
-        build_scene(furnished_hall(), 25, texel_m),
+        build_scene(furnished_hall(), 25 + 100 * seed, texel_m),
         rig(width),
         frames,
         20.0,
@@ -182,7 +188,7 @@ def flicker(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Reco
     )
 
 
-def mirror(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recording:
+def mirror(width: int = 640, frames: int = 60, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Towards a wall mirror: the mirrored room moves rigidly too, behind the glass."""
     last = frames / 20.0
     path = smooth_path(
@@ -190,15 +196,17 @@ def mirror(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recor
         [(1.6, 2.4, 1.25), (2.4, 2.7, 1.25), (3.2, 2.9, 1.25)],
         [(4, 0, 0), (6, 0, 0), (2, 0, 0)],
     )
-    return Recording(build_scene(furnished_hall(mirror=True), 26, texel_m), rig(width), frames, 20.0, path)
+    return Recording(
+        build_scene(furnished_hall(mirror=True), 26 + 100 * seed, texel_m), rig(width), frames, 20.0, path
+    )
 
 
-def spin(width: int = 640, frames: int = 60, texel_m: float = 0.0025) -> Recording:
+def spin(width: int = 640, frames: int = 60, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Turning on the spot: yaw, then pitch, then roll, without a step."""
     last = frames / 20.0
     t = [last * s for s in (0, 0.33, 0.66, 1.0)]
     path = smooth_path(t, [(2.6, 2.9, 1.25)] * 4, [(-12, 0, 0), (14, 0, 0), (14, 12, 2), (8, 4, 18)])
-    return Recording(build_scene(furnished_hall(), 27, texel_m), rig(width), frames, 20.0, path)
+    return Recording(build_scene(furnished_hall(), 27 + 100 * seed, texel_m), rig(width), frames, 20.0, path)
 
 
 RECORDINGS: dict[str, Callable[..., Recording]] = {

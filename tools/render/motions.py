@@ -19,7 +19,7 @@ def _wave(amplitude: float, frequency_hz: float, t: float, phase: float = 0.0) -
     return amplitude * np.sin(2 * np.pi * frequency_hz * t + phase)
 
 
-def walking(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Recording:
+def walking(width: int = 640, frames: int = 100, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Through a furnished hall at 1.2 m/s, with the bob and sway of steps; up to 28 degrees per second."""
     length, depth, height = 14.0, 6.0, 2.8
     paint = (wall(4), wall(5, 160), bricks, wall(6), planks(122), ceiling)
@@ -41,10 +41,10 @@ def walking(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Rec
         )
         return robot_pose(at, (_wave(8, 0.35, t, 0.3), -3 + _wave(1.5, 1.8, t, 1.0), _wave(2, 0.9, t, 0.4)))
 
-    return Recording(build_scene(tuple(boxes), 31, texel_m), rig(width), frames, RATE_HZ, path)
+    return Recording(build_scene(tuple(boxes), 31 + 100 * seed, texel_m), rig(width), frames, RATE_HZ, path)
 
 
-def turning(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Recording:
+def turning(width: int = 640, frames: int = 100, texel_m: float = 0.0025, seed: int = 0) -> Recording:
     """Looking round in a furnished room while going slowly: head turns of up to 63 degrees per second."""
 
     def path(t: float) -> Array:
@@ -52,10 +52,10 @@ def turning(width: int = 640, frames: int = 100, texel_m: float = 0.0025) -> Rec
         angles_deg = (_wave(18.5, 0.5, t, -0.4), -2 + _wave(4, 0.8, t, 0.9), _wave(3, 0.6, t, 0.2))
         return robot_pose(at, angles_deg)
 
-    return Recording(build_scene(furnished_hall(), 32, texel_m), rig(width), frames, RATE_HZ, path)
+    return Recording(build_scene(furnished_hall(), 32 + 100 * seed, texel_m), rig(width), frames, RATE_HZ, path)
 
 
-def driving(width: int = 640, frames: int = 90, texel_m: float = 0.0125) -> Recording:
+def driving(width: int = 640, frames: int = 90, texel_m: float = 0.0125, seed: int = 0) -> Recording:
     """Along a street at 36 km/h round two gentle bends, on a road that shakes the car a little."""
     length = 90.0
     ends = (ground(), bricks, ground(120), ground(125), ground(105), ground(200, 4))
@@ -78,7 +78,7 @@ def driving(width: int = 640, frames: int = 90, texel_m: float = 0.0125) -> Reco
         return robot_pose(at, (heading, -1 + _wave(0.3, 1.5, t, 0.8), _wave(0.4, 1.1, t)))
 
     stereo = rig(width, baseline_m=0.5, fov_deg=60)
-    return Recording(build_scene(tuple(boxes), 33, texel_m), stereo, frames, RATE_HZ, path)
+    return Recording(build_scene(tuple(boxes), 33 + 100 * seed, texel_m), stereo, frames, RATE_HZ, path)
 
 
 MOTIONS = {maker.__name__: maker for maker in (walking, turning, driving)}

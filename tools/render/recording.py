@@ -1,7 +1,7 @@
 """A recording to render: a scene with what moves in it, a rig, a path, a shutter and exposures."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,19 @@ class Recording:
         """Both images and the depth of frame i."""
         left, right = (self.image(self.view(i, side, seed)) for side in SIDES)
         return Shot(left, right, self.depth_m(i))
+
+    def wandering(self, seed: int) -> "Recording":
+        """Held by a hand that wanders by some centimetres and degrees, as the seed has it; the same for seed 0."""
+        if not seed:
+            return self
+        rng = np.random.default_rng(seed)
+        size = rng.normal(0, 1, (3, 6)) * (0.02, 0.02, 0.02, 0.015, 0.015, 0.015)  # metres, radians
+        frequency_hz, phase = rng.uniform(0.1, 0.6, (3, 6)), rng.uniform(0, 2 * np.pi, (3, 6))
+
+        def path(t: float) -> Array:
+            return self.path(t) @ se3.exp((size * np.sin(2 * np.pi * frequency_hz * t + phase)).sum(0))
+
+        return replace(self, path=path)
 
     def _scene(self, t: float) -> Scene:
         return self.scene.with_boxes_at(self.bodies(t))

@@ -35,9 +35,6 @@ from .rig_knowledge import RigKnowledge
 from .twist_error import TwistError, cov_of_pose
 from .window_frame import WindowFrame
 
-# Squared standard deviations that the rig's errors move at once, beyond which the window is minimised anew where they
-# are now: with a right camera 8 ms late the first estimates of that are far away.
-_RIG_JUMP = 1.0
 _TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
 
 
@@ -69,7 +66,6 @@ class Map:
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
-        self.rig_jumped = False  # with the latest judgement
         self.ids = first.track_ids
         frame.used = among(frame.ids, self.ids)
         self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
@@ -358,10 +354,11 @@ class Map:
         if not len(self.prior.rig):
             return None
         mean, cov = self.system.rig_errors(self.rig_error)
-        rig, found = self.prior.rig.judged(mean, cov, misfit)
-        *change, distance2 = self.system.follow_rig(rig.held - self.rig_error)
-        self._move(*change)
-        self.rig_jumped = distance2 > _RIG_JUMP
+        model, counted = self.frames[-1].rig, (mean, cov)
+        if self.prior.rig.steady and not (model is not None and model.focus_moves(mean, cov)):
+            counted = self.prior.rig.tempered(mean, cov)
+        rig, found = self.prior.rig.judged(*counted, misfit)
+        self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
         age = self.age_s(self.frames[-1].stamp_ns)

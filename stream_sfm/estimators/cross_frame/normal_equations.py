@@ -95,15 +95,11 @@ class System:
         root = self._rig_root
         return held + root @ self.rig_offset, symmetric(root @ root.T)
 
-    def follow_rig(self, change: Array) -> tuple[Array, Array, Array, float]:
-        """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,).
-
-        And how far these move, in squared standard deviations of what is known of them.
-        """
-        whitened = self._rig_whitening @ change
-        delta = self.chol.root[:, self.rig] @ whitened
+    def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
+        """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""
+        delta = self.chol.root[:, self.rig] @ (self._rig_whitening @ change)
         dq = -matvec(self.std_given, self.reach @ delta)
-        return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], float(whitened @ whitened)
+        return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :]
 
     def count_rig_errors(self, cov: Array) -> None:
         """Let the rig's errors count in all covariances with a covariance (m, m) of their own, eq. (72)."""

@@ -65,6 +65,22 @@ class RigKnowledge:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
 
+    def tempered(self, mean: Array, cov: Array) -> tuple[Array, Array]:
+        """Return what all views say of c, N(`mean`, `cov`), with those of the window counted by their share, eq. (72h).
+
+        What lasts of the views' errors is counted where frames leave the window, not inside, and all of it goes into
+        what its views have in common. So the window's information counts by the share that it has in the result.
+        """
+        m = len(self)
+        whitened = np.linalg.solve(self.root, cov)
+        c = symmetric(np.linalg.solve(self.root, whitened.T))
+        information = np.linalg.inv(c)
+        root = Cholesky(symmetric(information - np.eye(m) + c)).root
+        before = self.mean + self.root @ self.offset
+        away = np.linalg.solve(self.root, mean - before)
+        own = self.root @ root
+        return before + own @ (root.T @ ((information @ away) - away)), symmetric(own @ own.T)
+
     def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
 

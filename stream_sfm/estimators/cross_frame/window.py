@@ -227,9 +227,6 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.misfit)
-        if current.rig_jumped:
-            iterations += minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
-            rig = current.judge_rig(observations.misfit)
         before, now = current.marginals, current.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
