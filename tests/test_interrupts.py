@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -118,13 +119,20 @@ def endless_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return log
 
 
+def _has_open(pid: int, path: Path) -> bool:
+    for file in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(FileNotFoundError):  # closed meanwhile
+            if os.readlink(file) == os.path.realpath(path):
+                return True
+    return False
+
+
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="this system does not list the files of a process")
 @pytest.mark.parametrize("command", ["replay", "inspect"])
 def test_a_run_ends_while_its_log_is_opened(command: str, endless_log: Path, tmp_path: Path) -> None:
     arguments = [command, str(endless_log), *([] if command == "inspect" else ["--out", str(tmp_path / "out")])]
     with subprocess.Popen([sys.executable, "-m", "stream_sfm", *arguments], stderr=subprocess.PIPE) as run:
-        files = Path(f"/proc/{run.pid}/fd")
-        while run.poll() is None and not any(os.path.realpath(f) == str(endless_log) for f in files.iterdir()):
+        while run.poll() is None and not _has_open(run.pid, endless_log):
             time.sleep(0.01)
         run.send_signal(signal.SIGTERM)
         _, errors = run.communicate()

@@ -46,6 +46,8 @@ def evaluate(
         missing += run.warnings
         used = without_frames(_truth(run, truth), run.stamps_ns, truth.ignore_ground_truth)
         found.append(Evaluated(name, run.config.method, _figures(run, used, truth), run.trajectory, used))
+        if not found[-1].figures["frames_compared"]:
+            missing.append(_why_none(run, used, truth.ground_truth or "of the log"))
         logs.append(run.summary.get("log"))
     if out is not None:
         write_whole(out, render_evaluation(found).encode())
@@ -76,6 +78,17 @@ def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
     if truth is None:
         raise InputError(f"{run.folder}: its log {log} holds no ground truth: name a file", hint=("ground_truth",))
     return truth
+
+
+def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
+    """Why no frame of a run has a true pose."""
+    from ..recording.truth_file import time_warning
+
+    if not len(truth) or not len(run):
+        return f"{run.folder}: there is nothing to compare: {len(run)} frames, {len(truth)} poses of ground truth"
+    first_ns, last_ns = (int(run.stamps_ns[k]) for k in (0, -1))
+    elsewhere = time_warning(truth, name, first_ns, last_ns)
+    return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} is of the time of a frame'}"
 
 
 def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:

@@ -80,7 +80,9 @@ def test_a_file_is_the_truth_in_its_own_time(runs: list[Path], tmp_path: Path, c
     lines = [line.split() for line in (runs[0] / "trajectory.tum").read_text().splitlines()]
     shifted.write_text("\n".join(" ".join([f"{float(t) - 1:.9f}", *pose]) for t, *pose in lines))
     given = ["--ground-truth", str(shifted), "--json"]
-    assert cli("evaluate", runs[0], *given).json["runs"][0]["ground_truth"]["frames_compared"] == 0
+    at_another_time = cli("evaluate", runs[0], *given, code=3)
+    assert at_another_time.json["runs"][0]["ground_truth"]["frames_compared"] == 0
+    assert "no pose belongs to a frame; an offset of 1.000 s would let both begin" in at_another_time.err
     figures = cli("evaluate", runs[0], *given, "--ground-truth-offset", "1").json["runs"][0]["ground_truth"]
     assert figures["frames_compared"] == FRAMES
     assert figures["ate_rmse_m"] < 1e-6, "a micrometre: the digits of the file"
