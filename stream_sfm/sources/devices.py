@@ -51,10 +51,12 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
 
     if len(names) not in (1, 2):
         raise ConfigError(f"{len(names)} cameras were given: give one that holds both images, or left and right")
-    captures = []
-    for name in names:
-        captures.append(cv2.VideoCapture(int(name) if name.isdecimal() else name))
-        if not captures[-1].isOpened():
+    logging = cv2.utils.logging
+    said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
+    captures = [cv2.VideoCapture(int(name) if name.isdecimal() else name) for name in names]
+    logging.setLogLevel(said)
+    for name, capture in zip(names, captures, strict=True):
+        if not capture.isOpened():
             raise LogError(
                 f"camera {name} cannot be opened: give its number, such as 0, or one of {', '.join(OPEN)}"
             )
