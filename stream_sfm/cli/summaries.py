@@ -40,11 +40,10 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
 
 def print_comparison(content: dict[str, Any]) -> None:
     """Print the methods of report.json; a figure that does not exist for this log is a dash."""
-    ratios, away = content["error_over_cross_frame"], content["divergence_from_cross_frame_m"]
+    ratios = content["error_over_cross_frame"]
     columns = _OF_METHODS if content["frames_with_ground_truth"] else _WITHOUT_TRUTH
     headings, rows = ["method", *(heading for heading, _ in columns.values())], []
-    for key, found in content["methods"].items():
-        figures = {**found, "divergence_from_cross_frame_m": away.get(key)}
+    for key, figures in content["methods"].items():
         rows.append([key.replace("_", "-"), *_cells(figures, columns)])
         if ratios:
             rows[-1].append(_interval(ratios[key]["position"]) if key in ratios else "–")

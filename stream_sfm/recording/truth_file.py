@@ -34,18 +34,19 @@ class GroundTruthFile:
         """Whether the poses are the left camera's, so that no recording is needed to place them."""
         return self.frame is None and not is_euroc_table(Path(self.path))
 
-    def poses(self, body_from_cam: Array | None = None) -> Trajectory:
-        """Return `world_from_cam` in the time of the log; `body_from_cam` (4, 4): not the identity. Raises LogError."""
+    def poses(self) -> Trajectory:
+        """Return the poses of whatever they are of, in the time of the log. Raises LogError."""
         found = read_poses(Path(self.path))
-        world_from_cam = found.world_from_cam if body_from_cam is None else found.world_from_cam @ body_from_cam
-        return Trajectory(found.stamps_ns + round(self.offset_s * 1e9), world_from_cam)
+        return Trajectory(found.stamps_ns + round(self.offset_s * 1e9), found.world_from_cam)
 
 
 def load_truth(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Trajectory:
     """`world_from_cam` of the physical left camera. Raises LogError for the file, ConfigError for the frame."""
+    poses = truth.poses()
     if truth.of_left_camera:
-        return truth.poses()
-    return truth.poses(_body_from_cam(truth, source, survey, camera_frame))
+        return poses
+    body_from_cam = _body_from_cam(truth, source, survey, camera_frame)
+    return Trajectory(poses.stamps_ns, poses.world_from_cam @ body_from_cam)
 
 
 def _body_from_cam(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Array:

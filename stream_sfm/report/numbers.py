@@ -39,7 +39,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
     truth, known = c.truth.poses, [0]
     if truth is not None:
         known += [len(matched(r.trajectory(), truth)[0]) for r in c.runs]
-    ratios = _over_cross_frame(c)
+    ratios, away = _over_cross_frame(c), _divergence(c)
     content = {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
@@ -51,13 +51,15 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
-        "methods": {run.key: method_numbers(run, c) for run in c.runs},
+        "methods": {
+            run.key: method_numbers(run, c) | {"divergence_from_cross_frame_m": away.get(run.key)} for run in c.runs
+        },
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
         "there_and_back": None,  # not done any more; kept for programs that read it
         "self_test": c.self_test,
         "rig": None if c.calibration is None else c.calibration.numbers,
-        "divergence_from_cross_frame_m": _divergence(c),
+        "divergence_from_cross_frame_m": away,
         "local_structure_cc_minus_wc_median_m": _median(c.front.local_difference_m),
         "tracks": c.front.tracks(),
         "timing_ms": {stage: quantiles(values) for stage, values in c.front.times_ms.items()},

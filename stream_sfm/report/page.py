@@ -32,9 +32,8 @@ def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) 
 def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     """Render a comparison and its figures, the content of report.json, as HTML."""
     traces = _traces(c)
-    away = content["divergence_from_cross_frame_m"]
-    methods = [{**content["methods"][r.key], "divergence_from_cross_frame_m": away.get(r.key)} for r in c.runs]
-    errors, local = _units(c, traces, list(away.values()))
+    methods = [content["methods"][run.key] for run in c.runs]
+    errors, local = _units(c, traces, list(content["divergence_from_cross_frame_m"].values()))
     units = {"errors": errors, "structure": local}
     warnings = list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]]))
     return render(

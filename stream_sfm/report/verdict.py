@@ -62,7 +62,7 @@ def _apart(content: dict[str, Any]) -> str:
     away, of_reference = content["divergence_from_cross_frame_m"], content["methods"].get("cross_frame")
     if not away or of_reference is None or of_reference["end_std_position_m"] is None:
         return ""
-    far = [f"{_rounded(find(away.values()))}" for find in (min, max)]
+    far = [_rounded(find(away.values())) for find in (min, max)]
     between = far[0] if far[0] == far[1] else " to ".join(far)
     return (
         f" Positions of the others are {between} m (RMS) away from those of {REFERENCE}, "

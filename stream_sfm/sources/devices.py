@@ -53,8 +53,10 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
         raise ConfigError(f"{len(names)} cameras were given: give one that holds both images, or left and right")
     logging = cv2.utils.logging
     said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
-    captures = [cv2.VideoCapture(int(name) if name.isdecimal() else name) for name in names]
-    logging.setLogLevel(said)
+    try:
+        captures = [cv2.VideoCapture(int(name) if name.isdecimal() else name) for name in names]
+    finally:
+        logging.setLogLevel(said)
     for name, capture in zip(names, captures, strict=True):
         if not capture.isOpened():
             raise LogError(

@@ -286,9 +286,9 @@ class Map:
             self._renew_first(self._first, rig, self._twists[0])
         views, rows = self.views(), self._used_rows()
         in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
-        stereo = np.concatenate([f.stereo for f in self.frames])[rows]
         newest, at = self.frames[-1], views.frame == len(self.frames) - 1
-        newest.expected_px[newest.used] = self._expected_px(in_cam[at], stereo[at], views.rig_effects[at])
+        stereo = newest.stereo[newest.used]
+        newest.expected_px[newest.used] = self._expected_px(in_cam[at], stereo, views.rig_effects[at])
         expected_px = np.concatenate([f.expected_px for f in self.frames])[rows]
         speed = velocities(self.projection, in_cam, self._twists[1:][views.frame])
         age = np.array([self.age_s(f.stamp_ns) for f in self.frames])
@@ -354,10 +354,9 @@ class Map:
         if not len(self.prior.rig):
             return None
         mean, cov = self.system.rig_errors(self.rig_error)
-        model, counted = self.frames[-1].rig, (mean, cov)
-        if self.prior.rig.steady and not (model is not None and model.focus_moves(mean, cov)):
-            counted = self.prior.rig.tempered(mean, cov)
-        rig, found = self.prior.rig.judged(*counted, misfit)
+        rig, model = self.prior.rig, self.frames[-1].rig
+        changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
+        rig, found = rig.judged(*((mean, cov) if changes else rig.tempered(mean, cov)), misfit)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)

@@ -22,6 +22,7 @@ class WindowFrame:
     before may be wrong, in axes of this camera; frames in a row share the first six columns, the others are of each
     alone.
     `stereo` (n,) bool: both sides were seen. `var_drift` (n, 3): drift of q since the frame before, or (0, 3) for none.
+    `expected_px` (n, 4): where the used views were expected before they counted; there the rig's errors are taken.
     """
 
     index: int
