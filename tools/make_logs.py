@@ -3,9 +3,9 @@
     python -m tools.make_logs --hard build/hard                       # all hard logs
     python -m tools.make_logs --hard build/hard corridor 'walking_*'  # some, in this order
     python -m tools.make_logs --hard build/small --width 320 --frames 40
-    python -m tools.make_logs --hard build/loops block office mower lanes --width 256 --seed 1
+    python -m tools.make_logs --hard build/loops block office mower lanes eight --width 256 --seed 1
 
-The last four are worlds that are seen more than once. Another seed has other textures, noise and paths. Hard logs are
+The last five are worlds that are seen more than once. Another seed has other textures, noise and paths. Hard logs are
 the scenes of tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the faults of
 tools/render/faults.py, as walking_clean and walking_rs20; README.txt beside them says what is wrong in each.
 Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.

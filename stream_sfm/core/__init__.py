@@ -34,10 +34,12 @@ from ._core import align_patches as align_patches
 from ._core import disparity_slopes as disparity_slopes
 from ._core import eliminate_points as eliminate_points
 from ._core import field_basis as field_basis
+from ._core import fit_motion as fit_motion
+from ._core import fit_turn as fit_turn
 from ._core import invert_triangle as invert_triangle
 from ._core import linearise_views as linearise_views
 from ._core import match_along_rows as match_along_rows
-from ._core import motion_step as motion_step
+from ._core import motions_of_halves as motions_of_halves
 from ._core import multiply_blocks as multiply_blocks
 from ._core import normal_blocks as normal_blocks
 from ._core import orthonormalise as orthonormalise

@@ -8,6 +8,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 Pixels = NDArray[np.integer]
 Mask = NDArray[np.bool_]
+Pinholes = tuple[float, float, float, float, float]
 
 def match_along_rows(
     left: Grey | NDArray[np.uint8], right: Grey | NDArray[np.uint8], points_px: Pixels, first: int, last: int
@@ -58,29 +59,33 @@ def disparity_slopes(
     """
 
 def linearise_views(
-    pinholes: tuple[float, float, float, float, float],
+    pinholes: Pinholes,
     points: Array,
-    cov_points: Array | None,
+    cov_points: Array,
     z_px: Array,
     cov_px: Array,
     shared: Array,
+    gate: Array,
     cam_from_ref: Array,
 ) -> tuple[Array, Array]:
     """Return roots (n, 4, 4) that whiten the views of points, and the whitened Jacobian (n, 4, 6 + j).
 
     `pinholes`: f, cx left and right, cy in pixels, baseline in metres. Homogeneous points (n, 4) with covariances
-    (n, 4, 4) (None: exact), views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all
-    views share (n, 4, j), motion (4, 4). The Jacobian is that of a left perturbation and of the amplitudes of what is
-    shared. Where the motion leaves nothing predicted, root and Jacobian are zero. Raises LinAlgError where a covariance
-    is not definite.
+    (n, 4, 4), or (0, 4, 4) where they are exact, views (n, 4), NaN where a side is missing, with covariances (n, 4, 4),
+    errors that all views share (n, 4, j), gates (n,) of squared residuals, motion (4, 4). The Jacobian is that of a
+    left perturbation and of the amplitudes of what is shared. Where the motion leaves nothing predicted, root and
+    Jacobian are zero. Raises LinAlgError where a covariance is not definite.
     """
 
 def view_residuals(
-    pinholes: tuple[float, float, float, float, float],
+    pinholes: Pinholes,
     points: Array,
+    cov_points: Array,
     z_px: Array,
-    root: Array,
+    cov_px: Array,
     shared: Array,
+    gate: Array,
+    root: Array,
     amplitudes: Array,
     cams_from_ref: Array,
 ) -> tuple[Array, Array]:
@@ -90,15 +95,62 @@ def view_residuals(
     predicted nothing where `root` was linearised.
     """
 
-def motion_step(jacobian: Array, residuals: Array, weights: Array, amplitudes: Array) -> tuple[Array, Array]:
-    """Return a weighted Gauss-Newton step (6 + j,) of a motion and amplitudes, and the information (6 + j, 6 + j).
+def fit_motion(
+    pinholes: Pinholes,
+    points: Array,
+    cov_points: Array,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    gate: Array,
+    cam_from_ref: Array,
+    amplitudes: Array,
+    anneal: bool,
+) -> tuple[Array, Array, Array, Mask, Array, float, bool]:
+    """Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
-    Whitened Jacobian (n, 4, 6 + j) and residuals (n, 4), weights (n,), and amplitudes (j,), which have σ = 1. The step
-    is zero in directions that the data do not determine, and NaN where the information is not finite.
+    Arrays as in `linearise_views`; start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first.
+    Returns motion (1, 4, 4), amplitudes (j,), their covariance (6 + j, 6 + j), accepted views (n,), squared residuals
+    (n,), the spread of those, and whether the views determine the motion. Raises LinAlgError as `linearise_views`.
+    """
+
+def motions_of_halves(
+    pinholes: Pinholes,
+    points: Array,
+    cov_points: Array,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    gate: Array,
+    cam_from_ref: Array,
+    amplitudes: Array,
+    accepted: Mask,
+    shared_noise: float,
+) -> tuple[float, Array]:
+    """Return how far apart the motions of halves of the accepted views (n,) are, and all of these motions (6, 4, 4).
+
+    Squared, in standard deviations of each half, at most; `shared_noise`: of a view's variance, what all of a half
+    share. Near and far, left and right, upper and lower ones. Arrays as in `fit_motion`.
+    """
+
+def fit_turn(
+    pinholes: Pinholes,
+    points: Array,
+    cov_points: Array,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    gate: Array,
+    cam_from_ref: Array,
+    steps: int,
+) -> tuple[Array, Array, Mask]:
+    """Return the turn of the right camera (3,) rad that views show, its covariance (3, 3), and which (n,) agree, (72d).
+
+    By so many steps of reweighting, together with the motion. Arrays as in `linearise_views`, without shared errors.
     """
 
 def rig_columns(
-    pinholes: tuple[float, float, float, float, float],
+    pinholes: Pinholes,
     width: float,
     height: float,
     z_px: Array,
@@ -145,7 +197,7 @@ def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame:
     """
 
 def window_residuals(
-    pinholes: tuple[float, float, float, float, float],
+    pinholes: Pinholes,
     cams_from_ref: Array,
     ref_from_anchor: Array,
     q: Array,
@@ -165,7 +217,7 @@ def window_residuals(
     """
 
 def normal_blocks(
-    pinholes: tuple[float, float, float, float, float],
+    pinholes: Pinholes,
     cams_from_ref: Array,
     ref_from_anchor: Array,
     q: Array,

@@ -9,6 +9,10 @@
 namespace core {
 
 constexpr int LANES = 8;  // partial sums, always in the same order
+constexpr double DAMPING = 1e-9;        // of a scaled information matrix, as in geometry/linear.py
+constexpr double MAX_CONDITION = 1e10;  // of one: beyond it a direction is not determined by the data
+constexpr int MAX_SWEEPS = 30;          // of rotations: matrices of up to 20 take six
+constexpr double ROUNDING = 1e-30;      // of squares, relative
 
 // Σ a b over k samples.
 inline double dot(const float* a, const float* b, int k) {
@@ -107,6 +111,66 @@ inline bool solve_positive(double* a, double* b, std::size_t n) {
         b[i] /= a[i * n + i];
     }
     return true;
+}
+
+// Eigenvalues of a symmetric matrix A (n, n), which become its diagonal, and its axes as columns (n, n): Jacobi's rotations.
+inline void diagonalise(double* a, double* axes, std::size_t n) {
+    for (std::size_t i = 0; i < n * n; i++) axes[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
+    for (int sweep = 0; sweep < MAX_SWEEPS; sweep++) {
+        double off = 0, on = 0;
+        for (std::size_t i = 0; i < n; i++)
+            for (std::size_t j = 0; j < n; j++) (i == j ? on : off) += a[i * n + j] * a[i * n + j];
+        if (!(off > on * ROUNDING)) return;
+        for (std::size_t i = 0; i < n; i++)
+            for (std::size_t j = i + 1; j < n; j++) {
+                if (a[i * n + j] == 0) continue;
+                double ratio = (a[j * n + j] - a[i * n + i]) / (2 * a[i * n + j]);
+                double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1 + ratio * ratio));
+                double c = 1 / std::sqrt(1 + t * t), s = t * c;
+                auto rotate = [&](double& x, double& y) {
+                    double before = x;
+                    x = c * before - s * y;
+                    y = s * before + c * y;
+                };
+                for (std::size_t k = 0; k < n; k++) rotate(a[k * n + i], a[k * n + j]);
+                for (std::size_t k = 0; k < n; k++) rotate(a[i * n + k], a[j * n + k]);
+                for (std::size_t k = 0; k < n; k++) rotate(axes[k * n + i], axes[k * n + j]);
+            }
+    }
+}
+
+// The inverse of an information matrix (n, n), scaled by its own diagonal; false where a direction is not determined.
+inline bool invert_information(const std::vector<double>& information, std::size_t n, double* out) {
+    std::vector<double> scale(n), scaled(n * n), axes(n * n);
+    for (std::size_t i = 0; i < n; i++) {
+        if (!(information[i * n + i] > 0)) return false;
+        scale[i] = 1 / std::sqrt(information[i * n + i]);
+    }
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) scaled[i * n + j] = information[i * n + j] * scale[i] * scale[j];
+    diagonalise(scaled.data(), axes.data(), n);
+    double least = scaled[0], most = scaled[0];
+    for (std::size_t i = 0; i < n; i++) least = std::min(least, scaled[i * n + i]), most = std::max(most, scaled[i * n + i]);
+    if (!(least * MAX_CONDITION >= most)) return false;
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) {
+            double sum = 0;
+            for (std::size_t k = 0; k < n; k++) sum += axes[i * n + k] * axes[j * n + k] / scaled[k * n + k];
+            out[i * n + j] = scale[i] * scale[j] * sum;
+        }
+    return true;
+}
+
+// Solve A x = b in place for an information matrix (n, n), each direction scaled by its own; one that the data do not see
+// stays where it is. NaN where A is not finite.
+inline void solve_damped(std::vector<double>& a, double* b, std::size_t n) {
+    std::vector<double> scale(n);
+    for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(std::max(a[i * n + i], 1e-12));
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) a[i * n + j] = a[i * n + j] * scale[i] * scale[j] + (i == j ? DAMPING : 0.0);
+    for (std::size_t i = 0; i < n; i++) b[i] *= scale[i];
+    bool solved = solve_positive(a.data(), b, n);
+    for (std::size_t i = 0; i < n; i++) b[i] = solved ? scale[i] * b[i] : std::numeric_limits<double>::quiet_NaN();
 }
 
 // Rows of a matrix, so many numbers apart.

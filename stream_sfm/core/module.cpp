@@ -69,7 +69,20 @@ Pinholes pinholes(const nb::tuple& numbers) {
 
 using Floats = In<double, 2>;
 using Blocks = In<double, 3>;
+using Numbers = In<double, 1>;
 using Rows = In<std::int64_t, 1>;
+constexpr const char* NOT_DEFINITE = "a view's covariance is not positive definite";
+
+// A stage that takes points with their views first; no covariances of points: they are exact.
+template <class... More, class Stage>
+void def_of_views(nb::module_& m, const char* name, Stage stage) {
+    m.def(name, [stage](const nb::tuple& camera, const Floats& points, const Blocks& cov_points, const Floats& z, const Blocks& cov,
+                        const Blocks& shared, const Numbers& gate, const More&... more) {
+        View<double, 3> noise = view(cov_points);
+        PointViews views{pinholes(camera), view(points), noise.shape[0] ? &noise : nullptr, view(z), view(cov), view(shared), view(gate)};
+        return stage(views, more...);
+    });
+}
 
 WindowState window_state(const Blocks& cams_from_ref, const Blocks& ref_from_anchor, const Floats& q, const In<double, 1>& rig_error) {
     return {view(cams_from_ref), view(ref_from_anchor), view(q), view(rig_error)};
@@ -115,32 +128,36 @@ NB_MODULE(_core, m) {
             return disparity_slopes(image(left), image(right), view(points_px), view(right_px), radius, std_grey);
         }));
     });
-    m.def("linearise_views",
-          [](const nb::tuple& camera, const In<double, 2>& points, std::optional<In<double, 3>> cov_points, const In<double, 2>& z,
-             const In<double, 3>& cov, const In<double, 3>& shared, const In<double, 2>& cam_from_ref) {
-              Pinholes of = pinholes(camera);
-              View<double, 3> point_noise{};
-              if (cov_points) point_noise = view(*cov_points);
-              auto r = unlocked([&] {
-                  return linearise_views(of, view(points), cov_points ? &point_noise : nullptr, view(z), view(cov), view(shared),
-                                         view(cam_from_ref));
-              });
-              require_definite(r.definite, "a view's covariance is not positive definite");
-              return nb::make_tuple(numpy(std::move(r.root)), numpy(std::move(r.jacobian)));
-          },
-          nb::arg(), nb::arg(), nb::arg().none(), nb::arg(), nb::arg(), nb::arg(), nb::arg());
-    m.def("view_residuals", [](const nb::tuple& camera, const In<double, 2>& points, const In<double, 2>& z, const In<double, 3>& root,
-                               const In<double, 3>& shared, const In<double, 1>& amplitudes, const In<double, 3>& cams_from_ref) {
-        Pinholes of = pinholes(camera);
-        auto r = unlocked([&] {
-            return view_residuals(of, view(points), view(z), view(root), view(shared), view(amplitudes), view(cams_from_ref));
-        });
-        return nb::make_tuple(numpy(std::move(r.residuals)), numpy(std::move(r.squares)));
+    def_of_views<Floats>(m, "linearise_views", [](const PointViews& views, const Floats& cam_from_ref) {
+        auto r = unlocked([&] { return linearise_views(views, view(cam_from_ref)); });
+        require_definite(r.definite, NOT_DEFINITE);
+        return nb::make_tuple(numpy(std::move(r.root)), numpy(std::move(r.jacobian)));
     });
-    m.def("motion_step", [](const In<double, 3>& jacobian, const In<double, 2>& residuals, const In<double, 1>& weights,
-                            const In<double, 1>& amplitudes) {
-        auto r = unlocked([&] { return motion_step(view(jacobian), view(residuals), view(weights), view(amplitudes)); });
-        return nb::make_tuple(numpy(std::move(r.step)), numpy(std::move(r.information)));
+    def_of_views<Blocks, Numbers, Blocks>(
+        m, "view_residuals", [](const PointViews& views, const Blocks& root, const Numbers& amplitudes, const Blocks& cams_from_ref) {
+            auto r = unlocked([&] { return view_residuals(views, view(root), view(amplitudes), view(cams_from_ref)); });
+            return nb::make_tuple(numpy(std::move(r.residuals)), numpy(std::move(r.squares)));
+        });
+    def_of_views<Floats, Numbers, bool>(
+        m, "fit_motion", [](const PointViews& views, const Floats& start, const Numbers& amplitudes, bool anneal) {
+            auto r = unlocked([&] { return fit_motion(views, view(start), view(amplitudes), anneal); });
+            require_definite(r.definite, NOT_DEFINITE);
+            return nb::make_tuple(numpy(std::move(r.cam_from_ref)), numpy(std::move(r.amplitudes)), numpy(std::move(r.cov)),
+                                  numpy(std::move(r.accepted)), numpy(std::move(r.squares)), r.spread, r.determined);
+        });
+    def_of_views<Floats, Numbers, In<bool, 1>, double>(
+        m, "motions_of_halves", [](const PointViews& views, const Floats& motion, const Numbers& amplitudes,
+                                   const In<bool, 1>& accepted, double shared_noise) {
+            auto r = unlocked([&] {
+                return motions_of_halves(views, view(motion), view(amplitudes), view(accepted), shared_noise);
+            });
+            require_definite(r.definite, NOT_DEFINITE);
+            return nb::make_tuple(r.apart, numpy(std::move(r.motions)));
+        });
+    def_of_views<Floats, int>(m, "fit_turn", [](const PointViews& views, const Floats& motion, int steps) {
+        auto r = unlocked([&] { return fit_turn(views, view(motion), steps); });
+        require_definite(r.definite, "the views do not determine a turn");
+        return nb::make_tuple(numpy(std::move(r.rad)), numpy(std::move(r.cov)), numpy(std::move(r.agree)));
     });
     m.def("rig_columns",
           [](const nb::tuple& camera, double width, double height, const Floats& z, std::optional<Floats> velocity,

@@ -53,11 +53,17 @@ struct ViewResiduals {
     Array<double, 3> residuals;
     Array<double, 2> squares;
 };
-LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 3>* cov_points,
-                                const View<double, 2>& z, const View<double, 3>& cov, const View<double, 3>& shared,
-                                const View<double, 2>& cam_from_ref);
-ViewResiduals view_residuals(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& z,
-                             const View<double, 3>& root, const View<double, 3>& shared, const View<double, 1>& amplitudes,
+// Homogeneous points (n, 4) with covariances (none: exact) and their views; of each view a gate of its squared residual.
+struct PointViews {
+    Pinholes pinholes;
+    View<double, 2> points;
+    const View<double, 3>* cov_points;
+    View<double, 2> z;
+    View<double, 3> cov, shared;
+    View<double, 1> gate;
+};
+LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref);
+ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
                              const View<double, 3>& cams_from_ref);
 struct MotionStep {
     Array<double, 1> step;
@@ -65,6 +71,34 @@ struct MotionStep {
 };
 MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& residuals, const View<double, 1>& weights,
                        const View<double, 1>& amplitudes);
+
+// fit.cpp
+struct Fitted {
+    Array<double, 3> cam_from_ref;
+    Array<double, 1> amplitudes;
+    Array<double, 2> cov;
+    Array<bool, 1> accepted;
+    Array<double, 1> squares;
+    double spread;
+    bool determined, definite;
+};
+Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal);
+struct Halves {
+    double apart;
+    Array<double, 3> motions;
+    bool definite;
+};
+Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
+                         const View<bool, 1>& accepted, double shared_noise);
+
+// turn.cpp
+struct FittedTurn {
+    Array<double, 1> rad;
+    Array<double, 2> cov;
+    Array<bool, 1> agree;
+    bool definite;
+};
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps);
 
 // rig.cpp
 Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,

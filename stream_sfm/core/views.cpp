@@ -14,7 +14,6 @@ namespace {
 // A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
 // times more, the noise of the view itself would be lost to rounding in their sum.
 constexpr double MAX_PREDICTED_STD_PX = 1e5;
-constexpr double DAMPING = 1e-9;    // of the scaled information: a direction that the data do not see stays where it is
 
 // R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
 bool whitening(const double* z, const double* cov, double* root) {
@@ -37,14 +36,14 @@ void check(const View<double, 2>& points, const View<double, 2>& z) {
 
 }  // namespace
 
-LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 3>* cov_points,
-                                const View<double, 2>& z, const View<double, 3>& cov, const View<double, 3>& shared,
-                                const View<double, 2>& cam_from_ref) {
+LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref) {
+    const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], amplitudes = shared.shape[2], columns = 6 + amplitudes;
     if (cov_points) require_shape(*cov_points, {n, 4, 4}, "cov_points");
     require_shape(cov, {n, 4, 4}, "cov_px");
     require_shape(shared, {n, 4, amplitudes}, "shared");
+    require_shape(gate, {n}, "gate");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
     LinearisedViews result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 4, columns}), true};
     const double* motion = cam_from_ref.data;
@@ -78,9 +77,9 @@ LinearisedViews linearise_views(const Pinholes& pinholes, const View<double, 2>&
     return result;
 }
 
-ViewResiduals view_residuals(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& z,
-                             const View<double, 3>& root, const View<double, 3>& shared, const View<double, 1>& amplitudes,
+ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
                              const View<double, 3>& cams_from_ref) {
+    const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], motions = cams_from_ref.shape[0], j = amplitudes.shape[0];
     require_shape(root, {n, 4, 4}, "root");
@@ -116,7 +115,8 @@ MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& r
     require_shape(amplitudes, {k - 6}, "amplitudes");
     MotionStep result{Array<double, 1>({k}), Array<double, 2>({k, k})};
     double* h = result.information.data.get();
-    std::vector<double> g(k), scale(k), scaled(k * k), weighted(k);
+    double* g = result.step.data.get();
+    std::vector<double> weighted(k);
     for (std::size_t i = 0; i < n; i++) {
         if (weights.data[i] == 0) continue;
         for (int row = 0; row < 4; row++) {
@@ -132,16 +132,10 @@ MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& r
         h[a * k + a] += 1;
         g[a] -= amplitudes.data[a - 6];
     }
-    for (std::size_t a = 0; a < k; a++) {
-        scale[a] = 1 / std::sqrt(std::max(h[a * k + a], 1e-12));  // an unseen direction has a zero there
+    for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = a + 1; b < k; b++) h[b * k + a] = h[a * k + b];
-    }
-    for (std::size_t a = 0; a < k; a++)
-        for (std::size_t b = 0; b < k; b++) scaled[a * k + b] = h[a * k + b] * scale[a] * scale[b] + (a == b ? DAMPING : 0.0);
-    for (std::size_t a = 0; a < k; a++) g[a] *= scale[a];
-    bool solved = solve_positive(scaled.data(), g.data(), k);
-    for (std::size_t a = 0; a < k; a++)
-        result.step.data[a] = solved ? scale[a] * g[a] : std::numeric_limits<double>::quiet_NaN();
+    std::vector<double> information(h, h + k * k);
+    solve_damped(information, g, k);
     return result;
 }
 

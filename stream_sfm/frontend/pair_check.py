@@ -76,7 +76,7 @@ class PairFit:
             left_px[:, 2:] = np.nan
             views = PointViews(projection, found.points, found.cov_points, left_px, found.cov_px, gate_probability)
             root, _ = views.linearise(motion.cam_from_ref)
-            left |= views.residuals(motion.cam_from_ref, root)[1] < motion.spread * views.gate
+            left |= views.squared_residuals(motion.cam_from_ref[None], root)[0] < motion.spread * views.gate
         return cls(found.ids[inside], left[inside], both[inside])
 
 

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, MEMORY_FRAMES, median
+from .. import core
+from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -41,7 +42,6 @@ _GATE = 0.999  # share of good views that agree
 # σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
 # estimator starts, and is not used a second time.
 _STD_TURN_RAD = 3e-3
-_DAMPING = 1e-9  # relative: a motion that hardly shows stays where it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +157,9 @@ class TurnWatch:
         if len(seen) < _MIN_VIEWS:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
-        turn = _fitted(views, cam_from_previous, 1)
+        turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, 1))
         if self._log_bayes_factor(turn, cov_expected) > 0:
-            turn = _fitted(views, cam_from_previous, _STEPS)
+            turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, _STEPS))
         if not self._is_unusual(turn, cov_expected):
             return self._learnt(turn, cov_expected), None
         agree = np.zeros(len(z_px), bool)
@@ -197,22 +197,3 @@ class TurnWatch:
     def _chi2(self, turn: Turn, cov_expected: Array) -> float:
         cov = turn.cov + self.usual + cov_expected
         return float(turn.rad @ np.linalg.solve(cov, turn.rad))
-
-
-def _fitted(views: PointViews, cam_from_previous: Array, steps: int) -> Turn:
-    """The turn that fits views best, together with the motion; so many steps of reweighting."""
-    root, by_motion = views.linearise(cam_from_previous)
-    r, squares = views.residuals(cam_from_previous, root)
-    usable = np.isfinite(squares)
-    by_turn = root[:, :, 2:] @ effects_of_turn(views.projection, views.z[:, 2:])
-    j = np.concatenate([by_motion, by_turn, r[..., None]], axis=2) * usable[:, None, None]
-    squares = (j[..., 9] ** 2).sum(axis=1)
-    for _ in range(steps):
-        spread = max(1.0, median(squares) / MEDIAN_CHI2_4)
-        weighted = j / (1 + squares / (CAUCHY_WIDTH**2 * spread))[:, None, None]
-        normal = weighted.reshape(-1, 10).T @ j.reshape(-1, 10)
-        information = normal[:9, :9] + _DAMPING * np.diag(np.diag(normal)[:9] + _DAMPING)
-        step = np.linalg.solve(information, normal[:9, 9])
-        squares = ((j[..., 9] - j[..., :9] @ step) ** 2).sum(axis=1)
-    cov = spread * np.linalg.inv(information)[6:, 6:]
-    return Turn(step[6:], cov, usable & (squares < spread * views.gate))

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry import se3
-from ..geometry.linear import damped_solve
+from .. import core
 from ..geometry.motion_search import evidence
 from ..geometry.point_views import PointViews
 from ..geometry.resection import BEYOND, MIN_SECOND_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
@@ -49,25 +48,8 @@ def rigid_motion(views: PointViews, weights: Array, found: Resection, predicted:
     return best
 
 
-def _halves(views: PointViews, motion: Resection) -> tuple[float, list[Array]]:
-    """How far apart the motions of halves of the accepted views are at most, and all these motions (4, 4)."""
-    agree, n = motion.accepted, int(motion.accepted.sum())
-    if n < _LEAST:
-        return 0.0, []
-    root, j = views.linearise(motion.cam_from_ref)
-    r, _ = views.residuals(motion.cam_from_ref, root, motion.amplitudes)
-    j, r, m = j[agree], r[agree], j.shape[2]
-    information = np.diag(np.repeat([0.0, 1.0], [6, m - 6]))  # of the errors that all share
-    information += j.reshape(-1, m).T @ j.reshape(-1, m)
-    apart, motions = 0.0, []
-    for of_view in (views.points[agree, 3], views.z[agree, 0], views.z[agree, 1]):
-        half = np.argpartition(of_view, n // 2)[n // 2 :]
-        j_half, r_half = j[half].reshape(-1, m), r[half].ravel()
-        of_half = j_half.T @ j_half[:, :6]
-        h = np.block([[information, of_half], [of_half.T, of_half[:6]]])
-        # the motion is at the minimum of all views, that of the half is not
-        g = np.concatenate([np.zeros(m), r_half @ j_half[:, :6]])
-        x = damped_solve(h, g)
-        apart = max(apart, float(g @ x) / (1 + _SHARED * n))
-        motions += [se3.exp(step) @ motion.cam_from_ref for step in (x[:6], x[:6] + x[m:])]
-    return apart, motions
+def _halves(views: PointViews, motion: Resection) -> tuple[float, Array]:
+    """How far apart the motions of halves of the accepted views are at most, and all these motions (k, 4, 4)."""
+    if motion.accepted.sum() < _LEAST:
+        return 0.0, np.empty((0, 4, 4))
+    return core.motions_of_halves(*views.of_core, motion.cam_from_ref, motion.amplitudes, motion.accepted, _SHARED)

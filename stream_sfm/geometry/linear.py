@@ -15,7 +15,6 @@ from .se3 import Array
 # thousand times the rounding of a double up to a change of 10⁻⁵ σ², which no reported figure shows.
 _REPAIRS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
 _DAMPING = 1e-9  # of a scaled information matrix: a direction that the data do not see stays where it is
-_MAX_CONDITION = 1e10  # of a scaled information matrix: beyond it a direction is not determined by the data
 
 
 def symmetric(a: Array) -> Array:
@@ -48,20 +47,6 @@ def scaled_cholesky(covariance: Array) -> Array:
     """Return L (n, n) with L Lᵀ = `covariance`, lower triangular. Raises LinAlgError where it is not definite."""
     scale = np.sqrt(np.diag(covariance))
     return np.asarray(scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale)))
-
-
-def scaled_inverse(information: Array) -> Array | None:
-    """Return the inverse of an information matrix (n, n), or None where some direction is not determined."""
-    diagonal = np.diag(information)
-    if (diagonal <= 0).any():
-        return None
-    scale = 1 / np.sqrt(diagonal)
-    scaled = information * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(scaled)
-    if values[0] * _MAX_CONDITION < values[-1]:
-        return None
-    root = scale[:, None] * vectors / np.sqrt(values)
-    return np.asarray(root @ root.T)
 
 
 def damped_solve(information: Array, gradient: Array) -> Array:

@@ -48,7 +48,7 @@ def search_motion(views: PointViews, start: Array, weights: Array, agreeing: int
         samples = min(samples, math.ceil(_CLEAN_SAMPLES * math.comb(n, size) / math.comb(agreeing, size)))
     rows = _draw(weights, size, samples)
     root, _ = views.linearise(start)
-    from_rays = _rotations_by_rays(views.points[rows], views.projection.rays(views.z[rows]))
+    from_rays = _rotations_by_rays(views.points[rows], views.projection.rays(views.z_px[rows]))
     motions = np.concatenate([np.broadcast_to(start, from_rays.shape), from_rays])
     rows = np.concatenate([rows, rows])
     motions = _fit(views, root, motions, rows, np.ones(rows.shape), _SAMPLE_STEPS)
@@ -80,8 +80,8 @@ def evidence(views: PointViews, weights: Array) -> float:
     may have as many corners as it likes.
     """
     p = views.projection
-    column = np.clip(views.z[:, 0] * (_PLACES / p.width), 0, _PLACES - 1).astype(int)
-    row = np.clip(views.z[:, 1] * (_PLACES / p.height), 0, _PLACES - 1).astype(int)
+    column = np.clip(views.z_px[:, 0] * (_PLACES / p.width), 0, _PLACES - 1).astype(int)
+    row = np.clip(views.z_px[:, 1] * (_PLACES / p.height), 0, _PLACES - 1).astype(int)
     votes = np.zeros(_PLACES**2)
     np.maximum.at(votes, _PLACES * row + column, weights)
     return float(votes.sum() * max(_extent(views, weights[None])[0], _MIN_EXTENT))
@@ -90,7 +90,7 @@ def evidence(views: PointViews, weights: Array) -> float:
 def _extent(views: PointViews, agreement: Array) -> Array:
     """Return the area (m,) over which agreement (m, n) spreads: 1 where it is uniform over the image."""
     p = views.projection
-    u, v = (views.z[:, 0] - p.cx_left_px) / p.width, (views.z[:, 1] - p.cy_px) / p.height
+    u, v = (views.z_px[:, 0] - p.cx_left_px) / p.width, (views.z_px[:, 1] - p.cy_px) / p.height
     moments = agreement @ np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
     _, mu, mv, uu, uv, vv = (moments / np.maximum(moments[:, :1], 1e-12)).T
     determinant = (uu - mu * mu) * (vv - mv * mv) - (uv - mu * mv) ** 2
@@ -118,7 +118,7 @@ def _fit(
     views: PointViews, root: Array, motions: Array, rows: NDArray[np.intp], weights: Array, steps: int
 ) -> Array:
     """Refine each of motions (m, 4, 4) by Gauss-Newton over its own views `rows` (m, k) with `weights` (m, k)."""
-    points, z, root = views.points[rows], views.z[rows], root[rows]
+    points, z, root = views.points[rows], np.nan_to_num(views.z_px)[rows], root[rows]
     for _ in range(steps):
         in_cam = clamp_depth(points @ np.swapaxes(motions, -1, -2))
         a = root @ views.projection.jacobian_homogeneous(in_cam)[..., :3]

@@ -33,7 +33,6 @@ class PointViews:
         self.points = points
         self.cov_points = cov_points
         self.z_px = z_px
-        self.z = np.nan_to_num(z_px)  # a missing side has no weight
         self.cov_px = cov_px
         self.gate_probability = gate_probability
         self.shared = np.zeros((len(z_px), 4, 0)) if shared is None else shared
@@ -69,31 +68,17 @@ class PointViews:
         The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
-        return core.linearise_views(
-            self.projection.pinholes,
-            self.points,
-            self.cov_points,
-            self.z_px,
-            self.cov_px,
-            self.shared,
-            cam_from_ref,
-        )
-
-    def residuals(self, cam_from_ref: Array, root: Array, amplitudes: Array | None = None) -> tuple[Array, Array]:
-        """Return whitened residuals (n, 4) and their squared norms (n,), inf where nothing is predicted or seen.
-
-        `amplitudes` (j,) of the shared errors; None: zero.
-        """
-        if amplitudes is None:
-            amplitudes = np.zeros(self.shared.shape[2])
-        r, squares = core.view_residuals(
-            self.projection.pinholes, self.points, self.z, root, self.shared, amplitudes, cam_from_ref[None]
-        )
-        return r[0], squares[0]
+        return core.linearise_views(*self.of_core, cam_from_ref)
 
     def squared_residuals(self, cams_from_ref: Array, root: Array) -> Array:
-        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4), inf as in `residuals`."""
-        amplitudes = np.zeros(self.shared.shape[2])
-        return core.view_residuals(
-            self.projection.pinholes, self.points, self.z, root, self.shared, amplitudes, cams_from_ref
-        )[1]
+        """Squared whitened residuals (m, n) under each of many motions (m, 4, 4) without shared errors.
+
+        inf where nothing is predicted or seen.
+        """
+        return core.view_residuals(*self.of_core, root, np.zeros(self.shared.shape[2]), cams_from_ref)[1]
+
+    @property
+    def of_core(self) -> tuple[tuple[float, float, float, float, float], Array, Array, Array, Array, Array, Array]:
+        """The arrays that the compiled core takes."""
+        cov = np.empty((0, 4, 4)) if self.cov_points is None else self.cov_points
+        return self.projection.pinholes, self.points, cov, self.z_px, self.cov_px, self.shared, self.gate

@@ -6,32 +6,18 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`motion_search.py`), and it is looked whether the views that disagree have another motion in common.
 """
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from . import se3
-from .linear import scaled_inverse
-from .medians import CAUCHY_WIDTH, MEDIAN_CHI2_4, median
 from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
-from .se3 import MAX_ROTATION_STEP_RAD, Array
+from .se3 import Array
 from .stereo import StereoProjection
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
-_FIRST_CAUCHY_WIDTH2 = 6.0  # a little wider while the motion is still moving fast: fewer good views are let go of
-_WIDE_STEPS = 3
-_MAX_ROBUST_STEPS = 9
-_MAX_FINAL_STEPS = 4
-_RELINEARISE_EVERY = 3  # steps: between them the pose moves too little to change the Jacobian much
-# Squared length of a step in standard deviations of the motion, below which iterating stops.
-_ROBUST_CONVERGED = 0.3  # half a standard deviation; the final least squares does the rest
-_FINAL_CONVERGED = 1e-2  # a tenth of a standard deviation
-_SPREAD_SETTLED = 2.0  # residuals this close to their expected size: the first step may already be the last
 # The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
@@ -39,7 +25,6 @@ _CALM_SHARE = 0.8
 # From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
 # residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
 _CALM_SPREAD = 4.0
-_SPREAD_WITHIN = 10.0  # gates: views further off belong to something else and say nothing about the noise
 # A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
 # pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
 # history.
@@ -97,13 +82,6 @@ class Resection:
         return self.second if self.second and self.second.is_ambiguous else None
 
 
-class _Motion(NamedTuple):
-    """A motion `cam_from_ref` (4, 4), and the `amplitudes` (j,) of errors that all views share."""
-
-    cam_from_ref: Array
-    amplitudes: Array
-
-
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
     """Return points (n, 3) and covariances (n, 3, 3) as homogeneous ones (n, 4), (n, 4, 4)."""
     n = len(points)
@@ -146,22 +124,18 @@ def resect(
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
     weights = np.ones(len(views)) if weights is None else weights
-    start = _Motion(cam_from_ref_start, np.zeros(views.shared.shape[2]))
+    start, amplitudes = cam_from_ref_start, np.zeros(views.shared.shape[2])
     if start_is_close:
-        found = _least_squares(views, weights, start, *views.linearise(cam_from_ref_start))
+        found = refine(views, weights, start, amplitudes)
         if found.ok and (start_is_decided or _agrees_with_nearly_all(views, found, weights)):
             return found
-    found = _solve(views, start, weights)
+    found = refine(views, weights, start, amplitudes, anneal=True)
     if found.share < _CALM_SHARE:
-        other = _search(views, start, weights)
+        # no annealing: among many views that move together even small weights would lead away from what is found
+        other = refine(views, weights, search_motion(views, start, weights), amplitudes)
         if other.ok and _support(views, other, weights) > _support(views, found, weights):
             found = other
     return _with_second_motion(views, found, weights) if find_second else found
-
-
-def _solve(views: PointViews, start: _Motion, weights: Array) -> Resection:
-    """Anneal Cauchy weights, gate, and finish with plain least squares over the accepted views."""
-    return _least_squares(views, weights, *_robust_fit(views, start))
 
 
 def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array) -> bool:
@@ -170,18 +144,29 @@ def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array)
     return bool(weights[agree].sum() >= _CALM_SHARE * weights.sum())
 
 
-def _search(views: PointViews, start: _Motion, weights: Array) -> Resection:
-    """Search for the motion of largest support, and finish it with plain least squares.
+def refine(
+    views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array, anneal: bool = False
+) -> Resection:
+    """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23).
 
-    No annealing: among many views that move together even small weights would lead away from it.
+    `anneal`: it need not be close; Cauchy weights come first, eq. (22).
     """
-    motion = search_motion(views, start.cam_from_ref, weights)
-    return _least_squares(views, weights, _Motion(motion, start.amplitudes), *views.linearise(motion))
-
-
-def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
-    """Find the motion of the views that agree with one (4, 4), which is close to theirs."""
-    return _least_squares(views, weights, _Motion(cam_from_ref, amplitudes), *views.linearise(cam_from_ref))
+    motion, amplitudes, cov, accepted, s2, spread, determined = core.fit_motion(
+        *views.of_core, cam_from_ref, amplitudes, anneal
+    )
+    return Resection(
+        cam_from_ref=motion[0],
+        cov_pose=cov[:6, :6] if determined else np.full((6, 6), np.inf),
+        accepted=accepted,
+        chi2=float(s2[accepted].sum()),
+        dof=int(views.sides[accepted].sum()) - 6,
+        spread=spread,
+        ok=determined and bool(accepted.sum() >= MIN_VIEWS),
+        squared_residuals=s2,
+        share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
+        amplitudes=amplitudes,
+        cov_amplitudes=cov[6:, 6:] if determined else np.eye(len(amplitudes)),
+    )
 
 
 def _support(views: PointViews, found: Resection, weights: Array) -> float:
@@ -201,7 +186,7 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
         return found
     seen = views.without_shared(found.amplitudes)
     start = search_motion(seen.select(off), found.cam_from_ref, weights[off], MIN_SECOND_VIEWS)
-    other = _least_squares(views, weights, _Motion(start, found.amplitudes), *views.linearise(start))
+    other = refine(views, weights, start, found.amplitudes)
     only_other = off & other.accepted
     determined = len(other.amplitudes) - float(np.trace(other.cov_amplitudes))
     if not other.ok or only_other.sum() < MIN_SECOND_VIEWS + determined / 3:
@@ -212,69 +197,3 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
         second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
         return replace(other, second=second)
     return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))
-
-
-def _robust_fit(views: PointViews, at: _Motion) -> tuple[_Motion, Array, Array]:
-    """Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
-
-    Returns the motion, and roots and Jacobian as `PointViews.linearise` has them.
-    """
-    root, j = views.linearise(at.cam_from_ref)
-    r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
-    for k in range(_MAX_ROBUST_STEPS):
-        spread = _spread(s2)
-        width = spread * (_FIRST_CAUCHY_WIDTH2 if k < _WIDE_STEPS else CAUCHY_WIDTH**2)
-        at, moved, _ = _step(at, j, r, 1 / (1 + s2 / width))
-        if moved < _ROBUST_CONVERGED and (k >= _WIDE_STEPS - 1 or spread < _SPREAD_SETTLED):
-            break
-        if (k + 1) % _RELINEARISE_EVERY == 0:
-            root, j = views.linearise(at.cam_from_ref)
-        r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
-    if k >= _RELINEARISE_EVERY:  # fewer steps come from a start that is good enough to be linearised at
-        root, j = views.linearise(at.cam_from_ref)
-    return at, root, j
-
-
-def _least_squares(views: PointViews, weights: Array, at: _Motion, root: Array, j: Array) -> Resection:
-    """Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step."""
-    r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
-    accepted = s2 < views.gate
-    for _ in range(_MAX_FINAL_STEPS):
-        at, moved, information = _step(at, j, r, accepted.astype(float))
-        r, s2 = views.residuals(at.cam_from_ref, root, at.amplitudes)
-        before, accepted = accepted, s2 < views.gate
-        if moved < _FINAL_CONVERGED and (before == accepted).all():
-            break
-    cov = scaled_inverse(information)
-    return Resection(
-        cam_from_ref=se3.orthonormalise(at.cam_from_ref),
-        cov_pose=np.full((6, 6), np.inf) if cov is None else cov[:6, :6],
-        accepted=accepted,
-        chi2=float(s2[accepted].sum()),
-        dof=int(views.sides[accepted].sum()) - 6,
-        spread=_spread(s2[s2 < _SPREAD_WITHIN * views.gate]),
-        ok=cov is not None and bool(accepted.sum() >= MIN_VIEWS),
-        squared_residuals=s2,
-        share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
-        amplitudes=at.amplitudes,
-        cov_amplitudes=np.eye(len(at.amplitudes)) if cov is None else cov[6:, 6:],
-    )
-
-
-def _step(at: _Motion, j: Array, r: Array, weight: Array) -> tuple[_Motion, float, Array]:
-    """Take one weighted Gauss-Newton step.
-
-    Returns the motion, the squared length of the step in deviations, and the information (6 + j, 6 + j).
-    """
-    delta, h = core.motion_step(j, r, weight, at.amplitudes)
-    angle = math.sqrt(delta[3:6] @ delta[3:6])
-    if angle > MAX_ROTATION_STEP_RAD:
-        delta *= MAX_ROTATION_STEP_RAD / angle
-    moved = _Motion(se3.exp(delta[:6]) @ at.cam_from_ref, at.amplitudes + delta[6:])
-    return moved, float(delta @ h @ delta), h
-
-
-def _spread(s2: Array) -> float:
-    """Return the median of squared residuals over its expected value, at least 1."""
-    finite = s2[np.isfinite(s2)]
-    return max(1.0, median(finite) / MEDIAN_CHI2_4) if len(finite) else 1.0

@@ -19,6 +19,7 @@ POINTS = np.concatenate([RNG.normal(size=(N, 3)), np.ones((N, 1))], axis=1)
 VIEWS, COV = RNG.uniform(0, 60, (N, 4)), np.broadcast_to(np.eye(4), (N, 4, 4))
 PINHOLES = (60.0, 40.0, 40.0, 30.0, 0.1)
 SHARED = RNG.normal(size=(N, 4, 2))
+OF_VIEWS = (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.ones(N))
 MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 STATE = (MOTIONS[:2], MOTIONS, POINTS[:, :3], np.zeros(8))
@@ -32,8 +33,11 @@ CALLS = {
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
     "disparity_slopes": (IMAGE, IMAGE, PIXELS, STARTS, 10, 4.0),
-    "linearise_views": (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.eye(4)),
-    "view_residuals": (PINHOLES, POINTS, VIEWS, COV, SHARED, np.ones(2), np.eye(4)[None]),
+    "linearise_views": (*OF_VIEWS, np.eye(4)),
+    "view_residuals": (*OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
+    "fit_motion": (*OF_VIEWS, np.eye(4), np.zeros(2), True),
+    "motions_of_halves": (*OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N, bool), 0.01),
+    "fit_turn": (*OF_VIEWS[:5], SHARED[..., :0], np.ones(N), np.eye(4), 3),
     "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
     "field_basis": (STARTS, np.arange(3.0), np.arange(2.0), 8.0, np.eye(6)),
     "velocities_by_twist": (PINHOLES, POINTS),
@@ -60,7 +64,6 @@ CALLS = {
         COV[:, :3, :3],
         np.zeros((N, 3, 4)),
     ),
-    "motion_step": (RNG.normal(size=(N, 4, 8)), VIEWS, np.ones(N), np.zeros(2)),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
 
@@ -104,13 +107,13 @@ def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
     with pytest.raises(ValueError, match="slot"):
         core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
     with pytest.raises(np.linalg.LinAlgError, match="definite"):
-        core.linearise_views(PINHOLES, POINTS, COV, VIEWS, -COV, SHARED, np.eye(4))
+        core.linearise_views(*OF_VIEWS[:4], -COV, *OF_VIEWS[5:], np.eye(4))
 
 
 def test_only_the_sides_that_are_there_count() -> None:
     views = VIEWS.copy()
     views[:, 2:] = np.nan
-    root, jacobian = core.linearise_views(PINHOLES, POINTS, None, views, COV, SHARED, np.eye(4))
+    root, jacobian = core.linearise_views(PINHOLES, POINTS, COV[:0], views, *OF_VIEWS[4:], np.eye(4))
     assert (root[:, 2:] == 0).all() and (root[:, :, 2:] == 0).all() and (jacobian[:, 2:] == 0).all()
 
 
@@ -118,7 +121,7 @@ def test_only_the_sides_that_are_there_count() -> None:
 def test_threads_give_the_same_bytes(name: str) -> None:
     def run(_: int) -> list[bytes]:
         answer = getattr(core, name)(*CALLS[name])
-        return [a.tobytes() for a in (answer if isinstance(answer, tuple) else (answer,))]
+        return [np.asarray(a).tobytes() for a in (answer if isinstance(answer, tuple) else (answer,))]
 
     with ThreadPoolExecutor(4) as pool:
         answers = list(pool.map(run, range(16)))

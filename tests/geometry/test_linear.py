@@ -7,7 +7,6 @@ from stream_sfm.geometry.linear import (
     Cholesky,
     matvec,
     scaled_cholesky,
-    scaled_inverse,
     symmetric,
     symmetric_inverse,
 )
@@ -33,20 +32,9 @@ def test_badly_scaled_matrices_are_factored_and_inverted() -> None:
     root = scaled_cholesky(cov)
     assert (np.triu(root, 1) == 0).all()
     assert np.abs((root @ root.T - cov) / np.outer(SCALE, SCALE)).max() < ROUNDING * 100  # entries up to some tens
-    inverse = scaled_inverse(cov)
-    assert inverse is not None
-    assert_inverse(inverse, cov)
     assert_inverse(Cholesky(cov).inverse(), cov)
     right = RNG.normal(size=6) / SCALE
     assert Cholesky(cov).solve(cov @ right) == pytest.approx(right, rel=1e-9)
-
-
-def test_an_undetermined_direction_has_no_inverse() -> None:
-    information = covariance()
-    information[2] = information[:, 2] = 0
-    assert scaled_inverse(information) is None
-    twice = np.ones((2, 2))
-    assert scaled_inverse(twice) is None
 
 
 def test_lost_definiteness_is_repaired_only_on_request() -> None:

@@ -151,4 +151,23 @@ def lanes(width: int = 320, frames: int = 300, seed: int = 0) -> Recording:
     return Recording(build_scene(tuple(boxes), seed, 0.02), stereo, frames, RATE_HZ, path)
 
 
-LOOPS: dict[str, Callable[..., Recording]] = {maker.__name__: maker for maker in (block, office, mower, lanes)}
+def eight(width: int = 320, frames: int = 300, seed: int = 0) -> Recording:
+    """Twice along a figure of eight in a hall: its two halves cross at right angles."""
+    rng = np.random.default_rng((45, seed))
+    ends = (wall(2), planks(130), wall(7), bricks, planks(150), ceiling)
+    boxes = [Box((0, 0, 1.6), (14, 8, 3.2), ends, inside=True)]
+    for side in (-1, 1):
+        boxes.append(Box((side * 3.0, 0, 1.6), (1.0, 1.0, 3.2), (bricks,) * 6))
+        for x in np.linspace(1.2, 5.6, 4):
+            for row in (-1, 1):
+                size = tuple(rng.uniform((0.5, 0.4, 0.5), (1.1, 0.7, 1.8)))
+                at = float(side * x), float(row * rng.uniform(3.3, 3.6))
+                boxes.append(standing(*at, size, _SURFACES[rng.integers(5)], rng.uniform(-20, 20)))  # type: ignore[arg-type]
+    t = np.linspace(0, 4 * np.pi, 2000)
+    path = _moving(*_on_wheels(5 * np.sin(t), 2 * np.sin(2 * t), 1.2, 0, rng), frames)
+    return Recording(build_scene(tuple(boxes), seed, 0.005), rig(width), frames, RATE_HZ, path)
+
+
+LOOPS: dict[str, Callable[..., Recording]] = {
+    maker.__name__: maker for maker in (block, office, mower, lanes, eight)
+}

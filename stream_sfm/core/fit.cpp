@@ -1,0 +1,200 @@
+// The motion that brings points onto their views: annealed Cauchy weights, a gate, and plain least squares, eqs. (20)–(23).
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double FIRST_CAUCHY_WIDTH2 = 6.0;  // a little wider while the motion moves fast: fewer good views are let go of
+constexpr int WIDE_STEPS = 3, MAX_ROBUST_STEPS = 9, MAX_FINAL_STEPS = 4;
+constexpr int RELINEARISE_EVERY = 3;  // steps: between them the pose moves too little to change the Jacobian much
+// Squared length of a step in standard deviations of the motion, below which iterating stops.
+constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the final least squares does the rest
+constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
+constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
+constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
+constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // as in geometry/se3.py
+constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
+
+// The median of squared residuals over its expected value, at least 1, of those below a limit.
+double spread_of(const double* squares, const double* gate, std::size_t n) {
+    std::vector<double> within;
+    within.reserve(n);
+    for (std::size_t i = 0; i < n; i++)
+        if (gate ? squares[i] < SPREAD_WITHIN * gate[i] : std::isfinite(squares[i])) within.push_back(squares[i]);
+    return within.empty() ? 1.0 : std::max(1.0, median(std::move(within)) / MEDIAN_CHI2_4);
+}
+
+class Fit {
+   public:
+    Fit(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes)
+        : views(views), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
+          shared(amplitudes.data, amplitudes.data + amplitudes.shape[0]), weights(n),
+          linear{Array<double, 3>({0, 4, 4}), Array<double, 3>({0, 4, 6}), true}, seen{Array<double, 3>({0, 0, 4}), Array<double, 2>({0, 0})} {}
+
+    // Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
+    void anneal() {
+        linearise();
+        look();
+        int k = 0;
+        for (; k < MAX_ROBUST_STEPS; k++) {
+            double spread = spread_of(squares(), nullptr, n);
+            double width = spread * (k < WIDE_STEPS ? FIRST_CAUCHY_WIDTH2 : CAUCHY_WIDTH * CAUCHY_WIDTH);
+            for (std::size_t i = 0; i < n; i++) weights[i] = 1 / (1 + squares()[i] / width);
+            if (step() < ROBUST_CONVERGED && (k >= WIDE_STEPS - 1 || spread < SPREAD_SETTLED)) break;
+            if ((k + 1) % RELINEARISE_EVERY == 0) linearise();
+            look();
+        }
+        if (k >= RELINEARISE_EVERY) linearise();  // fewer steps come from a start good enough to be linearised at
+    }
+
+    // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
+    Fitted finish() {
+        Fitted result{Array<double, 3>({1, 4, 4}), Array<double, 1>({size - 6}), Array<double, 2>({size, size}),
+                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false, true};
+        bool* accepted = result.accepted.data.get();
+        look();
+        auto judge = [&] {
+            bool same = true;
+            for (std::size_t i = 0; i < n; i++) {
+                bool before = accepted[i];
+                accepted[i] = squares()[i] < views.gate.data[i];
+                same = same && before == accepted[i];
+            }
+            return same;
+        };
+        judge();
+        for (int k = 0; k < MAX_FINAL_STEPS; k++) {
+            for (std::size_t i = 0; i < n; i++) weights[i] = accepted[i] ? 1.0 : 0.0;
+            double moved = step();
+            look();
+            if (judge() && moved < FINAL_CONVERGED) break;
+        }
+        View<double, 3> found{motion.data(), {1, 4, 4}};
+        result.cam_from_ref = orthonormalise(found);
+        std::copy(shared.begin(), shared.end(), result.amplitudes.data.get());
+        result.determined = invert_information(information, size, result.cov.data.get());
+        std::copy(squares(), squares() + n, result.squares.data.get());
+        result.spread = spread_of(squares(), views.gate.data, n);
+        result.definite = definite;
+        return result;
+    }
+
+    void linearise() {
+        View<double, 2> at{motion.data(), {4, 4}};
+        linear = linearise_views(views, at);
+        definite = definite && linear.definite;
+    }
+
+   private:
+    void look() {
+        View<double, 3> root{linear.root.data.get(), {n, 4, 4}}, at{motion.data(), {1, 4, 4}};
+        seen = view_residuals(views, root, {shared.data(), {size - 6}}, at);
+    }
+
+    const double* squares() const { return seen.squares.data.get(); }
+
+    // Take a weighted step; its squared length in standard deviations.
+    double step() {
+        MotionStep taken = motion_step({linear.jacobian.data.get(), {n, 4, size}}, {seen.residuals.data.get(), {n, 4}},
+                                       {weights.data(), {n}}, {shared.data(), {size - 6}});
+        double *delta = taken.step.data.get(), length2 = 0;
+        information.assign(taken.information.data.get(), taken.information.data.get() + size * size);
+        double angle = std::sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5]);
+        if (angle > MAX_ROTATION_STEP_RAD)
+            for (std::size_t i = 0; i < size; i++) delta[i] *= MAX_ROTATION_STEP_RAD / angle;
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = 0; j < size; j++) length2 += delta[i] * information[i * size + j] * delta[j];
+        Array<double, 3> by = pose_exp({delta, {1, 6}});
+        std::vector<double> before = motion;
+        multiply(by[0], before.data(), motion.data());
+        for (std::size_t i = 6; i < size; i++) shared[i - 6] += delta[i];
+        return length2;
+    }
+
+    const PointViews& views;
+    std::size_t n, size;
+    std::vector<double> motion, shared, weights, information;
+    LinearisedViews linear;
+    ViewResiduals seen;
+    bool definite = true;
+};
+
+}  // namespace
+
+Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal) {
+    require_shape(start, {4, 4}, "cam_from_ref");
+    require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
+    require(amplitudes.shape[0] <= 1000, "there are too many shared errors");
+    Fit fit(views, start, amplitudes);
+    if (anneal) fit.anneal();
+    else fit.linearise();
+    return fit.finish();
+}
+
+// The motions of halves of the views: those of near points, and those on one side or in the upper part of the image.
+Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
+                         const View<bool, 1>& accepted, double shared_noise) {
+    std::size_t all = views.points.shape[0], m = 6 + amplitudes.shape[0], size = m + 6;
+    require_shape(accepted, {all}, "accepted");
+    require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
+    require_shape(motion, {4, 4}, "cam_from_ref");
+    require(m <= 1000, "there are too many shared errors");
+    LinearisedViews linear = linearise_views(views, motion);
+    ViewResiduals seen =
+        view_residuals(views, {linear.root.data.get(), {all, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
+    Halves result{0.0, Array<double, 3>({6, 4, 4}), linear.definite};
+    std::vector<std::size_t> rows;
+    for (std::size_t i = 0; i < all; i++)
+        if (accepted.data[i]) rows.push_back(i);
+    auto add_products = [&](std::size_t i, std::size_t columns, double* out) {  // out (m, columns) += JᵀJ of a view
+        for (std::size_t row = 0; row < 4; row++) {
+            const double* j = linear.jacobian[i] + row * m;
+            for (std::size_t a = 0; a < m; a++)
+                for (std::size_t b = 0; b < columns; b++) out[a * columns + b] += j[a] * j[b];
+        }
+    };
+    std::vector<double> information(m * m), of_half(m * 6), h(size * size), x(size);
+    for (std::size_t a = 6; a < m; a++) information[a * m + a] = 1;  // of the errors that all share
+    for (std::size_t i : rows) add_products(i, m, information.data());
+    for (std::size_t by = 0; by < 3; by++) {
+        auto value = [&](std::size_t i) { return by == 0 ? views.points[i][3] : views.z[i][by - 1]; };
+        auto half = rows;
+        auto middle = half.begin() + static_cast<std::ptrdiff_t>(rows.size() / 2);
+        std::nth_element(half.begin(), middle, half.end(), [&](std::size_t i, std::size_t j) {
+            return value(i) < value(j) || (value(i) == value(j) && i < j);
+        });
+        std::sort(middle, half.end());
+        std::fill(of_half.begin(), of_half.end(), 0.0);
+        std::fill(x.begin(), x.end(), 0.0);
+        for (auto i = middle; i != half.end(); ++i) {
+            add_products(*i, 6, of_half.data());
+            for (std::size_t row = 0; row < 4; row++)  // the motion is at the minimum of all views, that of the half is not
+                for (std::size_t a = 0; a < 6; a++)
+                    x[m + a] += linear.jacobian[*i][row * m + a] * seen.residuals[0][4 * *i + row];
+        }
+        for (std::size_t a = 0; a < size; a++)
+            for (std::size_t b = 0; b < size; b++)
+                h[a * size + b] = a < m && b < m ? information[a * m + b]
+                                  : b >= m       ? of_half[(a < m ? a : a - m) * 6 + b - m]
+                                                 : of_half[b * 6 + a - m];
+        std::vector<double> g = x;
+        solve_damped(h, x.data(), size);
+        double distance = 0;
+        for (std::size_t a = 0; a < size; a++) distance += g[a] * x[a];
+        result.apart = std::max(result.apart, distance / (1 + shared_noise * static_cast<double>(rows.size())));
+        double both[12];
+        for (std::size_t a = 0; a < 6; a++) both[a] = x[a], both[6 + a] = x[a] + x[m + a];
+        Array<double, 3> by_step = pose_exp({both, {2, 6}});
+        for (std::size_t k = 0; k < 2; k++) multiply(by_step[k], motion.data, result.motions[2 * by + k]);
+    }
+    return result;
+}
+
+}  // namespace core

@@ -1,0 +1,85 @@
+// The turn of the right camera that a frame shows, fitted together with the motion, eq. (72d).
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
+constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;           // motion and turn; with the residual
+
+// What a turn does at (u, v) of the right image: (2, 3) px per radian.
+void by_turn(const Pinholes& p, double u, double v, double* out) {
+    double x = (u - p.cx_right) / p.f, y = (v - p.cy) / p.f;
+    double columns[6] = {x * y, -1 - x * x, y, 1 + y * y, -x * y, -x};
+    for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
+}
+
+}  // namespace
+
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps) {
+    std::size_t n = views.points.shape[0];
+    require_shape(motion, {4, 4}, "cam_from_ref");
+    require(n > 0 && views.shared.shape[2] == 0 && steps > 0, "a turn has views, steps, and no other error");
+    LinearisedViews linear = linearise_views(views, motion);
+    Array<double, 1> none({0});
+    ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
+    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n}), linear.definite};
+    std::vector<double> rows(n * 4 * COLUMNS), squares(n);
+    for (std::size_t i = 0; i < n; i++) {
+        if (!std::isfinite(seen.squares[0][i])) continue;
+        double turned[6];
+        by_turn(views.pinholes, views.z[i][2], views.z[i][3], turned);
+        for (std::size_t row = 0; row < 4; row++) {
+            double* out = rows.data() + (4 * i + row) * COLUMNS;
+            const double* root = linear.root[i] + 4 * row;
+            std::copy_n(linear.jacobian[i] + 6 * row, 6, out);
+            for (std::size_t k = 0; k < 3; k++) out[6 + k] = root[2] * turned[k] + root[3] * turned[3 + k];
+            out[9] = seen.residuals[0][4 * i + row];
+            squares[i] += out[9] * out[9];
+        }
+    }
+    double spread = 1, step[UNKNOWNS], information[UNKNOWNS * UNKNOWNS], cov[UNKNOWNS * UNKNOWNS];
+    for (int k = 0; k < steps; k++) {
+        spread = std::max(1.0, median(squares) / MEDIAN_CHI2_4);
+        std::fill(information, information + UNKNOWNS * UNKNOWNS, 0.0);
+        std::fill(step, step + UNKNOWNS, 0.0);
+        for (std::size_t i = 0; i < 4 * n; i++) {
+            const double* j = rows.data() + i * COLUMNS;
+            double weight = 1 / (1 + squares[i / 4] / (CAUCHY_WIDTH * CAUCHY_WIDTH * spread));
+            for (std::size_t a = 0; a < UNKNOWNS; a++) {
+                for (std::size_t b = 0; b < UNKNOWNS; b++) information[a * UNKNOWNS + b] += weight * j[a] * j[b];
+                step[a] += weight * j[a] * j[9];
+            }
+        }
+        for (std::size_t a = 0; a < UNKNOWNS; a++)  // a motion that hardly shows stays where it is
+            information[a * (UNKNOWNS + 1)] += DAMPING * (information[a * (UNKNOWNS + 1)] + DAMPING);
+        double factor[UNKNOWNS * UNKNOWNS];
+        std::copy(information, information + UNKNOWNS * UNKNOWNS, factor);
+        if (!solve_positive(factor, step, UNKNOWNS)) result.definite = false;
+        for (std::size_t i = 0; i < n; i++) {
+            squares[i] = 0;
+            for (std::size_t row = 0; row < 4; row++) {
+                const double* j = rows.data() + (4 * i + row) * COLUMNS;
+                double left = j[9];
+                for (std::size_t a = 0; a < UNKNOWNS; a++) left -= j[a] * step[a];
+                squares[i] += left * left;
+            }
+        }
+    }
+    invert_positive<UNKNOWNS>(information, cov);
+    for (std::size_t a = 0; a < 3; a++) {
+        result.rad.data[a] = step[6 + a];
+        for (std::size_t b = 0; b < 3; b++) result.cov[a][b] = spread * cov[(6 + a) * UNKNOWNS + 6 + b];
+    }
+    for (std::size_t i = 0; i < n; i++)
+        result.agree.data[i] = std::isfinite(seen.squares[0][i]) && squares[i] < spread * views.gate.data[i];
+    return result;
+}
+
+}  // namespace core
