@@ -40,6 +40,7 @@ from ._core import invert_triangle as invert_triangle
 from ._core import linearise_views as linearise_views
 from ._core import match_along_rows as match_along_rows
 from ._core import motions_of_halves as motions_of_halves
+from ._core import moving_views as moving_views
 from ._core import multiply_blocks as multiply_blocks
 from ._core import normal_blocks as normal_blocks
 from ._core import orthonormalise as orthonormalise
@@ -47,6 +48,7 @@ from ._core import point_marginals as point_marginals
 from ._core import polynomial_rows as polynomial_rows
 from ._core import pose_exp as pose_exp
 from ._core import pose_log as pose_log
+from ._core import principal_errors as principal_errors
 from ._core import quaternions as quaternions
 from ._core import rig_columns as rig_columns
 from ._core import rig_mixture as rig_mixture

@@ -190,6 +190,15 @@ def rig_mixture(
 def velocities_by_twist(pinholes: tuple[float, float, float, float, float], points_in_cam: Array) -> Array:
     """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
 
+def moving_views(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> tuple[Array, Array]:
+    """Return where homogeneous points (n, 4) are seen (n, 4), and how these views move (n, 4), px/s.
+
+    `twists` (n, 6), or (1, 6) for all: of the points in the camera.
+    """
+
+def principal_errors(errors: Array, least: float) -> Array:
+    """Return the principal components (n, 4, j) of errors of views (n, 4, k) whose squares sum to more than `least`."""
+
 def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame: Pixels, point: Pixels) -> Array:
     """Return homogeneous points (V, 4), in front of the cameras, of views of points q, eq. (24).
 

@@ -187,6 +187,14 @@ NB_MODULE(_core, m) {
         Pinholes of = pinholes(camera);
         return numpy(unlocked([&] { return velocities_by_twist(of, view(points)); }));
     });
+    m.def("moving_views", [](const nb::tuple& camera, const Floats& points, const Floats& twists) {
+        Pinholes of = pinholes(camera);
+        auto r = unlocked([&] { return moving_views(of, view(points), view(twists)); });
+        return nb::make_tuple(numpy(std::move(r.z)), numpy(std::move(r.velocity)));
+    });
+    m.def("principal_errors", [](const Blocks& errors, double least) {
+        return numpy(unlocked([&] { return principal_errors(view(errors), least); }));
+    });
     m.def("pose_exp", [](const Floats& xi) { return numpy(unlocked([&] { return pose_exp(view(xi)); })); });
     m.def("pose_log", [](const Blocks& poses) { return numpy(unlocked([&] { return pose_log(view(poses)); })); });
     m.def("rotation_vectors", [](const Blocks& r) { return numpy(unlocked([&] { return rotation_vectors(view(r)); })); });

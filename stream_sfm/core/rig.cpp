@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -121,6 +122,47 @@ Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double
         jacobian(pinholes, point, a);
         for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, result[i] + 6 * row);
     }
+    return result;
+}
+
+MovingViews moving_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists) {
+    std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
+    require_shape(points, {n, 4}, "points");
+    require_shape(twists, {of_all ? 1 : n, 6}, "twists");
+    MovingViews result{Array<double, 2>({n, 4}), Array<double, 2>({n, 4})};
+    for (std::size_t i = 0; i < n; i++) {
+        double point[4], a[16], by_twist[6];
+        const double* twist = twists[of_all ? 0 : i];
+        std::copy(points[i], points[i] + 4, point);
+        clamp_depth(point);
+        project(pinholes, point, result.z[i]);
+        jacobian(pinholes, point, a);
+        for (int row = 0; row < 4; row++) {
+            by_motion(a + 4 * row, point, by_twist);
+            for (int k = 0; k < 6; k++) result.velocity[i][row] += by_twist[k] * twist[k];
+        }
+    }
+    return result;
+}
+
+Array<double, 3> principal_errors(const View<double, 3>& errors, double least) {
+    std::size_t n = errors.shape[0], k = errors.shape[2];
+    require_shape(errors, {n, 4, k}, "errors");
+    require(k <= 1000, "there are too many errors");
+    std::vector<double> products(k * k), axes(k * k);
+    for (std::size_t i = 0; i < 4 * n; i++)
+        for (std::size_t a = 0; a < k; a++)
+            for (std::size_t b = a; b < k; b++) products[a * k + b] += errors.data[i * k + a] * errors.data[i * k + b];
+    for (std::size_t a = 0; a < k; a++)
+        for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
+    diagonalise(products.data(), axes.data(), k);
+    std::vector<std::size_t> kept;
+    for (std::size_t a = 0; a < k; a++)
+        if (products[a * k + a] > least) kept.push_back(a);
+    Array<double, 3> result({n, 4, kept.size()});
+    for (std::size_t i = 0; i < 4 * n; i++)
+        for (std::size_t c = 0; c < kept.size(); c++)
+            for (std::size_t a = 0; a < k; a++) result.data[i * kept.size() + c] += errors.data[i * k + a] * axes[a * k + kept[c]];
     return result;
 }
 

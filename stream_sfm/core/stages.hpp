@@ -107,6 +107,11 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
                              const View<double, 2>& root);
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
 Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
+struct MovingViews {
+    Array<double, 2> z, velocity;
+};
+MovingViews moving_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
+Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
 
 // poses.cpp
 Array<double, 3> pose_exp(const View<double, 2>& xi);

@@ -1,15 +1,15 @@
 """How views move while the camera does: what a late camera and a rolling shutter turn into errors, eq. (70a)."""
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import se3
-from ..geometry.linear import matvec, product
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection, clamp_depth
+from ..geometry.stereo import StereoProjection
 
 # Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
 _REACH = 2
@@ -58,14 +58,14 @@ def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> A
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
     """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
-    return matvec(velocities_by_twist(projection, points_in_cam), np.broadcast_to(twist, (len(points_in_cam), 6)))
+    return core.moving_views(projection.pinholes, points_in_cam, twist.reshape(-1, 6))[1]
 
 
 class TimedViews:
     """Views of homogeneous points (n, 4) that move with a twist (6,), as delay and readout see them.
 
-    `row_of`: as in `RigModel`; None: the readout does nothing. `by_twist` (n, 4, 6): px per second and unit of the
-    twist; `columns` (n, 4, 2): px per second of delay and of readout.
+    `row_of`: as in `RigModel`; None: the readout does nothing. `columns` (n, 4, 2): px per second of delay and of
+    readout.
     """
 
     def __init__(
@@ -75,12 +75,15 @@ class TimedViews:
         twist: Array,
         row_of: Callable[[Array], Array] | None,
     ) -> None:
-        self.by_twist = velocities_by_twist(projection, points_in_cam)
-        row = np.zeros((len(points_in_cam), 4))
-        if row_of is not None:
-            row = np.nan_to_num(row_of(projection.project_homogeneous(clamp_depth(points_in_cam))))
-        self._row, velocity = row, product(self.by_twist, twist[:, None])[..., 0]
-        self.columns = np.stack([velocity * _RIGHT_U, velocity * row], axis=2)
+        self._projection, self._points = projection, points_in_cam
+        z_px, velocity = core.moving_views(projection.pinholes, points_in_cam, twist[None])
+        self._row = np.zeros(z_px.shape) if row_of is None else np.nan_to_num(row_of(z_px))
+        self.columns = np.stack([velocity * _RIGHT_U, velocity * self._row], axis=2)
+
+    @cached_property
+    def by_twist(self) -> Array:
+        """Px per second and unit of the twist (n, 4, 6)."""
+        return velocities_by_twist(self._projection, self._points)
 
     @property
     def by_delay(self) -> Array:
@@ -109,6 +112,4 @@ def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array
 
 def principal(unknown: Array) -> Array:
     """Return principal components (n, 4, j) of errors of views (n, 4, k) px that matter beside a good view's noise."""
-    flat = unknown.reshape(4 * len(unknown), -1) if unknown.size else np.zeros((1, unknown.shape[2]))
-    variance, axes = np.linalg.eigh(flat.T @ flat)
-    return np.asarray(unknown @ axes[:, variance > _LEAST_PX2])
+    return core.principal_errors(unknown, _LEAST_PX2)

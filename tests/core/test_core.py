@@ -41,6 +41,8 @@ CALLS = {
     "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
     "field_basis": (STARTS, np.arange(3.0), np.arange(2.0), 8.0, np.eye(6)),
     "velocities_by_twist": (PINHOLES, POINTS),
+    "moving_views": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
+    "principal_errors": (SHARED, 0.01),
     "polynomial_rows": (80, 60, VIEWS, RNG.normal(size=(2, 3, 3))),
     "pose_exp": (RNG.normal(size=(N, 6)),),
     "pose_log": (MOTIONS,),
