@@ -12,6 +12,9 @@ _MIN_FRAMES = 2  # between keyframes
 # Of the median depth, and of the view. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
 _MOVED_DEPTHS, _TURNED_RAD = 0.15, np.radians(11)
 _NEW_VIEW = 0.5  # of the points: less in common with the last keyframe, and much of the view is new
+# σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions beside
+# others of .1 mrad GTSAM finds no solution.
+_UNKNOWN_RAD = 0.3
 _LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
 
 
@@ -24,7 +27,7 @@ UNSEEN = 3  # common errors that come first: of lengths and axes, which turn and
 class Chain:
     """Follows the frames of a run, and says when the next keyframe is due and how the camera has moved since the last.
 
-    `link` is the motion from the last keyframe to the newest frame; None where frames between them were lost.
+    `link` is the motion from the last keyframe to the newest frame; None where it is not known.
     """
 
     def __init__(self) -> None:
@@ -38,18 +41,25 @@ class Chain:
         """Take the next frame; whether it should be a keyframe, which an `eager` caller wants soon."""
         self.link = self._link(estimate)
         self._previous = estimate
-        if estimate.status is Status.LOST:
-            self._links.clear()
-            return False
-        if self.link is None:
-            return bool(len(estimate.points_in_cam))
-        self._links[estimate.frame_index] = self.link
+        if self.link is not None and self.link.cov[3:, 3:].trace() > _UNKNOWN_RAD**2:
+            self.link = None  # later frames may know the way round this one
         earliest = int(estimate.window_frame_indices[0]) if len(estimate.window_frame_indices) else 0
-        for index in [i for i in self._links if i < earliest]:
+        for index in [i for i in self._links if i < earliest or estimate.status is Status.LOST]:
             del self._links[index]
+        if self.is_cut:
+            known = estimate.status in (Status.INITIALISING, Status.OK)
+            return bool(len(estimate.points_in_cam)) and (known or self._keyframe is None)
+        if self.link is None:
+            return False
+        self._links[estimate.frame_index] = self.link
         if self._keyframe is None or estimate.frame_index - self._keyframe < _MIN_FRAMES:
             return False
         return eager or self._is_new_view(estimate)
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether there is no way from the last keyframe to the newest frame, or to any later one."""
+        return self.link is None and not self._links
 
     def set_keyframe(self, estimate: FrameEstimate) -> None:
         """The newest frame has become a keyframe."""

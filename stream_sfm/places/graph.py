@@ -86,6 +86,7 @@ class PoseGraph:
         self._jacobian = np.zeros((64, 6, 0))  # of the same poses by the common errors
         self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
         self._home: dict[int, int] = {}  # of a segment: the one whose world it is in
+        self._began: dict[int, tuple[Array, Array]] = {}  # of a segment: its first pose, with covariance
         self._bridges: list[Loop] = []  # that joined segments, and the last one: ways of short covariance
         self._isam: Any = None
         self._solved = 0  # nodes that the solver knows
@@ -142,10 +143,17 @@ class PoseGraph:
         self._bridges = [loop for loop in self.loops if self._joins(loop)]
         self._asked = list(self.loops)
 
-    def add(self, number: int, pose: Array, link: Motion | None, segment: int | None = None) -> None:
+    def add(
+        self,
+        number: int,
+        pose: Array,
+        link: Motion | None,
+        segment: int | None = None,
+        cov: Array | None = None,
+    ) -> None:
         """Add a node after the last one, moved by `link` since; without it a segment begins, at `pose`.
 
-        With `segment` it is in that one, at `pose`.
+        With `segment` it is in that one, at `pose`; `cov` (6, 6): of a pose where a segment begins, None: exact.
         """
         row = len(self.numbers)
         if row == len(self._poses):
@@ -155,6 +163,7 @@ class PoseGraph:
         if link is None or not self.numbers:
             new_segment = max(self._home, default=-1) + 1 if segment is None else segment
             self._home.setdefault(new_segment, new_segment)
+            self._began.setdefault(new_segment, (pose, np.zeros((6, 6)) if cov is None else cov))
             self._segments[row] = new_segment
             self._poses[row], self._chain[row], self._jacobian[row] = pose, 0.0, 0.0
         else:
@@ -340,13 +349,21 @@ class PoseGraph:
         return [loop for loop in self.loops if loop not in kept]
 
     def covariances(self) -> Array:
-        """Covariances (n, 6, 6) of all poses in the world of the first, of perturbations on their right."""
+        """Covariances (n, 6, 6) of all poses in the world of the first, of perturbations on their right.
+
+        What is in another world is as uncertain as that one's beginning, too.
+        """
         if not self.numbers:
             return np.zeros((0, 6, 6))
         self._update()
         covs = np.array([self._isam.marginalCovariance(number) for number in self.numbers])
         by_common = self._by_common()
-        return covs[:, _ORDER][:, :, _ORDER] + by_common @ self._cov_common @ np.swapaxes(by_common, 1, 2)
+        covs = covs[:, _ORDER][:, :, _ORDER] + by_common @ self._cov_common @ np.swapaxes(by_common, 1, 2)
+        for row in np.flatnonzero(~self.in_world_of(self.numbers[0])):
+            pose, cov = self._began[self.home(self.numbers[row])]
+            turn = se3.adjoint(se3.inverse(self._poses[row]) @ pose)
+            covs[row] += turn @ cov @ turn.T
+        return covs
 
     def _by_common(self) -> Array:
         """How all poses, loops being as they are, follow the common errors: (n, 6, m) (Schmidt 1966)."""

@@ -94,7 +94,7 @@ class PlaceMap:
     `world_from_odom` (4, 4): the latest correction; multiplied with an estimate's `world_from_cam` it is the pose in
     the map. `located`: whether the camera's place in the map's world is known; not after a loss, until an old place is
     seen. Both are what a call of `write` has left. `problem`: why the map has ended before the run, as where GTSAM has
-    given up; empty where it has not.
+    given up, and then `poses` are as far as it came; empty where it has not.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class PlaceMap:
     ) -> None:
         if not isinstance(rig, StereoRig) or (config is not None and config.mono):
             raise ConfigError("maps need a pair of cameras: with one camera a motion has no length")
-        self.problem = ""
+        self.problem, self._covs = "", np.zeros((0, 6, 6))
         self._graph = PoseGraph()
         self._nodes: dict[int, _Node] = {}
         self._max_keyframes = max_keyframes
@@ -168,7 +168,7 @@ class PlaceMap:
             self._settle(False)
         soon = self._hopeful or estimate.frame_index - self._lost_until < _SEARCH_FRAMES
         due = self._chain.step(estimate, eager=not self.located and soon)
-        if self._chain.link is None:
+        if self._chain.is_cut:
             self.located, self._lost_until = False, estimate.frame_index
         if not due:
             return
@@ -182,9 +182,16 @@ class PlaceMap:
         self._jobs.append(self._pool.submit(self._take, job))
 
     def close(self) -> None:
-        """Finish what is waiting."""
+        """Finish what is waiting, and compute the covariances."""
         self._settle(True)
         self._pool.shutdown()
+        try:
+            with one_thread:
+                self._covs = self._graph.covariances()
+        except (RuntimeError, IndexError) as error:  # of GTSAM
+            if not self.problem:
+                self._end(f"the map has no solution: {_first_line(error)}")
+            self._covs = self._graph.state().covs
 
     def save(self, path: str | Path) -> None:
         """Write the map to a file, from which a later run goes on; after `close`. Raises OutputError."""
@@ -195,7 +202,7 @@ class PlaceMap:
         """The poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
         stamps_ns, poses, rows = self._own()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
-        covs = self._graph.covariances()[rows] + self._axes.cov_pose(self._unseen.of_pose(in_rect))
+        covs = self._covs[rows] + self._axes.cov_pose(self._unseen.of_pose(in_rect))
         return Trajectory(stamps_ns, poses, covs)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
@@ -203,7 +210,7 @@ class PlaceMap:
 
         Covariances are those of the nearest keyframe.
         """
-        if not self.loops:
+        if not self.loops or self.problem:
             return trajectory
         known = self.poses()
         stamps_ns, poses, rows = known.stamps_ns, known.world_from_cam, self._own()[2]
@@ -245,10 +252,12 @@ class PlaceMap:
             with one_thread:
                 return self._add(job)
         except (RuntimeError, np.linalg.LinAlgError, cv2.error) as error:  # GTSAM raises RuntimeErrors
-            reason = str(error).strip().splitlines()[:1]
-            self.problem = f"the map ends at frame {job.estimate.frame_index}: {'; '.join(reason)}"
-            logging.getLogger("stream_sfm").warning(self.problem)
+            self._end(f"the map ends at frame {job.estimate.frame_index}: {_first_line(error)}")
             return None
+
+    def _end(self, problem: str) -> None:
+        self.problem = problem
+        logging.getLogger("stream_sfm").warning(problem)
 
     def _add(self, job: _Job) -> "_Found":
         """Make the next keyframe, and look whether its place is known."""
@@ -257,7 +266,7 @@ class PlaceMap:
         keyframe = self._described(estimate, images)
         if (common := estimate.common) is not None:
             self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])
-        self._graph.add(number, estimate.world_from_cam, job.link)
+        self._graph.add(number, estimate.world_from_cam, job.link, cov=estimate.cov_pose)
         self._nodes[number] = _Node(keyframe, job.path_m, estimate.track_ids)
         self._find(number, Seen(keyframe, images))
         self._words.add(number, keyframe.descriptors)
@@ -381,6 +390,11 @@ def is_ambiguous(cov: Array, depth_m: float) -> bool:
     """Whether another place may lie within a prediction's covariance (6, 6)."""
     (std_m,), (std_rad,) = stds(cov[None])
     return bool(_CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
+
+
+def _first_line(error: Exception) -> str:
+    """What an error says, of GTSAM's whole pages of it."""
+    return str(error).strip().partition("\n")[0]
 
 
 def gain(known: Motion, loop: Motion) -> float:

@@ -198,8 +198,11 @@ def test_where_two_rooms_are_the_same_neither_is_taken_for_it(room: Room, tmp_pa
     keyframes, state = load_map(tmp_path / "room.mcap", projection, turn)
     n = state.numbers[-1] + 1
     next_door = se3.exp([8, 0, 0, 0, 0, 0]) @ state.poses
+    to_next = Motion(se3.inverse(state.poses[-1]) @ next_door[0], 1e-4 * np.eye(6))
+    links = state.links | {(n + a, n + b): link for (a, b), link in state.links.items()}
     twice = replace(
         state,
+        links=links | {(state.numbers[-1], n + state.numbers[0]): to_next},
         numbers=[*state.numbers, *(n + number for number in state.numbers)],
         segments=2 * state.segments,
         homes=2 * state.homes,
@@ -278,7 +281,7 @@ def test_where_gtsam_gives_up_the_run_goes_on(
     run = room.run
     places = PlaceMap(room.rig, wait=True)
 
-    def fails(*_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise RuntimeError("Indeterminate linear system\ndetected")
 
     monkeypatch.setattr(places._graph, "add", fails)
@@ -287,6 +290,44 @@ def test_where_gtsam_gives_up_the_run_goes_on(
     places.close()
     assert places.problem == "the map ends at frame 1: Indeterminate linear system"
     assert places.problem in caplog.text  # of the first frame with points
+
+
+def test_a_map_without_a_solution_keeps_the_poses_of_the_engine(
+    room: Room, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("\nIndeterminate linear system\ndetected")
+
+    monkeypatch.setattr("stream_sfm.places.graph.PoseGraph._by_common", fails)
+    found = sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=12), loops=True)
+    assert found.summary["map"]["problem"] == "the map has no solution: Indeterminate linear system"
+    places = PlaceMap(room.rig, wait=True)
+    for estimate, frame in room.run[:12]:
+        places.write(estimate, frame)
+    places.close()
+    poses = places.poses()
+    assert len(poses) and poses.cov_pose is not None and (np.linalg.eigvalsh(poses.cov_pose[1:]) > 0).all()
+
+
+@pytest.mark.parametrize(("unknown", "segments"), [(1, 1), (8, 2)], ids=["one frame", "the whole window"])
+def test_motions_that_are_not_known_end_a_segment_where_no_other_leads_round_them(
+    room: Room, unknown: int, segments: int
+) -> None:
+    """Rotations of σ 1 rad, as where the motion of a body may be the camera's; the world is as doubtful then."""
+    places, run, doubt = PlaceMap(room.rig, wait=True), list(room.run[:24]), np.diag([0.2**2] * 3 + [1.0] * 3)
+    for k in range(8, len(run)):
+        estimate, frame = run[k]
+        if k < 8 + unknown:
+            assert estimate.relative is not None
+            relative = replace(estimate.relative, cov=estimate.relative.cov + doubt)
+            estimate = replace(estimate, status=sfm.Status.DEGRADED, relative=relative)
+        run[k] = replace(estimate, cov_pose=estimate.cov_pose + (doubt if unknown > 1 else 0.0)), frame
+    for estimate, frame in run:
+        places.write(estimate, frame)
+    places.close()
+    assert not places.problem and len(set(places._graph.segments)) == segments
+    cov = places.poses().cov_pose
+    assert cov is not None and (cov[-1, 3, 3] > 0.9) == (segments == 2)
 
 
 def test_a_replay_writes_what_follows_from_its_loops(room: Room, tmp_path: Path) -> None:
