@@ -25,6 +25,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..camera.unseen_errors import UnseenErrors
 from ..config import Config
 from ..errors import ConfigError
+from ..estimators.ids import among
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..motion import Motion
@@ -327,7 +328,7 @@ class PlaceMap:
         ids = self._nodes[number].ids
 
         def test(old: int) -> bool:
-            return bool(len(ids)) and np.isin(ids, self._nodes[old].ids).mean() < _IN_COMMON
+            return bool(len(ids)) and among(ids, self._nodes[old].ids).mean() < _IN_COMMON
 
         return test
 
