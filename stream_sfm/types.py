@@ -197,6 +197,7 @@ class Observations:
       None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
     - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
+    - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
@@ -212,6 +213,7 @@ class Observations:
     n_new: int = 0
     note: str = ""
     ambiguity: Ambiguity | None = None
+    jumped: bool = False
     settled: bool = False
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None

@@ -21,7 +21,7 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner, drift
-from .image_checks import image_note
+from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
 from .persistence import Persistence
@@ -32,6 +32,7 @@ from .state import FrontEndState, Setup
 from .timing import Timing
 from .tracker import Followed, follow, learn_timing, lose, may_wait
 
+_JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
 
 
@@ -151,8 +152,11 @@ class StereoFrontEnd:
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
+        jumped = wait and state.previous is not None and are_alike(images, state.previous)
+        if jumped:
+            note = note or _JUMPED
         state, observed = self._observed(_remember(anew, images, stamp_ns), stamp_ns, z_px, cov_px, note)
-        return state, replace(observed, n_new=len(z_px))
+        return state, replace(observed, n_new=len(z_px), jumped=jumped)
 
     def _observed(
         self, state: FrontEndState, stamp_ns: int, z_px: Array, cov_px: Array, note: str

@@ -110,6 +110,13 @@ def covered_and_carried() -> Fault:
     return Fault(frames, "io{9}l{20}io{9}", "new map at the predicted pose", POSES[shown])
 
 
+def held_back_and_carried() -> Fault:
+    """The same picture for half a second, each time with other noise, and then another part of the wall."""
+    shown = [*range(10), *[9] * 10, *range(90, 100)]
+    frames = [replace(view(POSES[k], n), stamp_ns=n * PERIOD_NS) for n, k in enumerate(shown)]
+    return Fault(frames, "io{19}lio{8}", "all of the view has changed at once", POSES[shown])
+
+
 def ten_minutes_at_rest() -> Fault:
     views = [view(np.eye(4), n) for n in range(20)]
     frames = [replace(views[n % 20], stamp_ns=n * 20 * 10**9) for n in range(31)]
@@ -175,6 +182,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "a turn by 90° in three frames": turned,
     "covered, then uncovered elsewhere": covered_and_carried,
+    "held back, then elsewhere": held_back_and_carried,
     "ten minutes at rest": ten_minutes_at_rest,
     "stamps backwards and equal, frames of another size": lambda: Fault(
         [*(seen(n) for n in range(10)), replace(seen(10), stamp_ns=5 * PERIOD_NS),

@@ -174,8 +174,10 @@ class CrossFrame:
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
         """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
-        pose, cov_pose = self.motion.predict(observations.stamp_ns)
         current, self.map = self.map, None
+        if observations.jumped:
+            self.motion.jump()
+        pose, cov_pose = self.motion.predict(observations.stamp_ns)
         if current is None or not current.frames:
             self._forget_rig()
         else:
