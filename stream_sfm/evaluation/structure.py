@@ -81,7 +81,7 @@ class StructureComparison:
     """Accumulates the depth errors of a run; neither depth images nor single errors are kept."""
 
     def __init__(self, camera: Camera) -> None:
-        self._camera = camera
+        self.camera = camera
         self.frames = 0
         self._in_metres, self._in_sigmas = _Distribution(), _Distribution()
 
@@ -90,10 +90,10 @@ class StructureComparison:
 
         That is the case without a depth image, with one of another size than the camera's, or without any point.
         """
-        size = (self._camera.height, self._camera.width)
+        size = (self.camera.height, self.camera.width)
         if true_depth_m is None or true_depth_m.shape != size or len(estimate.points_in_cam) == 0:
             return None
-        found = structure_errors(self._camera, estimate.points_in_cam, estimate.cov_points, true_depth_m)
+        found = structure_errors(self.camera, estimate.points_in_cam, estimate.cov_points, true_depth_m)
         known = found.sigmas_m > 0
         self.frames += 1
         self._in_metres.add(found.errors_m)

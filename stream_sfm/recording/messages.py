@@ -60,6 +60,9 @@ class ImageMessage:
     height: int = 0
     step: int = 0
     big_endian: bool = False
+    calibration: "CalibrationMessage | None" = (
+        None  # of its camera, in force when it was recorded; None: not asked for
+    )
 
     def __repr__(self) -> str:
         return f"<ImageMessage {self.topic} at {self.stamp_ns} ns, {self.encoding}, {len(self.data)} bytes>"

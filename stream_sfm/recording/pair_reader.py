@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
@@ -18,10 +19,14 @@ _USUAL_UNPAIRED = 2
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StereoPair:
-    """Two images of one moment as recorded, not decoded; of one camera, twice the same image."""
+    """Two images of one moment as recorded, not decoded; of one camera, twice the same image.
+
+    `rig`: that took them, if a `StereoLog` has asked for frames.
+    """
 
     left: ImageMessage
     right: ImageMessage
+    rig: StereoRig | MonoRig | None = None
 
     @property
     def images(self) -> tuple[ImageMessage, ImageMessage]:
@@ -61,14 +66,16 @@ class PairReader:
     """One reading of the pairs on two topics of a source; iterate `pairs` once.
 
     Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
-    `calibrations`: messages of the cameras. The reading ends where others of the same topics differ from them.
+    `calibrations`: messages of the cameras, in force at the first image. Each image is given the one in force.
     """
 
     def __init__(
         self, source: Source, left_topic: str, right_topic: str, calibrations: Sequence[CalibrationMessage] = ()
     ) -> None:
         self._source, self._topics = source, (left_topic, right_topic)
-        self._calibrations = {message.topic: message for message in calibrations}
+        self._in_force = {message.topic: message for message in calibrations}
+        self._calibrated_by = {image: sent.topic for image, sent in zip(self._topics, calibrations, strict=False)}
+        self._change, self._changes = "", 0  # the first one of the calibration, and how many
         self._decoder = MessageDecoder(source.path)
         self._damage = Damage()
         self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
@@ -123,10 +130,10 @@ class PairReader:
     def _images(self) -> Iterator[tuple[ImageMessage, int]]:
         """The images of both topics, each with the time at which it was recorded."""
         unchecked = set(self._topics)
-        for message in self._source.messages(self._damage, frozenset((*self._topics, *self._calibrations))):
-            if (known := self._calibrations.get(message.channel.topic)) is not None:
-                if self._began_ns is not None and self._is_changed(known, message):
-                    return
+        for message in self._source.messages(self._damage, frozenset((*self._topics, *self._in_force))):
+            if message.channel.topic in self._in_force:
+                if self._began_ns is not None:
+                    self._hear(message)
                 continue
             try:
                 image = self._decoder.image(message)
@@ -139,23 +146,24 @@ class PairReader:
                 unchecked.remove(image.topic)
             if self._began_ns is None and image.topic == self._topics[0]:
                 self._began_ns = message.log_time_ns
-            yield image, message.log_time_ns
+            calibration = self._in_force.get(self._calibrated_by.get(image.topic, ""))
+            yield replace(image, calibration=calibration), message.log_time_ns
 
-    def _is_changed(self, known: CalibrationMessage, message: Message) -> bool:
-        """Whether a camera has another calibration from here on; that is added to the damage."""
+    def _hear(self, message: Message) -> None:
+        """Take a calibration that was sent between images; it is in force from here on if it differs."""
         try:
             sent = self._decoder.calibration(message)
         except UndecodableMessage:
-            return False
-        changes = known.changes(sent) if sent.frame_id == known.frame_id else []
-        if changes:
+            return
+        known = self._in_force[sent.topic]
+        if changes := known.changes(sent) if sent.frame_id == known.frame_id else []:
+            self._in_force[sent.topic] = sent
+            self._changes += 1
             after_s = (message.log_time_ns - (self._began_ns or 0)) / 1e9
-            self._damage.add(
-                f"{self._source.path}: {after_s:.2f} s after the first image the calibration on topic {known.topic} "
-                f"changes ({', '.join(changes)}): what follows was not read; to read it, give its calibration and "
-                "start behind the change"
+            self._change = self._change or (
+                f"{self._source.path}: {after_s:.2f} s after the first image the calibration on topic {sent.topic} "
+                f"changes ({', '.join(changes)})"
             )
-        return bool(changes)
 
     def _stamped(self, images: Iterator[tuple[ImageMessage, int]]) -> Iterator[ImageMessage]:
         """The images with their own stamps, or with their log times where a driver leaves all stamps at zero.
@@ -188,6 +196,8 @@ class PairReader:
         stats.bytes_read = damage.bytes_read
         stats.complete = damage.complete and not stats.dropped_backwards and not stats.undecodable
         stats.warnings += damage.notes
+        if self._change:
+            stats.warnings.append(self._change + (f"; {self._changes} such changes" if self._changes > 1 else ""))
         if not damage.complete:
             stats.warnings.append(
                 f"{path} could be read in part only: {stats.paired} stereo frames from "

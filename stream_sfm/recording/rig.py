@@ -64,7 +64,8 @@ def find_rig(
             except ConfigError as error:
                 raise _error(f"{source.path}: {error}") from None
             return FoundRig(rig, f"attachment {ATTACHMENT}")
-    return _sent(source, survey, (choice.left,) if mono else (choice.left, choice.right))
+    topics = (choice.left,) if mono else (choice.left, choice.right)
+    return rig_of_messages(source, survey, _sent_messages(source, survey, topics), is_rectified(choice.left))
 
 
 def first_size(source: Source, topic: str) -> tuple[int, int] | None:
@@ -104,10 +105,10 @@ def _error(problem: str, *hints: str) -> LogError:
     return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
 
 
-def _sent(source: Source, survey: Survey, topics: Sequence[str]) -> FoundRig:
-    """The rig by the messages of the cameras of these image topics."""
-    sent = _sent_messages(source, survey, topics)
-    rectified = is_rectified(topics[0])
+def rig_of_messages(
+    source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool
+) -> FoundRig:
+    """The rig by what its one or two cameras have `sent`; `rectified`: their images. Raises LogError."""
     origin = " and ".join(message.topic for message in sent)
     try:
         if len(sent) == 1:

@@ -2,11 +2,12 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from ..camera.calibration.read import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
-from ..errors import ConfigError, LogError
+from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.damage import Damage
 from ..sources.camera import CameraSource
 from ..sources.devices import open_device
@@ -18,11 +19,11 @@ from .both_sides import both_sides
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .log_writer import MessageWriter
-from .messages import MessageDecoder, UndecodableMessage
+from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
 from .pair_reader import PairReader, ReadStats, StereoPair
-from .rig import FoundRig, check_rig, find_rig
+from .rig import FoundRig, check_rig, find_rig, rig_of_messages
 from .survey import Survey, survey_log
-from .topics import PairChoice, choose_one, choose_pair
+from .topics import PairChoice, choose_one, choose_pair, is_rectified
 from .truth_file import GroundTruthFile, load_truth, time_warning
 
 
@@ -169,15 +170,19 @@ class StereoLog:
         self._reader = PairReader(self._source, self.left_topic, self.right_topic, self._sent)
         return self._reader.pairs()
 
-    def frames(self, selection: Selection | None = None) -> Generator[RecordedFrame, None, None]:
+    def frames(
+        self, selection: Selection | None = None, *, all_calibrations: bool = False
+    ) -> Generator[RecordedFrame, None, None]:
         """Yield the selected frames, in ascending order of stamps. Raises as `pairs`, and LogError where there is none.
 
-        They end where the clock was set back: the rest is another recording, which a later start selects.
+        They end where the clock was set back: the rest is another recording, which a later start selects. They end,
+        too, where a camera sends another calibration; with `all_calibrations` they go on as long as it can be used for
+        images of the same size, and `recorded.rig` of a frame is the rig in force, a new one after each change.
         """
         selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
         delivered = 0
-        with closing(self._selected(selection)) as pairs:
+        with closing(self._selected(selection, all_calibrations)) as pairs:
             try:
                 with closing(decoder.frames(pairs)) as frames:
                     for frame in frames:
@@ -198,22 +203,33 @@ class StereoLog:
         if not delivered:
             raise LogError(f"{self.path}: no image could be decoded: {decoder.problem}")
 
-    def _selected(self, selection: Selection) -> Generator[StereoPair, None, None]:
+    def _selected(self, selection: Selection, all_calibrations: bool) -> Generator[StereoPair, None, None]:
         start_s, end_s = selection.start_s, selection.end_s
         start_ns = 0 if start_s is None else round(start_s * 1e9)
         end_ns = None if end_s is None else round(end_s * 1e9)
         zero_ns = last_ns = None  # the stamp of which 0 s have passed, and that of the last pair
         since_ns = 0
         count = 0
-        set_back = False
+        rig, sent = self.rig, self._sent
+        ended = ""
         with closing(self.pairs()) as pairs:
             for pair in pairs:
                 if zero_ns is None or last_ns is None:
                     zero_ns = pair.stamp_ns
                 elif pair.stamp_ns <= last_ns:
-                    if set_back := count > 0:
+                    if count:
+                        ended = "their clock was set back: start there to read them"
                         break
                     zero_ns = pair.stamp_ns - since_ns
+                if any(now.calibration is not before for now, before in zip(pair.images, sent, strict=False)):
+                    sent = [image.calibration for image in pair.images if image.calibration is not None][
+                        : len(sent)
+                    ]
+                    try:
+                        rig = self._changed_rig(sent, all_calibrations)
+                    except InputError as error:
+                        ended = str(error).removeprefix(f"{self.path}: ")
+                        break
                 last_ns = pair.stamp_ns
                 self._read_span_ns = zero_ns, last_ns
                 since_ns = last_ns - zero_ns
@@ -221,13 +237,12 @@ class StereoLog:
                     break
                 if since_ns >= start_ns:
                     if count % selection.stride == 0:
-                        yield pair
+                        yield replace(pair, rig=rig)
                     count += 1
-        if set_back:
+        if ended:
             self.stats.complete = False
             self.stats.warnings.append(
-                f"{self.path}: the frames behind {since_ns / 1e9:.2f} s were not read, because their clock was set "
-                "back: start there to read them"
+                f"{self.path}: the frames behind {since_ns / 1e9:.2f} s were not read: {ended}"
             )
         if not count:
             until = "" if end_s is None else f" and before {end_s:g} s"
@@ -235,6 +250,17 @@ class StereoLog:
                 f"{self.path}: no frame lies after {start_s or 0:g} s{until}; the frames read span "
                 f"{since_ns / 1e9:.2f} s{''.join(f'; {warning}' for warning in self.stats.warnings[:2])}"
             )
+
+    def _changed_rig(self, sent: Sequence[CalibrationMessage], usable: bool) -> StereoRig | MonoRig:
+        """The rig from a change of calibration on. Raises InputError where frames with it are not to be read."""
+        if not usable:
+            raise LogError("their calibration is another one: start there, and give it")
+        for message, camera in zip(sent, self.rig.cameras.values(), strict=True):
+            if (message.width, message.height) != (camera.width, camera.height):
+                raise LogError(f"another camera took them, of {message.width}×{message.height} pixels")
+        rig = rig_of_messages(self._source, self.survey, sent, is_rectified(self.left_topic)).rig
+        check_rig(self._source, rig)
+        return rig
 
     def ground_truth(self) -> Trajectory | None:
         """`world_from_cam` of the physical left camera; None where there is none that can be used.

@@ -18,6 +18,7 @@ from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, Observations, Solution
+from .world import World
 
 
 class Lane:
@@ -37,6 +38,13 @@ class Lane:
         self.observer, self._depth = observer, depth
         self._estimator = make_estimator(config.method, observer.projection, config)
         self._structure = StructureComparison(observer.rig.left)
+        self._world = World(config.motion)
+
+    def begin_anew(self, observer: Observer) -> None:
+        """Go on with the observer of another rig: a new map, in the same world."""
+        self._world.begin_anew(self.observer.state.frame_index)
+        self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
+        self._estimator = make_estimator(self.config.method, observer.projection, self.config)
 
     def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
@@ -69,7 +77,8 @@ class Lane:
             self.error = error
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
             return None
-        return solution, self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began_s))
+        estimate = self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began_s))
+        return solution, self._world.place(estimate, observed.observations)
 
     def _compare_depth(self, estimate: FrameEstimate) -> None:
         """Compare the points with the depth image of their moment, if there is one."""

@@ -9,10 +9,12 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Protocol
 
 from ..blas import one_thread
 from ..camera.models import MANY_PIXELS
+from ..camera.rig import MonoRig, StereoRig
 from ..errors import FrameError, InputError, LogError
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption
@@ -70,15 +72,17 @@ def run(
     *,
     selection: Selection,
     interruption: Interruption,
+    all_calibrations: bool = False,
 ) -> Course:
     """Feed the selected frames to all lanes, which share one observer, and say how it went; errors are in the result.
 
     `sinks` are given one estimate per frame, of the first lane that has not failed, and are closed at the end.
+    `all_calibrations`: where the log has another one the lanes start anew with it; otherwise the run ends there.
     """
     course = Course()
-    observer = lanes[0].observer
     try:
-        with closing(prepared_ahead(observer, log.frames(selection))) as frames:
+        recorded = log.frames(selection, all_calibrations=all_calibrations)
+        with closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
             for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
                 estimates = _step(frame, prepared, waited_ms, lanes, checks)
                 if estimates is None:
@@ -100,6 +104,19 @@ def run(
     except Exception as error:
         course.error = course.error or error
     return course
+
+
+def _by_rig(lanes: Sequence[Lane], rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
+    """Yield the frames as `prepared_ahead` does; where their rig changes, the lanes have begun anew with it."""
+    for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
+        if now is not None and now is not rig:
+            rig = now
+            with one_thread:
+                observer = Observer(rig, lanes[0].config)
+                for lane in lanes:
+                    lane.begin_anew(observer)
+        with closing(prepared_ahead(lanes[0].observer, (frame for frame in group))) as prepared:
+            yield from prepared
 
 
 def _step(

@@ -114,6 +114,7 @@ def replay(
             replayed.checks,
             selection=selection,
             interruption=interruption,
+            all_calibrations=replayed.starts_anew,
         )
         result = replayed.result(course, Truth(None, ignored, std_truth))
     if interruption.requested:
@@ -144,6 +145,9 @@ class _Replay:
         self._calibration = None if config.mono else CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
+        self.starts_anew = not (
+            config.mono or self_test
+        )  # where the calibration changes: of one camera the unit would
         self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
@@ -152,6 +156,7 @@ class _Replay:
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
         self._places, self._save_map = places, save
+        self.starts_anew = False
         self.sinks.append(places)
         if self.lane.folder is not None:
             self.lane.folder.map_from_world = lambda: places.world_from_odom

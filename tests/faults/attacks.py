@@ -21,6 +21,7 @@ import numpy as np
 from stream_sfm.cli.main import main
 from tests.faults.damage import INDEXES, KINDS, damaged, whole_log
 from tests.faults.fuzz import Trial
+from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
 from tests.helpers.wall import rig
 
@@ -68,6 +69,12 @@ class Ammunition:
             for kind, flags in ((".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]), (".webp", []))
         ]
         self.calibration = rig().to_toml()
+        old, new = (messages_of(write_log(folder / f"for_bag_{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
+        self.bags = [write_bag1(folder / f"{c}.bag", old, c, 1 << 14) for c in ("none", "bz2", "lz4")]
+        self.bags += [write_bag2(folder / f"bag_{n}", new, compression=c) for n, c in enumerate((None, "file"))]
+        self.run = folder / "run"
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            main(["replay", str(self.log), "--out", str(self.run), "-q", *_FAST])
 
     @property
     def _picture(self) -> np.ndarray:
@@ -195,7 +202,57 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     )
 
 
-ATTACKS = {f.__name__: f for f in (logs, definitions, images, texts)}
+def _damage(rng: random.Random, place: Path) -> None:
+    """Change bytes of a file, or of one of the files of a folder, put others in, or take some out."""
+    path = rng.choice(sorted(p for p in (place, *place.rglob("*")) if p.is_file()))
+    data = bytearray(path.read_bytes())
+    for _ in range(rng.choice((1, 1, 3, 20))):
+        at, length = rng.randrange(len(data) + 1), rng.choice((1, 4, 16, 200, 5000))
+        part = rng.choice((b"", rng.randbytes(length), bytes(length), data[at : at + length] * 2))
+        data[at : at + rng.choice((0, length))] = rng.choice((part, rng.choice(_ODD_NUMBERS).encode()))
+    path.write_bytes(data)
+
+
+def bags(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """ROS 1 and SQLite bags, whole or compressed, of which one file is damaged, metadata.yaml included."""
+    bag = rng.choice(ammunition.bags)
+    place = folder / bag.name
+    if bag.is_dir():
+        shutil.copytree(bag, place)
+    else:
+        shutil.copy(bag, place)
+    _damage(rng, place)
+    return Attack(_command(rng, str(place), folder), ("out", "out.ply"))
+
+
+def results(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+    """Folders of results of which one file is damaged."""
+    place = shutil.copytree(ammunition.run, folder / "run")
+    _damage(rng, place)
+    out = str(folder / "out")
+    return Attack(
+        rng.choice(
+            [
+                ["evaluate", str(place)],
+                ["evaluate", str(place), "--json", "--out", f"{out}.html"],
+                ["inspect", str(place / "estimates.mcap")],
+                [
+                    "replay",
+                    str(ammunition.log),
+                    "--out",
+                    out,
+                    "--ground-truth",
+                    str(place / "trajectory.tum"),
+                    *_FAST,
+                ],
+                ["replay", str(ammunition.log), "--out", out, "--config", str(place / "config.toml"), *_FAST],
+            ]
+        ),
+        ("out", "out.html"),
+    )
+
+
+ATTACKS = {f.__name__: f for f in (logs, definitions, images, texts, bags, results)}
 
 
 def attacked(kind: str, folder: Path) -> Trial:

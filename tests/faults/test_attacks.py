@@ -10,7 +10,7 @@ import pytest
 from tests.faults.attacks import ATTACKS, attacked
 from tests.faults.fuzz import MAX_RSS_MIB, fuzz
 
-TRIALS = {"logs": 60, "definitions": 30, "images": 30, "texts": 30}
+TRIALS = {"logs": 60, "definitions": 30, "images": 30, "texts": 30, "bags": 30, "results": 30}
 MAX_SECONDS = 30  # of CPU; the longest take two
 
 

@@ -66,6 +66,27 @@ def test_every_number_of_a_calibration_counts(path: Path, changed: Calib, what: 
     assert f"changes ({what})" in " ".join(log.stats.warnings)
 
 
+def test_frames_with_the_next_calibration_come_with_its_rig(path: Path) -> None:
+    log = sfm.open_log(log_that_changes(path, "foxglove", Calib(K=OTHER_K)))
+    rigs = [frame.recorded.rig for frame in log.frames(all_calibrations=True)]
+    assert log.stats.complete and "changes (K)" in " ".join(log.stats.warnings)
+    assert rigs[:CHANGE] == CHANGE * [log.rig] and rigs[CHANGE:] == (FRAMES - CHANGE) * [rigs[-1]]
+    assert rigs[-1] is not None and rigs[-1].left.K[0, 0] == OTHER_K[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        (Calib(K=K * np.nan), "K must be 3×3 and finite"),
+        (Calib(width=2 * Calib().width), "another camera took them"),
+    ],
+)
+def test_frames_with_a_calibration_of_no_use_are_not_read(path: Path, changed: Calib, why: str) -> None:
+    log = sfm.open_log(log_that_changes(path, "foxglove", changed))
+    assert len(list(log.frames(all_calibrations=True))) == CHANGE and not log.stats.complete
+    assert why in log.stats.warnings[-1]
+
+
 def test_numbers_that_are_rounded_differently_are_the_same_calibration(path: Path) -> None:
     log = sfm.open_log(log_that_changes(path, "foxglove", Calib(K=K * (1 + 1e-9))))
     assert len(list(log.frames())) == FRAMES and log.stats.complete

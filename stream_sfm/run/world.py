@@ -1,0 +1,81 @@
+"""The one world of a run whose calibration changes: what each new map finds, placed where the camera was predicted."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ..config import MotionConfig
+from ..estimators.lifecycle import lost_solution
+from ..estimators.motion_model import MotionModel
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..types import FrameEstimate, Observations, Solution, Status
+
+_REASON = "the calibration has changed: a new map begins at the predicted pose"
+
+
+class World:
+    """Places estimates one after the other. Those of the first calibration stay as they are.
+
+    The first frame of each further one is lost, with the pose that the motion before predicts. All that follows is
+    relative to that frame, and has its uncertainty, too.
+    """
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._motion = MotionModel(config)
+        self._begins = False
+        self._from_map: Array | None = None  # world_from_map: that of the first camera of the latest map
+        self._cov = np.zeros((6, 6))  # of the perturbation on its right
+        self._first_frame = self._first_id = self._next_id = 0
+
+    def begin_anew(self, frames: int) -> None:
+        """The next estimate is the first one of a new estimator; the one before has had so many frames."""
+        self._begins = self._motion.started
+        self._first_frame, self._first_id = self._first_frame + frames, self._next_id
+
+    def place(self, estimate: FrameEstimate, observations: Observations) -> FrameEstimate:
+        """Return the estimate in this world, with numbers of frames and tracks that go on."""
+        if self._begins:
+            self._begins = False
+            self._from_map, self._cov = self._motion.predict(estimate.stamp_ns)
+            lost = lost_solution(observations, _REASON, np.eye(4), np.zeros((6, 6)))
+            estimate = replace(estimate, **{field.name: getattr(lost, field.name) for field in fields(Solution)})
+        if self._from_map is not None:
+            estimate = self._moved(estimate, self._from_map)
+        self._next_id = max(self._next_id, self._first_id + 1 + int(observations.track_ids.max(initial=-1)))
+        if estimate.status is not Status.LOST:
+            self._motion.record(estimate.stamp_ns, estimate.world_from_cam, estimate.cov_pose)
+        return estimate
+
+    def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
+        first, first_id = self._first_frame, self._first_id
+        to_cam = se3.adjoint(se3.inverse(estimate.world_from_cam))
+        relative, change = estimate.relative, estimate.rig_change
+        if relative is not None:
+            relative = replace(relative, frame_indices=relative.frame_indices + first)
+        return replace(
+            estimate,
+            frame_index=estimate.frame_index + first,
+            world_from_cam=se3.orthonormalise(from_map @ estimate.world_from_cam),
+            cov_pose=estimate.cov_pose + to_cam @ self._cov @ to_cam.T,
+            track_ids=estimate.track_ids + first_id,
+            points_in_world=se3.transform(from_map, estimate.points_in_world),
+            cov_points_in_world=self._cov_moved(estimate.points_in_world, estimate.cov_points_in_world, from_map),
+            window_frame_indices=estimate.window_frame_indices + first,
+            window_world_from_cam=from_map @ estimate.window_world_from_cam,
+            rejected_ids=estimate.rejected_ids + first_id,
+            ended_ids=estimate.ended_ids + first_id,
+            ended_points_in_world=se3.transform(from_map, estimate.ended_points_in_world),
+            ended_cov_points_in_world=self._cov_moved(
+                estimate.ended_points_in_world, estimate.ended_cov_points_in_world, from_map
+            ),
+            relative=relative,
+            rig_change=None if change is None else replace(change, frame_index=change.frame_index + first),
+        )
+
+    def _cov_moved(self, points: Array, cov_points: Array, from_map: Array) -> Array:
+        """Covariances (n, 3, 3) in this world of points (n, 3) of the map."""
+        j = se3.point_in_source_jacobian(points)
+        r = from_map[:3, :3]
+        cov: Array = r @ (cov_points + j @ self._cov @ np.swapaxes(j, 1, 2)) @ r.T
+        return cov
