@@ -25,7 +25,7 @@ _STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the 
 # Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
 # is made, and then the best of all is taken.
 _ENOUGH = 0.4
-_LEAST_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
+LEAST_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
 # third of the image is reached. OpenCV leaves out levels that are smaller than the window.
 _MORE_LEVELS = 3
@@ -89,7 +89,7 @@ def find_rough_motion(
             best = RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
         if best is not None and best.share > _ENOUGH:
             return best
-    if best is None or best.agree.sum() < _LEAST_VIEWS:
+    if best is None or best.agree.sum() < LEAST_VIEWS:
         return None
     return best
 

@@ -18,6 +18,7 @@ from ..geometry.stereo import StereoProjection
 from ..rig_model.velocities import principal
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
+from .depth_order import decided, depth_order, of_background
 from .mono.parallax import align_left_only, update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
@@ -93,6 +94,8 @@ def follow(
     rough = find_rough_motion(setup, state.aligners, state.previous, images, state.tracks, predicted, known_motion)
     if rough is None:
         return state, None
+    if not state.start.is_over:
+        rough = of_background(setup, state, state.previous, images, rough, predicted)
     rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
     candidates = _predict(setup.projection, state, rough, twist)
@@ -218,6 +221,8 @@ def _resect(
     if motion.ok:
         point_views = PointViews(setup.projection, *seen, robust.gate_probability, known.unknown_px)
         motion = rigid_motion(point_views, before.weights, motion, se3.exp(state.velocity * dt_s))
+        if not state.start.is_over:
+            motion = decided(before, point_views, before.weights, motion)
     enough = _MIN_AGREEMENT * known.weight
     agree = motion.ok and before.weights[motion.accepted].sum() >= enough
     hidden = _is_background_hidden(setup, state, before, motion, dt_s)
@@ -285,7 +290,10 @@ def _advance(
     ambiguity, other, settled = state.ambiguity.after(motion, agreed, rival)
     found, start = _found(setup, candidates.before.keep(views.found), views, motion), state.start
     if other is None:  # otherwise it is said already that the motion may be that of a body
-        start = start.after(found.ids, motion.accepted)
+        tracks = candidates.before.keep(views.found)
+        # what lies before the points that agree may move by itself, and says nothing about them
+        counts = motion.accepted | (depth_order(tracks, tracks.keep(motion.accepted)) >= 0)
+        start = start.after(found.ids[counts], motion.accepted[counts])
     state = replace(
         state,
         tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),

@@ -1,0 +1,84 @@
+"""Of two motions at the start of a map, the one whose points lie behind the others is the background's.
+
+While no track has a history, what most tracks agree on may be the robot's own arm, a bonnet or a body that fills the
+view: it stands still in the image, so flow finds it at once and nothing else. What the other tracks do is looked for
+then; and along the border of the two sets the background is the one behind.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.point_views import PointViews
+from ..geometry.resection import BEYOND, MIN_SECOND_VIEWS, Resection, refine
+from ..geometry.se3 import Array
+from .prepared import PreparedImages
+from .rough_motion import LEAST_VIEWS, RoughMotion, find_rough_motion
+from .state import FrontEndState, Setup
+from .tracks import Tracks
+
+_UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
+_APART_PX = 3.0  # six σ of a position by flow
+_BEHIND = (
+    0.8  # of the points of another depth than their neighbours, so many are deeper; along the ground fewer are
+)
+_DEEPER = 1.25  # factor between two depths that differ
+
+
+def of_background(
+    setup: Setup,
+    state: FrontEndState,
+    previous: PreparedImages,
+    images: PreparedImages,
+    rough: RoughMotion,
+    predicted: Array,
+) -> RoughMotion:
+    """The rough motion found, or that of the tracks that do not agree with it, if these lie behind the others."""
+    tracks, rest = state.tracks, np.flatnonzero(~rough.agree)
+    if len(rest) < max(LEAST_VIEWS, _UNEXPLAINED * len(tracks)):
+        return rough
+    other = find_rough_motion(
+        setup, state.aligners, previous, images, tracks.keep(rest), predicted, motion_known=False
+    )
+    if other is None:
+        return rough
+    left_px = setup.projection.project_homogeneous(tracks.moved(other.cam_from_previous).points)[:, :2]
+    # of those that agree the far ones may move either way
+    apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
+    others = tracks.keep(rough.agree & (apart_px > _APART_PX * tracks.scale))
+    if not is_behind(tracks.keep(rest[other.agree]), others):
+        return rough
+    left_px[rest[other.agree]] = other.left_px[other.agree]
+    agree = np.zeros(len(tracks), bool)
+    agree[rest[other.agree]] = True
+    return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
+
+
+def decided(tracks: Tracks, views: PointViews, weights: Array, motion: Resection) -> Resection:
+    """Of two motions that agree with views of tracks (n) the one whose points lie behind the others, if these do."""
+    second = motion.ambiguous
+    if second is None:
+        return motion
+    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    only_second = tracks.keep(second.views)
+    only_first = tracks.keep(motion.accepted & (other.squared_residuals > BEYOND * views.gate))
+    if other.ok and is_behind(only_second, only_first):
+        return other
+    return replace(motion, second=None) if is_behind(only_first, only_second) else motion
+
+
+def is_behind(some: Tracks, others: Tracks) -> bool:
+    """Whether points lie behind their neighbours in the image among others, where their depths differ."""
+    order = depth_order(some, others)
+    behind, before = (order > 0).sum(), (order < 0).sum()
+    return bool(behind >= MIN_SECOND_VIEWS and behind > _BEHIND * (behind + before))
+
+
+def depth_order(some: Tracks, others: Tracks) -> NDArray[np.int64]:
+    """Whether points (n,) lie behind (1) or before (−1) their neighbours among others; 0: neither, or there is none."""
+    if not len(others):
+        return np.zeros(len(some), np.int64)
+    nearest = np.argmin(((some.left_px[:, None] - others.left_px) ** 2).sum(axis=2), axis=1)
+    ratio = others.points[nearest, 3] / np.maximum(some.points[:, 3], 1e-9)
+    return (ratio > _DEEPER).astype(np.int64) - (ratio < 1 / _DEEPER)

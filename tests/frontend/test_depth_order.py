@@ -1,0 +1,40 @@
+"""The robot's own arm in view from the first frame on: it stands still in the images, and is not the scene."""
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.geometry import se3
+from tests.helpers.wall import Wall, camera_path, rig
+
+N, DISPARITY_PX = 20, 65  # .8 m away, before a wall at 3 m
+
+
+def with_arm(frame: sfm.StereoFrame, share: float, seed: int) -> sfm.StereoFrame:
+    """The frame with an arm over so much of the view, from its lower border up."""
+    height, width = frame.left.shape
+    grain = np.random.default_rng(1).normal(size=(height, width + DISPARITY_PX)).astype(np.float32)
+    blotches = cv2.GaussianBlur(grain, (0, 0), 2.5)
+    arm = 120 + 40 * blotches / blotches.std()
+    noise, first = np.random.default_rng(seed), round(height * (1 - share))
+    images = []
+    for image, shift in ((frame.left, 0), (frame.right, DISPARITY_PX)):
+        seen = image.astype(float)
+        seen[first:] = arm[first:, shift : shift + width] + noise.normal(size=(height - first, width))
+        images.append(np.clip(np.rint(seen), 0, 255).astype(np.uint8))
+    return sfm.StereoFrame(frame.stamp_ns, *images)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
+def test_an_arm_in_front_of_the_scene_is_not_taken_for_it(share: float) -> None:
+    stereo, poses = rig(), camera_path(N)
+    engine = sfm.Engine(stereo)
+    frames = [with_arm(frame, share, n) if share else frame for n, frame in enumerate(Wall().frames(stereo, poses))]
+    estimates = [engine.step(frame) for frame in frames]
+    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ poses[-1])
+    assert error @ np.linalg.solve(estimates[-1].cov_pose, error) < 22.5  # χ² of 6: 99.9 %
+    begin, end = (estimates[k].world_from_cam for k in (N // 2, N - 1))
+    lately = se3.inverse(se3.inverse(begin) @ end) @ se3.inverse(poses[N // 2]) @ poses[-1]
+    assert np.linalg.norm(lately[:3, 3]) < 0.01  # of .23 m, which is the error of who follows the arm
+    assert estimates[-1].status is sfm.Status.OK
