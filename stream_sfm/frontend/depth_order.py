@@ -20,9 +20,8 @@ from .tracks import Tracks
 
 _UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
 _APART_PX = 3.0  # six σ of a position by flow
-_BEHIND = (
-    0.8  # of the points of another depth than their neighbours, so many are deeper; along the ground fewer are
-)
+# Of the points whose neighbours are of another depth, so many are behind those, or before: along the ground fewer are.
+_BEHIND = 0.95
 _DEEPER = 1.25  # factor between two depths that differ
 
 
@@ -69,10 +68,10 @@ def decided(tracks: Tracks, views: PointViews, weights: Array, motion: Resection
 
 
 def is_behind(some: Tracks, others: Tracks) -> bool:
-    """Whether points lie behind their neighbours in the image among others, where their depths differ."""
-    order = depth_order(some, others)
-    behind, before = (order > 0).sum(), (order < 0).sum()
-    return bool(behind >= MIN_SECOND_VIEWS and behind > _BEHIND * (behind + before))
+    """Whether points lie behind their neighbours among others, and these before theirs, where depths differ."""
+    order, back = depth_order(some, others), depth_order(others, some)
+    behind, before = ((order == k).sum() + (back == -k).sum() for k in (1, -1))
+    return bool((order > 0).sum() >= MIN_SECOND_VIEWS and behind > _BEHIND * (behind + before))
 
 
 def depth_order(some: Tracks, others: Tracks) -> NDArray[np.int64]:
