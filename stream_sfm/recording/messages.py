@@ -15,7 +15,6 @@ from ..geometry.se3 import Array
 from ..inputs import INT64
 from ..mcap_file.message import MAX_NAME, Channel, Message
 from .message_limits import MAX_REPEATED_BYTES, decode_json
-from .ros import ros_decoder
 
 T = TypeVar("T")
 
@@ -141,10 +140,7 @@ class MessageDecoder:
                 return decode_json
             if len(channel.definition) > _MAX_SCHEMA_BYTES:
                 raise ValueError(f"a definition of {len(channel.definition)} bytes")
-            decoder = _protobuf_decoder(channel) or ros_decoder(
-                channel.message_encoding, channel.schema_encoding, channel.schema_name, channel.definition
-            )
-            if decoder is not None:
+            if (decoder := _by_definition(channel)) is not None:
                 return decoder
         except Exception as error:  # a broken definition raises what its library raises
             problem = f"{error}".splitlines()[0] if f"{error}" else type(error).__name__
@@ -207,12 +203,16 @@ def _same_numbers(a: Any, b: Any) -> bool:
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 
-def _protobuf_decoder(channel: Channel) -> Callable[[bytes], Any] | None:
-    if channel.message_encoding != MessageEncoding.Protobuf:
-        return None
-    from .protobuf import protobuf_decoder
+def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
+    """The decoder of protobuf or ROS, of which a log has one: the library of the other is not imported."""
+    if channel.message_encoding == MessageEncoding.Protobuf:
+        from .protobuf import protobuf_decoder
 
-    return protobuf_decoder(channel)
+        return protobuf_decoder(channel)
+    from .ros import ros_decoder
+
+    encodings = channel.message_encoding, channel.schema_encoding
+    return ros_decoder(*encodings, channel.schema_name, channel.definition)
 
 
 def _has(message: Any, name: str) -> bool:

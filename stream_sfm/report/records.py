@@ -16,6 +16,7 @@ from ..errors import FrameError
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory
@@ -192,7 +193,7 @@ def _median_sigma(estimate: FrameEstimate) -> float:
         return float("nan")
     rays = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-9)
     variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
-    return float(np.sqrt(np.median(np.maximum(variance, 0))))
+    return float(np.sqrt(median(np.maximum(variance, 0))))
 
 
 class Truth(NamedTuple):
