@@ -22,7 +22,7 @@ from .triangulation import compose_cov
 
 
 class EveryKth:
-    """Gives every k-th frame to `estimator`, and every frame as long as that has no map."""
+    """Passes every k-th frame to `estimator`, and every frame while that has no map."""
 
     def __init__(self, estimator: Estimator, projection: StereoProjection, config: Config) -> None:
         self.name = estimator.name
@@ -70,7 +70,7 @@ class EveryKth:
         self._drift_ids, self._var_drift_px = observations.track_ids, variances
 
     def _since_last(self, observations: Observations) -> Observations:
-        """The observations as if the frames between had not been: motion, drift and new tracks since the last one."""
+        """Return the observations with motion, drift and new tracks since the method's last frame."""
         if self._between == 1:
             return observations
         start, rig, lasting = None, observations.rig, observations.lasting
@@ -141,7 +141,7 @@ def _seen_from(found: Resection, points: Array, cov: Array) -> tuple[Array, Arra
 
 
 def _without_rig_error(observations: Observations, last: Solution) -> Array:
-    """The views without what the method has found out about the rig."""
+    """Return the views without the errors of the rig that the method has found."""
     if observations.rig is None or last.rig is None:
         return observations.z_px
     return observations.z_px - observations.rig.model.error_px(last.rig, observations.z_px)

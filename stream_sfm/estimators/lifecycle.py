@@ -16,9 +16,10 @@ from ..types import Observations, Solution, Status
 from .motion_model import MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
 
-# Of the weight of all views of known points that one motion accounts for: below, what agrees may not be the background.
+# Share of the weight of all views of known points that one motion must explain: below it, what agrees may not be the
+# background.
 _DEGRADED_SHARE = 0.5
-# Of squared residuals over their expected size: beyond three standard deviations for one, covariances mean little.
+# Squared residuals over their expected size: where three standard deviations stand for one, covariances mean little.
 _DEGRADED_SPREAD = 9.0
 
 

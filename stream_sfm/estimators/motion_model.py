@@ -12,8 +12,8 @@ from ..geometry.se3 import Array
 _BUILD_UP_S = (
     1.0  # an unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start
 )
-# A camera whose images were held back, or that was put elsewhere, may be where this time without images leads to. Of a
-# car that is 30 m, two standard deviations.
+# A camera whose images were held back, or that was put elsewhere, is as uncertain as after this time without images.
+# Of a car that is 30 m, two standard deviations.
 _HELD_BACK_S = 3.0
 
 
@@ -50,7 +50,7 @@ class MotionModel:
             self._known_at_ns = stamp_ns
 
     def jump(self) -> None:
-        """Take in that the camera has left the last pose in a way that no velocity explains."""
+        """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         config, reach_s2 = self._config, _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
         std = reach_s2 * np.array([config.std_acceleration_m_s2, config.std_angular_acceleration_rad_s2])

@@ -20,7 +20,7 @@ from .templates import Patches, TemplateAtlas
 from .tracks import Tracks, takes_all
 from .valid_area import contains, valid_area
 
-WIDE = 4  # image pixels per template pixel of wide templates, for surfaces that are all but bare
+WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Candidates:
 @dataclass(frozen=True, slots=True)
 class AlignedViews:
     """Views of candidates (n): which were `found` (n,), at least on the left; `z_px` (n, 4), NaN where the right side
-    was not found; `cov_px` (n, 4, 4). `any_row_px` (n, 4): the same with right sides that are not on their row."""
+    was not found; `cov_px` (n, 4, 4). `any_row_px` (n, 4): the same, including right sides that miss their row."""
 
     found: NDArray[np.bool_]
     z_px: Array
@@ -66,7 +66,7 @@ class AlignedViews:
     any_row_px: Array
 
     def without(self, taken_px: Array) -> "AlignedViews":
-        """Without what moves them by (n, 4)."""
+        """Return the views with offsets (n, 4) px subtracted."""
         return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
 
     def left_only(self) -> "AlignedViews":
@@ -89,11 +89,11 @@ class LeftViews:
 
 @dataclass(frozen=True, slots=True)
 class TemplateAligner:
-    """Templates of one size, and where in new images they are.
+    """Templates of one size, and the search for them in new images.
 
     With a `scale` of `WIDE` their pixels are that many image pixels wide: they are cut from the reduced images, and
-    found in them. All positions, warps and covariances that come and go are in image pixels. `area` (h, w): pixels
-    around which a whole patch shows the scene; `noise`: what a view is worth.
+    found in them. All positions, warps and covariances passed in or returned are in image pixels. `area` (h, w): pixels
+    around which a whole patch shows the scene; `noise`: the covariance of a view.
     """
 
     config: FrontendConfig
@@ -115,7 +115,7 @@ class TemplateAligner:
         )
 
     def warped(self, slots: NDArray[np.intp], warps: Array) -> Patches:
-        """The templates of `slots` (n,) as today's images should show them; warps (n, 3, 2)."""
+        """Return the templates of `slots` (n,) warped by (n, 3, 2) to the appearance expected now."""
         return self.atlas.warped(slots, self._in_template_pixels(warps))
 
     def find(
@@ -126,7 +126,7 @@ class TemplateAligner:
         return self.scale * at, found, error_grey
 
     def visible(self, candidates: Candidates) -> NDArray[np.bool_]:
-        """Which templates (n,) can be warped as the images need them, and start inside the image."""
+        """Return which templates (n,) can be warped this way and start inside the image."""
         warps = (self._in_template_pixels(w) for w in (candidates.left_warps, candidates.right_warps))
         fit = np.logical_and(*(self.atlas.fits(w) for w in warps))
         return np.asarray(fit & contains(self.area, candidates.left_px))
@@ -175,7 +175,7 @@ def split(
 
 
 def visible(aligners: Aligners, candidates: Candidates) -> Candidates:
-    """Those whose templates can be warped as the images need them, and that start inside the image."""
+    """Return the candidates whose templates can be warped and that start inside the image."""
     kept = np.zeros(len(candidates.now), bool)
     for aligner, rows in split(aligners, candidates.now.scale):
         kept[rows] = aligner.visible(candidates.keep(rows))

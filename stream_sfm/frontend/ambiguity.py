@@ -1,4 +1,4 @@
-"""Which other motion may as well be the camera's, remembered for a while.
+"""Remembers, for a while, which other motion may be the camera's.
 
 Two sets of tracks move differently, and nothing tells which of them stands still. When one of them leaves the view,
 that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
@@ -19,7 +19,7 @@ from .tracks import FULL_HISTORY
 
 @dataclass(frozen=True, slots=True)
 class AmbiguityMemory:
-    """The last other motion, and by what it differed from the one that was followed, `other_from_first` (4, 4).
+    """The latest alternative motion, as its difference from the one followed, `other_from_first` (4, 4).
 
     `frames_seen`: frames with another motion since the last one without ambiguity; `frames_left`: how long it lasts.
     `repeats`: because the scene looks the same for both. `other_is_new`: nothing of the other set was followed before.
@@ -38,9 +38,9 @@ class AmbiguityMemory:
         """Return the memory after a frame's motion, and the other one that may be right as well.
 
         That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
-        last one did. `agreed` (n,): the history of its views. Also returned is whether an ambiguity is over and
-        settled, as the motion that was followed was the camera's: what is in view does not repeat itself any more; or
-        enough of what was the background before agrees still, and the other set had no part in that.
+        last one did. `agreed` (n,): the history of its views. Also returns whether an ambiguity was resolved in favour
+        of the motion followed: the view no longer repeats itself, or enough of the former background still agrees and
+        none of it was part of the other set.
         """
         other, old = motion.ambiguous or rival, agreed >= FULL_HISTORY
         if other is not None:
@@ -60,7 +60,7 @@ class AmbiguityMemory:
         return replace(self, frames_left=self.frames_left - 1), remembered, False
 
     def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
-        """Return the motion that differs from the one given (4, 4) as the last other one did."""
+        """Return the alternative to a motion (4, 4), which differs from it as the latest one did."""
         if self.last is None or self.other_from_first is None or self.frames_left == 0:
             return None
         return replace(self.last, cam_from_ref=self.other_from_first @ cam_from_ref)

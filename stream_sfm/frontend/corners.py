@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from ..geometry.se3 import Array
 
 _BLOCK_PX = 5  # window of the gradient matrix, a usual small one; its derivatives have OpenCV's, 3
-# Of the image's strongest corner, chosen by hand: what always counts as a corner. An exposure cut to a quarter
-# leaves none above a fixed limit.
+# Share of the strongest response in the image above which a pixel always counts as a corner, chosen by hand. An
+# exposure cut to a quarter leaves none above a fixed limit.
 _DIM_FRACTION = 0.02
 _PEAK_FRACTION = 3  # one of so many of the distance: a corner is the strongest within it
 _MIN_CELL = 2.0  # distances: a cell has room for one corner at least
-_CANDIDATES = 12  # per corner that is wanted: the others are weaker than these where it is crowded, and take time
+_CANDIDATES = 12  # candidates per corner wanted: further ones are weaker and cost time
 
 
 def corner_strength(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
@@ -71,7 +71,7 @@ def _peaks(
     strength: NDArray[np.float32], free: NDArray[np.uint8], radius_px: int, min_strength: float
 ) -> NDArray[np.intp]:
     """Pixels (k, 2) where the strength is the largest around and large enough."""
-    # a dark image has all its contrast, and all its corners, scaled down
+    # in a dark image all contrast, and with it every response, is scaled down
     min_strength = min(min_strength, _DIM_FRACTION * float(strength.max()))
     near = 2 * (radius_px // _PEAK_FRACTION) + 1
     peak = strength >= cv2.dilate(strength, np.ones((near, near), np.uint8))

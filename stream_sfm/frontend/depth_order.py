@@ -20,7 +20,7 @@ from .tracks import Tracks
 
 _UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
 _APART_PX = 3.0  # six σ of a position by flow
-# Of the points whose neighbours are of another depth, so many are behind those, or before: along the ground fewer are.
+# Of the points with neighbours at another depth, the share that lies behind them, or before: less along the ground.
 _BEHIND = 0.95
 _DEEPER = 1.25  # factor between two depths that differ
 
@@ -43,7 +43,7 @@ def of_background(
     if other is None:
         return rough
     left_px = setup.projection.project_homogeneous(tracks.moved(other.cam_from_previous).points)[:, :2]
-    # of those that agree the far ones may move either way
+    # far points that agree fit either motion
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
     others = tracks.keep(rough.agree & (apart_px > _APART_PX * tracks.scale))
     if not is_behind(tracks.keep(rest[other.agree]), others):

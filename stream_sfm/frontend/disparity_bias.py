@@ -15,7 +15,7 @@ from ..geometry.se3 import Array
 # σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
 # structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
 MIN_BIAS_PX = 0.04
-_REMEMBERED = 20_000  # points, the last ones begun; one that has outlived so many is given `MIN_BIAS_PX`
+_REMEMBERED = 20_000  # points remembered, the latest; one older than all of them is given `MIN_BIAS_PX`
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,12 @@ from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages
 from .valid_area import contains
 
-# Iterations end after so many or with a step of so many half-size pixels: OpenCV's defaults are 30 and 0.01, and a
-# start needs less.
+# Limit of iterations, and the step in half-size pixels that ends them: OpenCV's defaults are 30 and 0.01; a start
+# needs less.
 _MAX_STEPS = 20
 _WIDE_LEVELS = 2  # halvings of the quarter image: 21 px there are half an image
 _CONVERGED_PX = 0.03
-# Of a window's gradient matrix per pixel, OpenCV's scale; a tenth of its default: dark images.
+# Least eigenvalue of a window's gradient matrix per pixel, OpenCV's scale: a tenth of its default, for dark images.
 _MIN_EIGENVALUE = 1e-5
 # Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: steps of automatic
 # exposure are larger.
@@ -95,9 +95,9 @@ def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:
 
 
 def as_exposed(before: PreparedImages, now: PreparedImages) -> Image:
-    """The previous left image at half the size, as it would look with today's mean and contrast.
+    """Return the previous left image at half size, adjusted to the new mean and contrast.
 
-    Flow takes a change of grey values for motion.
+    Flow mistakes a change of grey values for motion.
     """
     (mean_before, std_before), (mean_now, std_now) = before.exposure, now.exposure
     gain = (std_now + 1) / (std_before + 1)

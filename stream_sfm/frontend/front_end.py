@@ -92,7 +92,7 @@ class StereoFrontEnd:
         return state, replace(observed, rig=rig)
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
-        """Take a turn of the right camera that the frames before have shown out of all that is measured from now on."""
+        """Correct all that is measured from now on for a turn of the right camera that earlier frames have shown."""
         watch = state.turn_watch
         rad = None if watch is None else watch.lasting_rad
         if watch is None or rad is None:
@@ -104,7 +104,7 @@ class StereoFrontEnd:
     def _step(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of the next frame, with the right camera as it is known to stand."""
+        """Return the observations of the next frame, with the known turn of the right camera corrected."""
         state, followed = follow(self.setup, state, images, stamp_ns)
         fit = self._fit(followed)
         problem = self.problem or problem_of(
@@ -217,7 +217,7 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 
 
 def _misfit(state: FrontEndState) -> str:
-    """Say why what agrees may not be the scene, or nothing."""
+    """Say why what agrees may not be the scene; empty where nothing suggests so."""
     return state.pair.problem or state.start.problem
 
 

@@ -14,9 +14,9 @@ _ALIKE = 0.5
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages) -> bool:
-    """Whether the left image is about as sharp and rich in contrast as that of the frame before.
+    """Return whether the left image is about as sharp and as rich in contrast as the previous one.
 
-    What was seen there would be found again: where it is not, this is a view of something else.
+    If so, what was seen there would be found again; where it is not, the image shows something else.
     """
     contrast, before = (float(x.left.astype(np.float32).std()) for x in (images, previous))
     edges, edges_before = _edges(images.left) * before, _edges(previous.left) * contrast

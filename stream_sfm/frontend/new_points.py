@@ -85,7 +85,7 @@ def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> 
 
 
 def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -> NDArray[np.intp]:
-    """As many corners (k, 2) as are missing at most, whole pixels of the coarse left image, away from tracks."""
+    """Return at most as many corners (k, 2) as are missing, whole pixels of the coarse left image, away from tracks."""
     cfg, scale, every = setup.config.frontend, images.scale, round(1 / images.scale)
     return detect(
         images.corner_strength,
@@ -155,7 +155,7 @@ def _begin(
 
 
 def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[NDArray[np.intp], Array]:
-    """New corners (k, 2) in whole pixels that have one match on their row, and roughly where (k, 2) it is."""
+    """Return new corners (k, 2) in whole pixels with a unique match on their row, and its rough position (k, 2)."""
     scale, corners = images.scale, detect_missing(setup, state, images)
     limits = _disparity_range(setup, state, scale)
     disparity, unique = core.match_along_rows(images.coarse_left(), images.coarse_right(), corners, *limits)
@@ -230,7 +230,7 @@ def _align_right(
 
 
 def _align_slanted(aligner: TemplateAligner, images: PreparedImages, m: _Matches) -> _Matches:
-    """Estimate the slant of the surfaces, and align anew where one is seen."""
+    """Estimate the slant of the surfaces, and realign the slanted ones."""
     left, right = images.grey(aligner.scale)
     std_grey = _STD_GREY / aligner.scale  # a mean over pixels has so much less noise
     slopes = core.disparity_slopes(left, right, m.left_px, m.right_px, aligner.config.window_radius_px, std_grey)
@@ -253,8 +253,8 @@ def _compare_halves(aligner: TemplateAligner, images: PreparedImages, m: _Matche
 def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -> tuple[FrontEndState, _Matches]:
     """Learn the vertical disparity, take it out, and refuse matches that are still off their row.
 
-    From here on everything is in image pixels. In a frame whose velocity is not known the matches also wait for that of
-    the next one: a late camera would pass for rows that are off.
+    From here on everything is in image pixels. While the velocity is unknown, the matches also wait for that of the
+    next frame: a late camera would look like wrong rows.
     """
     left_px, right_px = scale * m.left_px.astype(float), state.turn.taken_out(scale * m.right_px)
     z_px = np.concatenate([left_px, right_px], axis=1)

@@ -1,4 +1,4 @@
-"""What a tracked view is worth: its covariance from the patch, and a common factor learnt from the residuals.
+"""Covariance of a tracked view: from its patch, times a common factor learnt from the residuals.
 
 Least-squares alignment under grey-level noise of deviation σ has covariance σ² c H⁻¹, eq. (13), with H the sum of
 gradient products over the window (Förstner and Gülch 1987) and c the number of pixels that share one noise value
@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 
-# σ₀ of eq. (15), chosen by hand: what interpolation and rectification tables leave even of a perfect match.
+# σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect match.
 _FLOOR_PX = 0.03
 # s of eq. (17), for the part of the motion across the line of sight and along it. A change of direction shears a
 # patch, which its slope mostly describes; a change of distance also changes its detail and what is beside it. With 0.3
@@ -22,7 +22,7 @@ _FLOOR_PX = 0.03
 _ACROSS, _ALONG = 0.2, 0.42
 # Bounds of the factor: beyond them, from a fifth of the σ expected to five times it, something else is wrong.
 _FACTOR_RANGE = (0.05, 30.0)
-_MIN_DOF = 20  # of a frame that the factor learns from; with fewer χ²/dof scatters by a third and more
+_MIN_DOF = 20  # of a frame that the factor learns from; with fewer, χ²/dof scatters by a third or more
 _TYPICAL_STD_PX = 0.15  # of a view before the factor: about what views of a rendered wall scatter by
 _REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels of the reduced image
 _MIN_ERROR_GREY = 0.5  # rounding to whole grey values alone leaves 0.4 between two images

@@ -1,8 +1,8 @@
 """Whether left and right image, and the calibration, fit each other; while they do not, no motion is to be trusted.
 
 A frozen camera, one that was knocked, cameras exchanged or not triggered together: most of the left image may still
-move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Of the
-points whose left side agrees with the motion, nearly all should be found on the right, where their depth says. Where
+move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Nearly all
+points whose left side agrees with the motion should be found in the right image, where their depth predicts them. Where
 half of them are not, the motion is ambiguous until points from before are found in both images again, or until
 everything has long fitted together anew: then all tracks are dropped, and a new map begins.
 """
@@ -24,11 +24,11 @@ from .rows import Rows
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
-_ENOUGH = 2 * MIN_VIEWS  # points that the left image confirms: of fewer, no share is asked for
-_CONFIRMING = 8  # points from before a problem, and half of those that are left, end it
-_GOOD_FRAMES = 20  # in a row that end it otherwise, where this share of all points found agree
+_ENOUGH = 2 * MIN_VIEWS  # points confirmed by the left image; with fewer, no share is required
+_CONFIRMING = 8  # so many points from before a problem, and half of the survivors, end it
+_GOOD_FRAMES = 20  # good frames in a row that end it otherwise: in each this share of all points found agrees
 _GOOD_SHARE = 0.6
-# Of real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3.
+# In real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3 px.
 _MAX_ROWS_PX = 2.5
 _MAX_SCATTER_PX = 0.5
 # Of the image's size: principal points of real cameras are within 0.1 of the middle, those of a calibration of half the
@@ -82,7 +82,7 @@ class PairFit:
 
 @dataclass(frozen=True, slots=True)
 class PairCheck:
-    """What frames have said so far: `problem` says what is wrong, or is empty.
+    """What the frames so far have shown: `problem` says what is wrong, or is empty.
 
     `first_id`: of the tracks that began while something was wrong; None while nothing is. `good_frames`: since, in a
     row.
@@ -95,8 +95,8 @@ class PairCheck:
     def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
         """Return the check after a frame: what is wrong in it, and how its tracks fit (None: none were followed).
 
-        Tracks that begin in this frame have ids from `next_id` on. Also returned is whether a problem has ended without
-        any point from before it, so that all tracks are to be dropped.
+        Tracks that begin in this frame have ids from `next_id` on. Also returns whether a problem has ended without any
+        point from before it, so that all tracks are to be dropped.
         """
         if problem:
             return PairCheck(problem, next_id if self.first_id is None else self.first_id), False

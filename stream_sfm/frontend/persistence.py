@@ -1,9 +1,9 @@
-"""How long the errors of a track last, and what a further view of it is therefore worth to an estimator.
+"""How long the errors of a track persist, and so how much information each further view of it adds.
 
-A template errs against its image in the same way for many frames: the other camera's sharpness, a surface that is not
-a plane, the grid of a compressed image. An estimator that adds views up as if their errors were independent believes
-too much. What is wrong for how long is seen without any truth in the rows: v_left − v_right of a match depends on
-neither motion nor depth, so its autocorrelation along the tracks is that of the errors themselves.
+A template errs against its image in the same way for many frames: the other camera's sharpness, a surface that is not a
+plane, the grid of a compressed image. An estimator that adds views up as if their errors were independent becomes
+overconfident. How long errors last can be measured without ground truth, from the rows: v_left − v_right of a match
+depends on neither motion nor depth, so its autocorrelation along the tracks is that of the errors themselves.
 
 Each error is modelled as white noise of the claimed covariance plus a Gauss-Markov part of variance `ratio` times
 that, which decays by `_DECAY` per frame. From the model follows what the n-th view of a track adds to what the ones
@@ -25,15 +25,15 @@ _DECAY = 0.92
 # quarter estimates from halves of the tracks agree as well as they claim, on rendered and on real logs alike.
 _LEFT_FRACTION = 0.25
 _FIRST_GUESS = 0.3  # of the mean of both sides: rendered logs have 0.2 to 0.6, real ones 0.6 to 1.3
-_GUESS_PAIRS = 200.0  # pairs of views that the guess is worth: about one frame's
+_GUESS_PAIRS = 200.0  # weight of the first guess in pairs of views: about one frame's
 _MEMORY_PAIRS = 20_000.0  # a hundred frames: the ratio is a property of cameras and scene and changes slowly
 _MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as it may be a wrong match
-_MAX_AGE = 60  # views; information has then long been gained at a steady rate
+_MAX_AGE = 60  # views; by then information grows at a steady rate
 
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
-    """What is known of the ratio of lasting to white variance, and the tracks of the last frame.
+    """The estimated ratio of persistent to white variance, and the tracks of the latest frame.
 
     `every`: of how many frames an estimator takes one; only the views of that one count. `frames` so far; `product` and
     `pairs`: sum of products of row differences of one track in consecutive frames, and of how many. `ids` (n,), with
@@ -84,7 +84,7 @@ class Persistence:
 
 
 def inflation_by_age(ratio: float, decay: float = _DECAY) -> Array:
-    """(60,): variance of white noise, in units of the white part, that says as much as the n-th view in truth adds.
+    """Return (60,) variances of white noise, in units of the white part, that say as much as the n-th view adds.
 
     `decay`: of the lasting part from one view to the next.
 

@@ -1,4 +1,4 @@
-"""Whether the scene repeats itself, so that another motion than the one that flow has found shows the same images.
+"""Whether the scene repeats itself, so that a motion other than the one found by flow explains the images as well.
 
 In front of a grid or a wall of tiles each patch looks like others nearby. While the velocity is not known, flow may
 have followed each of them to a neighbour of where it is now, all by the same step: a motion off by a tile per frame,
@@ -17,19 +17,19 @@ from .state import Setup
 from .tracks import Tracks
 
 _SAMPLES = 24  # tracks that are looked at
-_UNIQUE = 8  # of them without a rival: the motion that they agree with is the only one
+_UNIQUE = 8  # of them without a rival, from which on the motion is unique
 _HALF = 6  # half width of the correlation window, px of the half-size image
-_NEIGHBOURS_PX = 3  # of that image: closer places are no rivals
+_NEIGHBOURS_PX = 3  # pixels of that image: closer places are no rivals
 _REACH = 3  # rivals are sought within this fraction of the image's width, as far as flow reaches
 _LEAD = 0.06  # of the correlation, as along the row (core/rows.cpp): what comes closer is a rival
 _STD_PX = 2.0  # of the position of a rival, a whole pixel of the half-size image
-_SHARE = 0.5  # of the rivals, by weight: so many move as one
+_SHARE = 0.5  # share of the rivals, by weight, that must move as one
 
 
 def rival_motion(
     setup: Setup, previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion
 ) -> SecondMotion | None:
-    """The smallest other motion that patches which look alike have in common, if hardly any track is without one."""
+    """Return the smallest alternative motion that look-alike patches share, if nearly every track has one."""
     rows, rivals_px = _rivals(previous, images, tracks, rough)
     if not _repeats(rivals_px):
         return None
@@ -51,7 +51,7 @@ def rival_motion(
 
 
 def still_repeats(previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion) -> bool:
-    """Whether what is in view does not tell yet which of two motions is the right one."""
+    """Return whether the view still cannot tell which of two motions is the right one."""
     return _repeats(_rivals(previous, images, tracks, rough)[1])
 
 

@@ -1,4 +1,4 @@
-"""A right camera that is turned against the left one during a run: noticed at once, believed when it lasts.
+"""A right camera that is knocked out of alignment during a run: noticed at once, accepted when it persists.
 
 Depths and motion say where points are seen on the right, and the calibration in which rows. A small turn of the right
 camera moves them all from there, eq. (72d), by a field with three unknowns that is the same for near and far points. It
@@ -27,20 +27,20 @@ from ..types import RigChange
 
 _KNOCKS = 1e-5  # per frame, beforehand: one in an hour
 _FIRST_GUESS_RAD = 1e-4  # of the usual turn: rendered logs have 0.01 to 0.05 mrad, real ones 0.05 to 0.2
-_GUESS_FRAMES = 5  # that the guess is worth
+_GUESS_FRAMES = 5  # frames that the first guess counts for
 _LIMIT = 27.0  # χ² beyond which a frame counts no more than this for what is usual: three σ of each
-_LASTS_FRAMES = 3  # with the same turn, and it is believed: all in one window, and few enough for depths to last
+# frames with the same turn before it is accepted: within one window, and few enough for depths to stay valid
+_LASTS_FRAMES = 3
 _SAME = 0.5  # share by which they may differ from their mean
-_PATIENCE_FRAMES = 8  # after which a turn that is never the same is what is usual
+_PATIENCE_FRAMES = 8  # frames after which an ever-changing turn counts as usual
 _MAX_TURN_PX = 4.0  # templates are not found from further away; then left and right do not fit (`pair_check.py`)
 _MIN_VIEWS = 30  # three and a half for each of the nine unknowns
-_AGREE = 0.6  # share of the views on the right that a turn explains: of a body that covers them fewer do
-# Of reweighting: the first one is enough to see that there was no knock. Where there may be one, views are off by ten
-# standard deviations and more.
+_AGREE = 0.6  # share of the right views that a turn must explain; where a body covers them it explains fewer
+# IRLS iterations; one suffices to rule out a knock. After a knock, views are off by ten standard deviations and more.
 _STEPS = 12
 _GATE = 0.999  # share of good views that agree
-# σ of a turn of the right camera by a knock, about each axis, beforehand: what it was measured to be is where the
-# estimator starts, and is not used a second time.
+# Prior σ of the turn by a knock, about each axis. The measured turn is where the estimator starts; it is not used a
+# second time.
 _STD_TURN_RAD = 3e-3
 
 
@@ -85,13 +85,13 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
 
 
 def root_of_turn(rig: RigModel) -> Array:
-    """What is not known about a knock, a root (m, 3) of its covariance in amplitudes of the rig's errors."""
+    """Return a root (m, 3) of the covariance of what is left of a knock, in amplitudes of the rig's errors."""
     return rig.root_of_turn(_STD_TURN_RAD)
 
 
 @dataclass(frozen=True, slots=True)
 class RightTurn:
-    """By how much, `rad` (3,), the right camera has turned since the calibration; what is found is without it."""
+    """The turn `rad` (3,) of the right camera since its calibration; right views are corrected for it."""
 
     projection: StereoProjection
     rad: Array = field(default_factory=lambda: np.zeros(3))
@@ -114,7 +114,7 @@ class RightTurn:
 
 @dataclass(frozen=True, slots=True)
 class TurnWatch:
-    """What the turns of a run's frames say: the covariance of `usual` ones (3, 3), learnt from so many `frames`.
+    """Statistics of a run's turns: the covariance `usual` (3, 3) of ordinary ones, learnt from so many `frames`.
 
     `unusual`: the turns of the frames in a row, up to the latest, that were not usual.
     """
@@ -135,7 +135,7 @@ class TurnWatch:
         return mean if apart < _SAME * np.linalg.norm(mean) else None
 
     def calm(self) -> "TurnWatch":
-        """Return the same without unusual turns: they are taken out from now on, or no tracks are left to show them."""
+        """Return the watch without its unusual turns: they are corrected now, or no track is left that shows them."""
         return replace(self, unusual=())
 
     def judge(
@@ -151,7 +151,7 @@ class TurnWatch:
 
         Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
-        `cov_expected` (3, 3): of what may look like a turn, because delay and rows are not known better.
+        `cov_expected` (3, 3): of apparent turns, caused by what is unknown of delay and rows.
         """
         seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
         if len(seen) < _MIN_VIEWS:
@@ -168,11 +168,11 @@ class TurnWatch:
         return replace(self, unusual=(*self.unusual, turn)), turn
 
     def _is_unusual(self, turn: Turn, cov_expected: Array) -> bool:
-        """Whether a turn is so by those of the frames before, and there was not one like it for a long time."""
+        """Return whether a turn stands out, and unusual ones have not gone on for too long."""
         return len(self.unusual) < _PATIENCE_FRAMES and self._stands_out(turn, cov_expected)
 
     def _stands_out(self, turn: Turn, cov_expected: Array) -> bool:
-        """Whether a turn is larger than usual, possible, and what most of the views show."""
+        """Return whether a turn is larger than usual, possible, and supported by most of the views."""
         px = self.projection.f_px * float(np.linalg.norm(turn.rad))
         knocked = self._log_bayes_factor(turn, cov_expected) > -np.log(_KNOCKS)
         return knocked and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)

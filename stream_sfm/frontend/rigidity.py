@@ -21,7 +21,7 @@ _APART = 12.0
 _SHARED = 0.01  # of a view's variance: errors that all views of a half share, of calibration above all
 # Of the evidence of what is left out over that of the rest: bodies have .05 to .3, halves of a drone's last frames 1.
 _MAX_ODDS = 0.5
-_LEAST = 4 * MIN_VIEWS  # views: fewer are no two halves
+_LEAST = 4 * MIN_VIEWS  # views; fewer do not make two halves
 
 
 def rigid_motion(views: PointViews, weights: Array, found: Resection, predicted: Array) -> Resection:
@@ -49,7 +49,7 @@ def rigid_motion(views: PointViews, weights: Array, found: Resection, predicted:
 
 
 def _halves(views: PointViews, motion: Resection) -> tuple[float, Array]:
-    """How far apart the motions of halves of the accepted views are at most, and all these motions (k, 4, 4)."""
+    """Return the largest distance between motions of halves of the accepted views, and all these motions (k, 4, 4)."""
     if motion.accepted.sum() < _LEAST:
         return 0.0, np.empty((0, 4, 4))
     return core.motions_of_halves(*views.of_core, motion.cam_from_ref, motion.amplitudes, motion.accepted, _SHARED)

@@ -21,7 +21,7 @@ from .prepared import PreparedImages
 from .state import Setup
 from .tracks import Tracks
 
-_STD_FLOW_PX = 0.5  # of a position by flow: a guess on the large side, for the gate of the rough motion only
+_STD_FLOW_PX = 0.5  # σ of a position by flow, for the gate of the rough motion only: a guess on the large side
 # Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
 # is made, and then the best of all is taken.
 _ENOUGH = 0.4
@@ -54,7 +54,10 @@ def find_rough_motion(
     predicted: Array,
     motion_known: bool,
 ) -> RoughMotion | None:
-    """The motion that the flow of `tracks` shows, or None; `motion_known`: whether `predicted` (4, 4) says much."""
+    """Return the motion that the flow of `tracks` shows, or None.
+
+    `motion_known`: whether `predicted` (4, 4) is informative.
+    """
     (projection, config), best = setup, None
     exposed, cov_points = as_exposed(previous, images), tracks.cov_points(projection)
     # where half of the view is covered, mean and contrast change, and the exposure does not

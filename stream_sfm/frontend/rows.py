@@ -1,4 +1,4 @@
-"""Rows: by how much v_left − v_right of correct matches differs over the image, learnt from the matches, eq. (19).
+"""Rows: how v_left − v_right of correct matches varies over the image, learnt from the matches, eq. (19).
 
 After rectification a point lies on one row in both images. Real calibrations miss that by tenths of a pixel: by a
 polynomial of second order, for the cameras' relative rotation and their lenses, by a smooth field, for what these do
@@ -92,7 +92,7 @@ class Rows:
     def told(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 
-        What is learnt goes on without it, as an estimator is told of the delay by `delay` and must not be told twice.
+        Learning goes on without it: estimators learn of the delay through `delay` and must not be told twice.
         """
         own = self.cov[_POLYNOMIAL]
         if variance_s2 * (self.delay[0] + self.std_delay_s**-2) >= 1:
@@ -122,7 +122,7 @@ class Rows:
         cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += _STEP_PX**2
         before = symmetric_inverse(cov)
         mean: Array = self.mean
-        for _ in range(_REWEIGHTINGS):  # what earlier frames said keeps its weight
+        for _ in range(_REWEIGHTINGS):  # earlier frames keep their weight
             residual = (difference_px - terms @ mean) / self.scatter_px
             weight = 1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2
             information = before + (terms.T * weight) @ terms

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from .tracks import FULL_HISTORY
 
-# Of new points that are found again, those that agree: .93 and more in the first frames of calm scenes, .68 to .77 in
-# a crowd, whether the motion is right or not.
+# Share of the new points found again that agree: .93 and more in the first frames of calm scenes, .68 to .77 in a
+# crowd, whether the motion is right or not.
 _CALM_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class StartCheck:
-    """What new points have said since the start, older ones counting less: how many were `found`, and `agreed`.
+    """What new points have shown since the start, older ones counting less: how many were `found`, and `agreed`.
 
     `calm_frames` in a row in which enough of them agreed. `doubted`: since the start they once did not. `next_id`: of
     the tracks that have not been judged.
@@ -33,7 +33,7 @@ class StartCheck:
 
     @property
     def problem(self) -> str:
-        """What is wrong; or nothing."""
+        """What is wrong, or an empty string."""
         if not self.doubted or self.is_over:
             return ""
         return (

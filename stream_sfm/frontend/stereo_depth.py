@@ -14,8 +14,8 @@ from .right_turn import RightTurn
 from .rows import Rows
 from .tracks import Tracks
 
-# Of the variance of inverse depth, per frame: a tenth more each time forgets depths that a wrong motion carried
-# along. Chosen by hand: less forgetting is slower to recover, more gives away what earlier views said.
+# Growth of the variance of inverse depth per frame: a tenth each time forgets depths that a wrong motion has carried
+# along. Chosen by hand: with less, recovery is slower; with more, earlier views are wasted.
 FORGETTING = 1.1
 
 
@@ -93,7 +93,7 @@ def unknown_rows(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
 
 
 def cov_of_rows_as_turn(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
-    """Return the covariance (3, 3) of the turn of the right camera that rows look like which are not known better.
+    """Return the covariance (3, 3) of the apparent turn of the right camera that unknown rows cause.
 
     Views and points as of `unknown_rows`.
     """

@@ -15,11 +15,11 @@ from ..geometry.se3 import Array
 from .warps import facing
 
 Grey = NDArray[np.float32]
-_SPACING_PX = 2  # between samples: smoothing leaves neighbours the same noise, so half of them say as much
+_SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
-# Area of the template that one pixel of today covers: at less the patch has grown by more than √5 and shows
-# detail that the template lacks.
+# Least area of the template that a pixel of the image may cover: below it the patch has grown by more than √5 and
+# shows detail that the template lacks.
 _MIN_AREA = 0.2
 
 
@@ -98,7 +98,7 @@ class TemplateAtlas:
         return inside
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
-        """The templates of `slots` (n,) as today's image should show them; warps (n, 3, 2) of pixel offsets."""
+        """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""
         return self._patches(slots, anchor_from_now, self.radius_px, _SPACING_PX)
 
     def inner(self, slots: NDArray[np.intp]) -> Patches:

@@ -1,7 +1,7 @@
-"""What a late right camera and a rolling shutter do to the views of a frame, as far as the front-end knows.
+"""How a late right camera and a rolling shutter shift the views of a frame, as far as the front-end knows.
 
-Both move a view along its velocity, eq. (70a). From frame to frame only the change of that shows: a constant part
-is in the points already. So a resection has more unknowns, by delay, readout and velocity. What an estimator finds out
+Both move a view along its velocity, eq. (70a). Between frames only the change of that shift shows: its constant part is
+already in the points. So a resection has further unknowns: delay, readout and velocity. What an estimator finds out
 about delay and readout is taken out of the views before any motion is sought; it gets the views as they were seen.
 """
 
@@ -62,7 +62,7 @@ class Timing:
         """
         if not self.std.any():
             return None
-        at_first = twist if self.twist is None else self.twist  # of the first frame nothing better is known
+        at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
         then = TimedViews(self.projection, before, at_first, self.row_of)
         views = TimedViews(self.projection, now, twist, self.row_of)
         return timing_unknowns(then, views, self.mean, self.cov, std_twist)

@@ -40,16 +40,16 @@ _MIN_AGREEMENT = 0.15
 # by itself. Twice the views that a motion needs at least.
 _MANY = 2 * MIN_VIEWS
 _JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
-# How long a motion is searched for from the last frame that had one. Views that come back come back within a second;
-# later too much has changed for flow.
+# How long a motion is searched for from the last frame that had one. Views that return do so within a second; after
+# that too much has changed for flow.
 _MAX_GAP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What following gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px`
-    (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`: another
-    motion that may be right as well; `settled`: as in `Observations`."""
+    """What following the tracks gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances
+    `cov_px` (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`:
+    another motion that may be right as well; `settled`: as in `Observations`."""
 
     cam_from_previous: Array
     z_px: Array
@@ -252,7 +252,7 @@ def _is_background_hidden(
     if (agree & trusted).sum() >= needed:
         return False
     apart = np.abs(se3.log(se3.exp(-state.velocity * dt_s) @ motion.cam_from_ref)).reshape(2, 3).max(axis=1)
-    # not what the last velocity and any acceleration that is assumed would make of it
+    # beyond what the last velocity and the assumed acceleration allow
     jumps = bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
     return bool((state.background_hidden or jumps) and (agree & ~trusted).sum() >= _MANY)
 
@@ -278,7 +278,7 @@ def _advance(
     if motion.second is not None:
         kept |= motion.second.views
     rows = np.flatnonzero(views.found)[kept]
-    # where most views fit badly, the frame is worse than the run's, not full of outliers: blurred, for instance
+    # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
     z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
     now = candidates.before.keep(rows).moved(motion.cam_from_ref)
     if projection.virtual_right:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 
-# Frames of agreement after which history counts no more, half a second of most cameras: with more, the last old tracks
-# of a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body that
-# enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
+# Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
+# tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
+# that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
 FULL_HISTORY = 10
 
 
@@ -82,9 +82,9 @@ class Tracks:
 
     @property
     def weights(self) -> Array:
-        """How much each track (n,) counts where sets of tracks vote for different motions, eq. (23b).
+        """Return the vote of each track (n,) where sets of tracks favour different motions, eq. (23b).
 
-        The background has long been rigid with the map, what moves by itself has not.
+        The background has long been rigid with the map; what moves by itself has not.
         """
         return 0.1 * FULL_HISTORY + np.minimum(self.agreed, FULL_HISTORY)
 
@@ -102,7 +102,7 @@ class Tracks:
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
-        """Points as they are if their views are without a further (n, 4) px; `left_px` stays what was last measured."""
+        """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""
         points = self.points.copy()
         points[:, :2] -= px[:, :2] / projection.f_px
         points[:, 3] += (px[:, 2] - px[:, 0]) / (projection.f_px * projection.baseline_m)

@@ -1,4 +1,4 @@
-"""How a patch looks today: the projective map between its pixels now and in its template's frame.
+"""How a patch looks now: the projective map between its pixels now and in its template's frame.
 
 What the affine part of the map leaves moves every patch of a turning camera the same way, by hundredths of a pixel that
 an estimator takes for motion: docs/mathematics.md, section 3.

@@ -1,4 +1,4 @@
-"""Robust statistics of a few numbers: medians, what they are of Gaussian noise, and the width of robust weights."""
+"""Robust statistics of a few numbers: medians, their values for Gaussian noise, and the width of robust weights."""
 
 import numpy as np
 

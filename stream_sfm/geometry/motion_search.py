@@ -62,7 +62,7 @@ def search_motion(views: PointViews, start: Array, weights: Array, agreeing: int
 
 
 def support(views: PointViews, cams_from_ref: Array, root: Array, weights: Array) -> Array:
-    """Return how much speaks for each of many motions (m, 4, 4): (m,).
+    """Return the support (m,) of each of many motions (m, 4, 4).
 
     Each view gives its weight, less the share of the gate that its squared residual uses up; the extent that the
     agreeing views have in the image adds a little. A background surrounds what moves in front of it, and a body is
@@ -74,7 +74,7 @@ def support(views: PointViews, cams_from_ref: Array, root: Array, weights: Array
 
 
 def evidence(views: PointViews, weights: Array) -> float:
-    """Return how much views of such weights (n,) speak for being of the background.
+    """Return how strongly views with these weights (n,) look like the background.
 
     Each place of the image has one vote, as large as its largest weight; their sum counts times their extent. A body
     may have as many corners as it likes.

@@ -35,7 +35,7 @@ MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by
 
 @dataclass(frozen=True, slots=True)
 class SecondMotion:
-    """What views that clearly disagree with a motion have in common: another one, `cam_from_ref` (4, 4).
+    """A second motion, `cam_from_ref` (4, 4), which views share that clearly disagree with the first one.
 
     `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: which agree with this motion only;
     `odds`: their evidence over that of the views which agree with the first motion only.

@@ -172,7 +172,7 @@ class Map:
         return np.maximum(count, 0)
 
     def consider_other(self, motion: Resection) -> None:
-        """Add to what is doubtful about the world that the second of two plausible motions may be the true one.
+        """Add to the world's uncertainty that the second of two plausible motions may be the true one.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
         and the error of the other, eq. (36a). The differences of frames in a row have one sign.
@@ -192,14 +192,14 @@ class Map:
         self._cov_doubt = self._cov_doubt + modes @ modes.T
 
     def settle(self) -> None:
-        """Take in that the motions which were followed are the camera's, where another one was possible."""
+        """Drop the uncertainty about alternative motions: those followed have turned out to be the camera's."""
         self._cov_doubt = np.zeros((6, 6))
         for frame in self.frames:
             frame.ambiguity = np.zeros((6, 0))
 
     @property
     def cov_doubt(self) -> Array:
-        """What other motions that may have been the camera's add to the covariance (6, 6) of the newest pose."""
+        """The covariance (6, 6) that alternative motions, which may have been the camera's, add to the newest pose."""
         ad = se3.adjoint(self.newest_cam_from_ref)
         return np.asarray(ad @ self._cov_doubt @ ad.T)
 
@@ -364,7 +364,7 @@ class Map:
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 
     def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
-        """Let the prior of the rig's errors have from now on the sizes that their estimate makes likely."""
+        """From now on give the prior of the rig's errors the sizes that their estimate makes likely."""
         rig = self.prior.rig
         if estimate is None or not rig.steady:
             return
@@ -372,13 +372,13 @@ class Map:
         self.know_rig(*rig.resized(size))
 
     def know_rig(self, rig: RigKnowledge, u: Array) -> None:
-        """Take other knowledge about the rig, where amplitudes a of its modes are now a' with a = U a', U (m, m)."""
+        """Replace the knowledge about the rig; amplitudes a of its modes become a' with a = U a', U (m, m)."""
         self.prior = self.prior.with_rig(rig, u)
         own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
         self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
 
     def begin_field(self, model: RigModel) -> None:
-        """Take in that the rig has a field of errors, which the views of the window have then, too."""
+        """Add a field to the rig's errors, and what it does to the views of the window."""
         for frame in self.frames:
             frame.rig = model
         effects = RigEffects(self._all_views.rig_effects.terms, model.field_at(self._all_views.z_px))
@@ -391,7 +391,7 @@ class Map:
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
 
     def change_rig(self, root: Array) -> None:
-        """Take in that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).
+        """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).
 
         The window is empty by then: its frames were seen with the errors as they were.
         """

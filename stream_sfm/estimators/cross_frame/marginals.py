@@ -74,7 +74,7 @@ class Marginals:
         )
 
     def doubted(self, cov: Array) -> "Marginals":
-        """Return the same where the newest pose may be wrong by `cov` (6, 6) more, with all that is seen from it."""
+        """Return the marginals with `cov` (6, 6) added to the newest pose and to all that is seen from it."""
         j, r = se3.point_in_source_jacobian(self.points_in_cam), self.world_from_cam[:3, :3]
         of_points = r @ (j @ cov @ np.swapaxes(j, 1, 2)) @ r.T
         return replace(

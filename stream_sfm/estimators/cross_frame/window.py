@@ -32,7 +32,7 @@ from .window_frame import WindowFrame
 # σ of the field beyond which a rig has one. Rendered images make it .017 px at the most, real ones more within four
 # frames; all that has to do with the rig is done for 20 errors instead of a hundred.
 _HAS_FIELD_PX = 0.02
-_NO_HISTORY = 0.1  # what a point counts that has not yet agreed with the map, relative to one frame of agreement
+_NO_HISTORY = 0.1  # weight of a point that has not yet agreed with the map, relative to one frame of agreement
 
 
 class _LostError(Exception):
@@ -114,7 +114,7 @@ class CrossFrame:
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, root: Array) -> None:
-        """Take in that errors of the rig have changed since the last frame: what was seen before has the old ones."""
+        """Record that the rig's errors have changed since the last frame: earlier views have the old ones."""
         if self.map is None:
             self.rig = None if self.rig is None else self.rig.changed(root)[0]
             return
@@ -139,7 +139,7 @@ class CrossFrame:
         return replace(observations, rig=replace(view, model=view.model.without_field(), change_root=root))
 
     def _listen_to_rows(self, observations: Observations) -> None:
-        """Take what the rows say of the delay: they depend on neither depth nor motion, and are not used elsewhere."""
+        """Use what the rows say about the delay: they depend on neither depth nor motion, and serve nothing else."""
         view = observations.rig
         if view is None:
             return
@@ -188,7 +188,7 @@ class CrossFrame:
         return lost_solution(observations, reason, pose, cov_pose, marginals.ended(marginals.ids >= 0))
 
     def _forget_rig(self) -> None:
-        """Know nothing about the rig any more, as before the first frame."""
+        """Forget all that is known about the rig, as before the first frame."""
         self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
 
     def _initial_motion(
