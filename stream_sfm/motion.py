@@ -1,4 +1,4 @@
-"""Motions between two frames, apart in what is their own and what all motions of a run err by together, eq. (74a).
+"""Motions between two frames, their errors split into own ones and those common to all motions of a run, eq. (74a).
 
 And the path that they make in a row: odometry, which is continuous, where the pose in the world may be corrected.
 """
@@ -39,7 +39,7 @@ class Motion:
     def to_frame(
         cls, frame_index: int, relative: RelativeMotions | None, common: CommonErrors | None
     ) -> "Motion | None":
-        """Return the one of the motions of a frame that goes to the frame of an index; None where it is not there."""
+        """Return the motion of a frame to the one with an index; None where there is none."""
         if relative is None or frame_index not in relative.frame_indices:
             return None
         row = int(np.flatnonzero(relative.frame_indices == frame_index)[0])
@@ -143,7 +143,7 @@ class Odometry:
 
     @property
     def world_from_odom(self) -> Array:
-        """What is known better by now than when the motions were added up, (4, 4)."""
+        """What later knowledge has changed since the motions were added up, (4, 4)."""
         return se3.orthonormalise(self.estimate.world_from_cam @ se3.inverse(self.odom_from_cam))
 
     def __repr__(self) -> str:

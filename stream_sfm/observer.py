@@ -124,7 +124,7 @@ class Observer:
         return Observed(observations, timings_ms)
 
     def learn(self, solution: Solution) -> None:
-        """Take in what an estimator has found out about the cameras' timing, for the frames to come."""
+        """Use what an estimator has found out about the cameras' timing for the frames to come."""
         if solution.rig is not None:
             self.state = self._frontend.learn(self.state, solution.rig)
 
@@ -274,7 +274,7 @@ class Observer:
 
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
-    """Return the rig to estimate with. `Config.mono` is asked here only; everything else asks the rig."""
+    """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
     if config.mono:
         return MonoRig(rig.left)
     if rig.unscaled:
@@ -298,7 +298,7 @@ def _check_arguments(rig: object, config: object) -> None:
 
 
 def _stamp_fix(stamp: object) -> str:
-    """How a stamp of another kind becomes nanoseconds."""
+    """Say how to convert a stamp of another kind to nanoseconds."""
     fix = "give an integer number of nanoseconds"
     if isinstance(stamp, float | np.floating):
         return f"{fix}: of seconds, round(seconds * 1e9)"
@@ -312,7 +312,7 @@ def _stamp_fix(stamp: object) -> str:
 
 
 def _size_fix(shape: tuple[int, ...], camera: Camera) -> str:
-    """What to do about an image of another size."""
+    """Say what to do about an image of another size."""
     height, width = shape[:2]
     if (height, width) == (camera.width, camera.height):
         return "give (h, w), not (w, h): image.T, or the calibration of a camera that stands upright"
@@ -324,7 +324,7 @@ def _size_fix(shape: tuple[int, ...], camera: Camera) -> str:
 
 
 def _described(value: object) -> str:
-    """Say in a few words what an argument of the wrong kind is."""
+    """Describe an argument of the wrong kind in a few words."""
     if value is None:
         return "None"
     if isinstance(value, type):

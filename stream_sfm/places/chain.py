@@ -1,4 +1,4 @@
-"""The way from keyframe to keyframe: motions put together of the engine's relative motions, with their covariances."""
+"""The path from keyframe to keyframe: motions composed of the engine's relative motions, with covariances."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..types import FrameEstimate, Status
 _MIN_FRAMES = 2  # between keyframes
 # Of the median depth, and of the view. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
 _MOVED_DEPTHS, _TURNED_RAD = 0.15, np.radians(11)
-_NEW_VIEW = 0.5  # of the points: less in common with the last keyframe, and much of the view is new
+_NEW_VIEW = 0.5  # share of the points in common with the last keyframe, below which much of the view is new
 # σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions beside
 # others of .1 mrad GTSAM finds no solution.
 _UNKNOWN_RAD = 0.3
@@ -108,11 +108,11 @@ def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
 
 
 def growth(before: Array, after: Array) -> Array:
-    """What covariances (…, 6, 6) have grown by; nothing where they have shrunk."""
+    """Return the growth of covariances (…, 6, 6); zero where they have shrunk."""
     return positive(after - before)
 
 
 def positive(cov: Array) -> Array:
-    """Covariances (…, 6, 6) that rounding and linearisation have not left below zero."""
+    """Return covariances (…, 6, 6) without negative eigenvalues that rounding and linearisation left."""
     values, vectors = np.linalg.eigh(symmetric(cov))
     return np.asarray((vectors * np.maximum(values, _LEAST_VARIANCE)[..., None, :]) @ np.swapaxes(vectors, -1, -2))

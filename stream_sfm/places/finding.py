@@ -26,7 +26,7 @@ _ROUNDS = 4  # of k-majority: the fifth moves no word by more than a bit
 
 
 def offsets_m(poses: Array, pose: Array) -> Array:
-    """How far (n,) poses (n, 4, 4) are from one (4, 4)."""
+    """Return the distances (n,) of poses (n, 4, 4) from one (4, 4)."""
     return np.asarray(np.linalg.norm(poses[:, :3, 3] - pose[:3, 3], axis=1))
 
 
@@ -85,10 +85,10 @@ class Words:
         self._bags.pop(number, None)
 
     def alike(self, descriptors: NDArray[np.uint8], among: Set[int]) -> list[int]:
-        """Numbers of keyframes, those that look most alike first."""
+        """Return the numbers of keyframes, most similar ones first."""
         numbers = sorted(among & self._bags.keys())
         if not numbers:
-            return sorted(among)  # so few that there are no words, and any will do
+            return sorted(among)  # too few for words to exist; any will do
         bags = np.array([self._bags[number] for number in numbers])
         rarity = np.log(len(bags) / np.maximum(1, (bags > 0).sum(axis=0))).astype(np.float32)
         norm = np.sqrt(bags**2 @ rarity**2)

@@ -179,7 +179,7 @@ class PoseGraph:
         self._row[number] = row
 
     def know(self, mean: Array, cov: Array) -> None:
-        """Take what the engine knows by now of the errors c (m,) that the motions of this run have in common."""
+        """Take the engine's present knowledge of the errors c (m,) common to this run's motions."""
         if len(mean) != len(self._mean):
             self._jacobian = np.zeros((*self._jacobian.shape[:2], len(mean)))
         elif not self.loops:  # else the next solution says how the poses change
@@ -194,7 +194,7 @@ class PoseGraph:
         return np.isin(self._segments[: len(self)], [s for s, other in self._home.items() if other == home])
 
     def in_other_worlds(self, number: int) -> set[int]:
-        """The nodes that are not."""
+        """Return the other nodes."""
         if len(set(self._home.values())) == 1:
             return set()
         return {self.numbers[row] for row in np.flatnonzero(~self.in_world_of(number))}
@@ -285,7 +285,7 @@ class PoseGraph:
         self._update()
 
     def _update(self) -> None:
-        """Give iSAM2 what has come since the last time, and take its poses."""
+        """Give iSAM2 what is new since the last call, and take its poses."""
         if self._isam is None:
             self.solve()
             return
@@ -334,7 +334,7 @@ class PoseGraph:
         return factors, values, sure
 
     def _false(self) -> list[Loop]:
-        """The loops that graduated non-convexity refuses."""
+        """Return the loops that graduated non-convexity rejects."""
         kept, values = list(self.loops), None
         for spread in _SPREADS:
             if not kept:
@@ -377,7 +377,7 @@ class PoseGraph:
         return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self), 6) - np.array(solutions[0]), 0, 2)
 
     def remove(self, numbers: Iterable[int]) -> None:
-        """Remove nodes; motions to and from each go on to the neighbour by odometry that it is linked to best."""
+        """Remove nodes; motions to and from each pass to its best-linked neighbour by odometry."""
         for number in numbers:
             ends = [pair for pair in self.links if number in pair]
             if not ends:
@@ -407,7 +407,7 @@ class PoseGraph:
 
 
 def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Motion) -> Loop | None:
-    """A loop with its end at a node that goes moved to a neighbour; None if nothing is left of it."""
+    """Return a loop moved from a removed node to a neighbour; None if nothing is left of it."""
     if number not in (loop.old, loop.new):
         return loop
     if neighbour in (loop.old, loop.new):

@@ -36,7 +36,10 @@ def truth_topic(survey: Survey) -> str | None:
 
 
 def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
-    """The poses on `topic` as `world_from_cam`, ascending in time; None, with a warning, where none can be used."""
+    """Return the poses on `topic` as `world_from_cam`, ascending in time;
+
+    None, with a warning, where none can be used.
+    """
     decoder = MessageDecoder(source.path)
     stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
     other_frames: set[str] = set()
@@ -90,7 +93,7 @@ def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tup
 
 
 class DepthImages:
-    """Looks up the depth image of a stamp while stamps ascend; only one image is held at a time.
+    """Looks up depth images by ascending stamps, and holds only one image at a time.
 
     After one that cannot be read there are none, and `problem` says why.
     """

@@ -33,7 +33,7 @@ _KINDS = {
 
 _MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a calibration or a pose are kilobytes
 _MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
-_QUATERNION_NORMS = (0.5, 2.0)  # wider than any rounding; outside it the numbers are not a rotation
+_QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
 _ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
 
 
@@ -59,9 +59,7 @@ class ImageMessage:
     height: int = 0
     step: int = 0
     big_endian: bool = False
-    calibration: "CalibrationMessage | None" = (
-        None  # of its camera, in force when it was recorded; None: not asked for
-    )
+    calibration: "CalibrationMessage | None" = None  # of its camera, in force then; None: not asked for
 
     def __repr__(self) -> str:
         return f"<ImageMessage {self.topic} at {self.stamp_ns} ns, {self.encoding}, {len(self.data)} bytes>"
@@ -82,7 +80,7 @@ class CalibrationMessage:
     P: Array
 
     def changes(self, other: "CalibrationMessage") -> list[str]:
-        """What is different in another message of the same camera, by the names of the fields."""
+        """Return the names of the fields in which another message of the same camera differs."""
         sizes = (self.width, self.height), (other.width, other.height)
         fields: list[tuple[str, Any, Any]] = [("the image size", *sizes), ("D", self.D, other.D)]
         fields += [("K", self.K, other.K), ("R", self.R, other.R), ("P", self.P, other.P)]
@@ -199,7 +197,7 @@ def _poses(topic: str, m: Any) -> list[PoseMessage]:
 
 
 def _same_numbers(a: Any, b: Any) -> bool:
-    """Whether two lists of numbers are the same but for rounding."""
+    """Return whether two lists of numbers are equal up to rounding."""
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 

@@ -19,9 +19,9 @@ _USUAL_UNPAIRED = 2
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StereoPair:
-    """Two images of one moment as recorded, not decoded; of one camera, twice the same image.
+    """Two images of one moment as recorded, not decoded; with one camera, the same image twice.
 
-    `rig`: that took them, if a `StereoLog` has asked for frames.
+    `rig`: of the cameras that took them, if a `StereoLog` has asked for frames.
     """
 
     left: ImageMessage
@@ -63,7 +63,7 @@ class ReadStats:
 
 
 class PairReader:
-    """One reading of the pairs on two topics of a source; iterate `pairs` once.
+    """Reads the pairs on two topics of a source, once: iterate `pairs`.
 
     Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
     `calibrations`: messages of the cameras, in force at the first image. Each image is given the one in force.
@@ -150,7 +150,7 @@ class PairReader:
             yield replace(image, calibration=calibration), message.log_time_ns
 
     def _hear(self, message: Message) -> None:
-        """Take a calibration that was sent between images; it is in force from here on if it differs."""
+        """Take a calibration sent between images; if it differs, it is in force from here on."""
         try:
             sent = self._decoder.calibration(message)
         except UndecodableMessage:

@@ -16,13 +16,13 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-_PENDING_FRAMES = 128  # of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
+_PENDING_FRAMES = 128  # frames of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
 _UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
 # Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
 # recorders with several threads swap.
 _WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
-_MAX_OVERTAKEN = 8  # a frame that more later arrivals than this have overtaken has a wrong stamp
+_MAX_OVERTAKEN = 8  # a frame overtaken by more later arrivals than this has a wrong stamp
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
 _FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
 _RECENT = 32  # released stamps remembered, for the period and for repeats
@@ -70,7 +70,7 @@ class _Side(Generic[T]):
         return len(self.queue) >= _PENDING_FRAMES or (len(self.queue) > 1 and size_bytes > _MAX_BYTES)
 
     def push(self, frame: _Frame[T]) -> None:
-        """Add the frame that arrives next; those whose turn has come are released."""
+        """Add the next frame to arrive, and release those whose turn has come."""
         if frame.stamp_ns in self._recent:
             self.dropped += 1
             return
@@ -80,7 +80,7 @@ class _Side(Generic[T]):
             self.release()
 
     def release(self) -> None:
-        """Let the frame wait that is next by what has arrived, or several where the clock was set back."""
+        """Release the next frame among those that have arrived, or several where the clock was set back."""
         last_ns = self._before_first() if self._last_ns is None else self._last_ns
         self._last_ns = last_ns
         behind = [n for n, frame in enumerate(self.window) if frame.stamp_ns <= last_ns]
@@ -110,7 +110,7 @@ class _Side(Generic[T]):
         return median(periods) if periods else None
 
     def _before_first(self) -> int:
-        """A time before all stamps of the window but those that are far too early."""
+        """Return a time before all stamps of the window, except those that are far too early."""
         stamps = sorted(map(_stamp, self.window))
         if len(stamps) < _FEWEST:
             return stamps[0] - 1

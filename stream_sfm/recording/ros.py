@@ -24,10 +24,8 @@ _IDL_ANNOTATION = re.compile(r"@[\w:]+\s*\([^()]*\)")
 _MAX_NESTED_SEQUENCES = 4
 _IDL_HOSTILE = (
     (re.compile(r"[(*]"), "a constant that is computed with brackets or products"),
-    (
-        re.compile(r"<<(?!\s*\d{1,2}\b)"),
-        "a constant that would fill the memory",
-    ),  # by three digits, or an expression
+    # shifted by a number of three digits, or by an expression
+    (re.compile(r"<<(?!\s*\d{1,2}\b)"), "a constant that would fill the memory"),
     (re.compile(r"\d{21}|0[xX][\da-fA-F]{17}"), "a number of more digits than 64 bits have"),
     (re.compile(r"\[\s*\["), "brackets in brackets"),
     (re.compile(rf"(?:<[^<>;]*){{{_MAX_NESTED_SEQUENCES + 1}}}"), "sequences nested too deeply"),

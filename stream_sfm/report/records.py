@@ -31,7 +31,7 @@ _STATUSES = list(Status)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
 NO_LOOPS: Array = np.zeros((0, 2, 3))
-_MANY_DEGRADED = 0.5  # of the frames: more, and something is wrong with the recording rather than with a scene
+_MANY_DEGRADED = 0.5  # share of the frames beyond which the recording, rather than the scene, is at fault
 
 
 class RunRecord:
@@ -130,7 +130,7 @@ class RunRecord:
         return record
 
     def count(self, status: Status) -> int:
-        """How many frames have a status."""
+        """Return how many frames have a status."""
         return self._statuses.count(_STATUSES.index(status))
 
     def warnings(self) -> list[str]:

@@ -12,8 +12,8 @@ from .methods import label
 
 REFERENCE = "cross-frame"
 EXPECTED_NEES = 6.0
-NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose: those of a log share their errors and are worth hardly more
-_WORTH_KNOWING = math.log(1.1)  # of a ratio: nobody needs a log that shows a smaller difference
+NEES_INTERVAL = (1.24, 14.45)  # 95 % interval of one pose: those of a log share their errors and say hardly more
+_WORTH_KNOWING = math.log(1.1)  # logarithm of a ratio: smaller differences do not matter to anyone
 _IN_FULL = 2  # methods whose figures the sentence gives; the chart has all
 
 _CANNOT = "This log cannot tell which method drifts least"
@@ -58,7 +58,7 @@ def verdict(content: dict[str, Any]) -> Verdict:
 
 
 def _apart(content: dict[str, Any]) -> str:
-    """How far the methods are apart where nothing says which of them is right, beside what the reference claims."""
+    """Say how far apart the methods are where no truth tells which is right, beside the σ of the reference."""
     away, of_reference = content["divergence_from_cross_frame_m"], content["methods"].get("cross_frame")
     if not away or of_reference is None or of_reference["end_std_position_m"] is None:
         return ""

@@ -21,7 +21,7 @@ def images_of(frame: Frame) -> Images:
 
 
 def log_problems(log: StereoLog, frames: Sequence[Images]) -> list[str]:
-    """What prevents a replay of a log with its calibration, as far as these images show."""
+    """Return what, as far as these images show, prevents a replay of a log with its calibration."""
     choice = PairChoice(log.left_topic, log.right_topic, log.choice_reason)
     return [f"{log.path}: {problem}" for problem in quick_problems(log.stereo_rig, choice, frames)]
 
@@ -49,7 +49,7 @@ class CalibrationSink:
             self._conclude()
 
     def close(self) -> None:
-        """Decide with the frames there are."""
+        """Decide by the frames seen so far."""
         if not self._done and self._frames:
             self._conclude()
 

@@ -183,5 +183,5 @@ def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: Dept
 
 
 def _told(lanes: Sequence[Lane]) -> RigEstimate | None:
-    """What the methods have told about the errors of the calibration, in pixels."""
+    """Return what the methods have found out about the errors of the calibration, in pixels."""
     return next((lane.record.rig for lane in lanes if lane.record.rig is not None), None)

@@ -34,14 +34,14 @@ class Lane:
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
-        self.rig: RigEstimate | None = None  # what the estimator has told of the rig's errors, the latest
+        self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
         self._estimator = make_estimator(config.method, observer.projection, config)
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
     def begin_anew(self, observer: Observer) -> None:
-        """Go on with the observer of another rig: a new map, in the same world."""
+        """Continue with the observer of another rig: a new map, in the same world."""
         self._world.begin_anew(self.observer.state.frame_index)
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self._estimator = make_estimator(self.config.method, observer.projection, self.config)
@@ -102,8 +102,11 @@ class Lane:
 
 
 def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:
-    """The observations as a lane gets them: without the errors of the rig that another one finds, unless it finds them
-    itself; so methods are compared, and not calibrations."""
+    """Return the observations for a lane.
+
+    Those of the rig's errors that another lane has found are taken out, unless this one finds them itself: methods are
+    compared, not calibrations.
+    """
     learnt = next((other.rig for other in lanes if other.rig is not None), None)
     seen = observed.observations
     if lane.rig is not None or learnt is None or seen.rig is None:

@@ -31,7 +31,7 @@ PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, No
 
 
 class Check(Protocol):
-    """Looks at what all lanes share, frame by frame."""
+    """Checks what all lanes share, frame by frame."""
 
     def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
         """Take the next frame; `estimates`: by method, of the lanes that have not failed."""
@@ -40,7 +40,7 @@ class Check(Protocol):
 
 @dataclass(slots=True)
 class Course:
-    """How a run went: how many frames were used, what is to be told, and the error to raise when all is written."""
+    """How a run went: the number of frames used, the warnings, and the error to raise once everything is written."""
 
     frames: int = 0
     complete: bool = True
@@ -49,7 +49,7 @@ class Course:
     error: BaseException | None = None
 
     def end(self, error: BaseException) -> None:
-        """The run ends early; a log that breaks off is no error if some of it was read."""
+        """End the run early; a log that breaks off is no error if part of it was read."""
         self.complete = False
         if not isinstance(error, InputError):
             self.warnings.append(f"the run was ended by {type(error).__name__}: {error}")
@@ -59,7 +59,7 @@ class Course:
         self.error = self.error or error
 
     def interrupt(self, where: str) -> None:
-        """The run was asked to end."""
+        """Record that the run was asked to end."""
         self.complete, self.interrupted = False, True
         self.warnings.append(where)
 
@@ -180,7 +180,7 @@ def _finished(frame: RecordedFrame, future: Future[PreparedImages]) -> tuple[Rec
 
 
 def _timed(frames: PreparedFrames) -> Iterator[tuple[RecordedFrame, PreparedImages | None, float]]:
-    """Each frame with the milliseconds for which the run has waited for it."""
+    """Yield each frame with the milliseconds that the run waited for it."""
     asked_s = time.perf_counter()
     for frame, prepared in frames:
         yield frame, prepared, 1e3 * (time.perf_counter() - asked_s)

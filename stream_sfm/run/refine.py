@@ -1,4 +1,4 @@
-"""Refines the calibration of a rig from logs: what a replay of each has learnt about its errors, put together."""
+"""Refines the calibration of a rig from logs, by combining what a replay of each has learnt about its errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ def refine(
 ) -> RefinedRig:
     """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
 
-    The refinement that a calibration has already is left out: what is learnt replaces it. Raises ConfigError; LogError
+    A refinement that the calibration already has is ignored: what is learnt replaces it. Raises ConfigError; LogError
     also where the images show errors that are not learnt, such as exchanged cameras.
     """
     config = config or Config()
@@ -85,7 +85,7 @@ class _Latest:
 
 
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
-    """Delay and readout by independent runs; None where none is certain of either."""
+    """Return delay and readout by independent runs; None where no run is certain of either."""
     values, certain = [], False
     for term in (TERMS_OF_RIG.index(DELAY), TERMS_OF_RIG.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T

@@ -39,7 +39,7 @@ class ReplayResult:
 
     @property
     def problems(self) -> list[str]:
-        """Why the results cannot be trusted at all; empty for an ordinary run."""
+        """Why the results cannot be trusted at all; empty for a normal run."""
         problems: list[str] = self.summary["problems"]
         return problems
 
@@ -125,7 +125,7 @@ def replay(
 
 
 class _Replay:
-    """The lane of a replay, what watches it, and its result."""
+    """The lane of a replay, its sinks and checks, and its result."""
 
     def __init__(
         self,
@@ -145,13 +145,12 @@ class _Replay:
         self._calibration = None if config.mono else CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
-        self.starts_anew = not (
-            config.mono or self_test
-        )  # where the calibration changes: of one camera the unit would
+        # Where the calibration changes; not with one camera, whose unit of length would change, too.
+        self.starts_anew = not (config.mono or self_test)
         self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
-        """Make a map beside the estimates, from that of a file if one is `known`."""
+        """Make a map beside the estimates, starting from the file `known` if one is given."""
         from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
@@ -212,7 +211,7 @@ class _Replay:
     def _corrected(
         self, places: "PlaceMap", course: Course, truth: Truth
     ) -> tuple[Trajectory | None, dict[str, Any]]:
-        """The poses of the run in the world of its map, None where that has failed; and what it has found."""
+        """Return the run's poses in the world of its map, None where the map has failed, and its findings."""
         found: dict[str, Any] = {"keyframes": len(places), "loops": len(places.loops), "problem": places.problem}
         if places.problem:
             course.warnings.append(places.problem)
@@ -223,7 +222,7 @@ class _Replay:
         return corrected, found
 
     def _with_poses(self, truth: Truth, course: Course) -> tuple[Truth, list[str]]:
-        """The truth with its poses at the frames of the run; and why they are refused, if they are."""
+        """Return the truth with its poses at the frames of the run, and why they are refused, if they are."""
         stamps_ns = self.lane.record.stamps_ns
         try:
             poses = self._log.ground_truth() if len(stamps_ns) else None

@@ -57,7 +57,7 @@ class SelfTest:
                 self._compare(test, o.frame_index, a, b)
 
     def _compare(self, test: str, frame_index: int, a: Solution, b: Solution) -> None:
-        """Keep how far apart the motions of both halves are over each span, given what both together say of c.
+        """Record how far apart the motions of both halves are over each span, given their joint knowledge of c.
 
         Given c their errors are independent; what of c is not known counts as far as it moves them apart.
         """

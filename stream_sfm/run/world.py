@@ -1,4 +1,4 @@
-"""The one world of a run whose calibration changes: what each new map finds, placed where the camera was predicted."""
+"""One world for a run whose calibration changes: each new map is placed where the camera was predicted."""
 
 from dataclasses import fields, replace
 
@@ -29,12 +29,12 @@ class World:
         self._first_frame = self._first_id = self._next_id = 0
 
     def begin_anew(self, frames: int) -> None:
-        """The next estimate is the first one of a new estimator; the one before has had so many frames."""
+        """Begin a new estimator with the next estimate; the one before had so many frames."""
         self._begins = self._motion.started
         self._first_frame, self._first_id = self._first_frame + frames, self._next_id
 
     def place(self, estimate: FrameEstimate, observations: Observations) -> FrameEstimate:
-        """Return the estimate in this world, with numbers of frames and tracks that go on."""
+        """Return the estimate in this world, with frame and track numbers continued."""
         if self._begins:
             self._begins = False
             self._from_map, self._cov = self._motion.predict(estimate.stamp_ns)
