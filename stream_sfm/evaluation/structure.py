@@ -78,7 +78,7 @@ def structure_errors(
 
 
 class StructureComparison:
-    """Accumulates the depth errors of a run; neither depth images nor single errors are kept."""
+    """Accumulates the depth errors of a run without keeping depth images or single errors."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera

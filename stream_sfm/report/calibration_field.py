@@ -20,7 +20,7 @@ _LEAST_SCALE_PX = 0.1  # error in the strongest colour, at least, so that neglig
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CalibrationError:
-    """What the images have told about the calibration: `numbers` as the section `rig` of summary.json.
+    """What the images have shown about the calibration: `numbers` as the section `rig` of summary.json.
 
     `disparity_px` (rows, columns): the error of the disparity of far points over the left image, with `std_px`.
     """

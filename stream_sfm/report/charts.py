@@ -17,8 +17,8 @@ from .traces import Trace, broken
 from .verdict import NEES_INTERVAL, REFERENCE
 
 Traces = dict[str, Trace]
-_LEAST_NEES = 0.1  # drawn: the first poses are exact by definition
-_COINCIDE = 0.02  # of the path's extent: eight pixels of a chart
+_LEAST_NEES = 0.1  # least value drawn: the first poses are exact by definition
+_COINCIDE = 0.02  # share of the path's extent: eight pixels of a chart
 _MOST_LIVES = 1200  # lines; more cannot be told apart
 
 Looks = Callable[[str], Look]

@@ -1,4 +1,4 @@
-"""What all methods of a comparison share: tracks, times, gaps, and how far CC and WC points differ."""
+"""What all methods of a comparison share: tracks, times, gaps, and the distance of CC and WC points."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from ..observer import Observed
 from ..types import Frame, FrameEstimate
 
-_GAP = 1.6  # times the median of the latest steps in time; chosen by hand, one lost frame makes it 2
+_GAP = 1.6  # gap, in median steps of the latest frames; chosen by hand: one lost frame makes it 2
 _STEPS = 50  # frames over which the median is taken
 
 

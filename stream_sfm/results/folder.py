@@ -115,7 +115,7 @@ def changed_results(folder: Path, config: Config) -> list[Path]:
 
 
 def close_all(sinks: Iterable[Sink]) -> None:
-    """Close every sink, even after one has failed; the first failure is raised in the end."""
+    """Close every sink, even after one has failed; the first failure is raised at the end."""
     failures: list[Exception] = []
     for sink in sinks:
         try:

@@ -167,7 +167,7 @@ def _of(part: CommonErrors | RelativeMotions | None, name: str) -> Any:
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:
-    """Return what an ESTIMATE holds, with the ids, points and covariances of another message if they are given.
+    """Return the content of an ESTIMATE, with the ids, points and covariances of another message if given.
 
     Points in the world, those that have left the view, and times per stage are left out.
     """

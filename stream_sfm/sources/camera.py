@@ -1,6 +1,6 @@
 """A camera as a recording that grows while it is read: messages of the log profile, as they would be recorded.
 
-So live estimates are made as those of a replay are, and what is recorded beside them is replayed to the same bytes.
+So live estimates are made exactly as in a replay, and the recording made beside them replays to the same bytes.
 """
 
 import threading
@@ -20,12 +20,12 @@ from .devices import Device
 from .profile import ProfileEncoder
 from .source import Contents, Source
 
-_LAST_PICTURE_S = 6.0  # to wait for it at the end: the packages of makers wait five
-WAITING_PAIRS = 4  # of pictures; an older one is left out, because a late estimate is of no use live
+_LAST_PICTURE_S = 6.0  # longest wait for it at the end: the makers' packages wait five
+WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
 
 
 class Recorder(Protocol):
-    """What every picture is recorded with, also those that are left out."""
+    """What records every picture, including those that are left out."""
 
     def write(self, message: Message) -> None:
         """Append one message."""
@@ -89,7 +89,7 @@ class CameraSource(Source):
 
 
 class _Grabber:
-    """A thread that takes every picture as it comes, records it, and keeps the newest for whoever asks."""
+    """A thread that takes every picture as it comes, records it, and keeps the newest ones for the reader."""
 
     def __init__(self, device: Device, encoder: ProfileEncoder, recorder: Recorder | None) -> None:
         self._device, self._encoder, self._recorder = device, encoder, recorder
@@ -129,7 +129,7 @@ class _Grabber:
     def _take(self, stamp_ns: int, *images: np.ndarray) -> None:
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             return  # the same picture once more
-        if self._stopped:  # a camera that has not come back before the recording was finished
+        if self._stopped:  # the camera answered only after the recording was finished
             return
         self._last_ns = stamp_ns
         messages: list[Message] = []

@@ -1,7 +1,7 @@
 """Recordings that are folders: KITTI, EuRoC, TartanAir, folders of images or videos of left and right.
 
-What a folder is tell the folders of its two cameras, and files that a data set has beside them. To add a data set: a
-line in `LAYOUTS`, and the function that opens it.
+A folder is recognised by the folders of its two cameras, and by files that a data set has beside them. To add a data
+set: a line in `LAYOUTS`, and the function that opens it.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/d
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
 _EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # folders from mav0, where one for all cameras may be
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
-# All cameras of TartanAir are alike, and parallel.
+# All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 # Columns: the camera's right, down and forward in the axes of TartanAir's poses, x forward, y right, z down.
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
@@ -51,7 +51,7 @@ class Layout(NamedTuple):
     files: Sequence[str] = ()
 
     def has_sides(self, folder: Path) -> bool:
-        """Whether a folder has those of left and right; of images alone, with images."""
+        """Return whether a folder has those of left and right; where these hold images alone, with images."""
         # `isdir`, as that of a Path raises OSError where a name is too long
         inside = all(isdir(folder / side) for side in self.sides)
         return inside and (bool(self.files) or all(images_in(folder / side) for side in self.sides))
@@ -62,7 +62,7 @@ class Layout(NamedTuple):
 
 
 def open_folder(folder: Path) -> Source | None:
-    """The recording in a folder; None where it is laid out like none. Raises LogError, ConfigError."""
+    """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout)
     videos = _videos(folder)
@@ -92,7 +92,7 @@ def open_euroc(folder: Path) -> ImageFilesSource:
 
 
 def _known(folder: Path, name: str, content: str) -> Layout:
-    """The layout of this data set that a folder has. Raises LogError."""
+    """Return the layout of this data set that fits a folder. Raises LogError."""
     for layout in LAYOUTS:
         if layout.name.startswith(name) and layout.has_sides(folder):
             if layout.fits(folder):

@@ -20,8 +20,8 @@ from ..geometry import se3
 Image = NDArray[np.uint8]
 Grab = Callable[[], tuple[int, Image, Image] | None]
 _RATE_HZ = 30
-_OAK_SIZE = 640, 400  # half of what its sensors have, binned
-_WAIT_MS = 5000  # for a picture; a camera that gives none for so long has gone
+_OAK_SIZE = 640, 400  # half the resolution of its sensors, binned
+_WAIT_MS = 5000  # longest wait for a picture; a camera that gives none for so long is gone
 
 
 class Device(NamedTuple):

@@ -54,7 +54,7 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def problem(data: bytes) -> str:
-    """Why a compressed image must not be handed to a decoder, empty where it may.
+    """Say why a compressed image must not be handed to a decoder; empty where it may.
 
     Decoders reserve the memory that a PNG's chunk declares before they look whether it is there, and go over a JPEG
     as often as it has scans.
@@ -82,7 +82,7 @@ def problem(data: bytes) -> str:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """From the frame header: segments (marker, length, content) are skipped until it comes."""
+    """Read the size from the frame header; the segments before it (marker, length, content) are skipped."""
     at = 2
     while data[at] == 0xFF:
         marker = data[at + 1]
@@ -102,7 +102,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _webp_size(data: bytes) -> tuple[int, int] | None:
-    """From the first chunk: lossy, lossless or extended."""
+    """Read the size from the first chunk: lossy, lossless or extended."""
     if data[12:16] == b"VP8 ":
         width, height = struct.unpack_from("<HH", data, 26)
         return width & 0x3FFF, height & 0x3FFF

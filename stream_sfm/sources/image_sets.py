@@ -19,7 +19,7 @@ _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
 _MAX_RATE_HZ = 1e6
 DEFAULT_RATE_HZ = 10.0
-_MOST_ALONE = 0.5  # of all numbers on one side only: more, and the numbers are not those of frames
+_MOST_ALONE = 0.5  # share of all numbers found on one side only, beyond which they are not frame numbers
 
 
 def open_images(
@@ -67,7 +67,7 @@ def _stamped(times: Sequence[int], files: Sequence[Path]) -> list[ImageFile]:
 
 
 def first_image(patterns: str | Sequence[str]) -> Path | None:
-    """One of the files of a side, which tells the size of all; None where there is none."""
+    """Return one file of a side, which gives the size of all; None where there is none."""
     try:
         return _matches("left", patterns)[0]
     except LogError:
@@ -108,7 +108,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
 
 
 def _named_stamps(files: Sequence[Path]) -> list[int] | None:
-    """The stamps that the names of the files are, ascending; None where they are not stamps."""
+    """Return the stamps by which the files are named, ascending; None where the names are not stamps."""
     stamps = []
     for file in files:
         name = file.stem

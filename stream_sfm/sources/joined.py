@@ -1,4 +1,4 @@
-"""Several files that are one recording: the splits of a bag, or files that were recorded at the same time."""
+"""Several files that form one recording: the splits of a bag, or files that were recorded at the same time."""
 
 import heapq
 from collections import deque
@@ -117,7 +117,7 @@ class JoinedSource(Source):
 
 
 def _decompressed(data: bytes) -> bytes | str:
-    """The content of a message, or why there is none."""
+    """Return the content of a message, or why it has none."""
     try:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content: bytes = reader.read(MAX_RECORD_BYTES + 1)

@@ -30,7 +30,7 @@ class McapSource(LogFile, Source):
         return Contents(channels, index.start_ns, index.end_ns)
 
     def drop_unverified_index(self) -> bool:
-        """See `Source`: such an index may be what is wrong where a recording seems unusable."""
+        """See `Source`: where a recording seems unusable, such an index may be the cause."""
         if self.index is None or self.index.checksummed:
             return False
         self.index = None

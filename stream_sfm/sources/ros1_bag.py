@@ -32,7 +32,7 @@ _MAX_HEADER_BYTES = 2**16  # the fields of one record, a few dozen bytes
 _MAX_INDEXED = 2**20  # connections and chunks: a recording of a terabyte has fewer
 _MAX_DEFINITIONS_BYTES = 64 * 2**20  # of all connections, which are kept while a bag is read
 _CONNECTION_BYTES = 2**10  # overhead of each
-_FREE_BYTES = 2**32  # that small chunks may expand to in all: under a minute of bzip2
+_FREE_BYTES = 2**32  # total size that small chunks may expand to: under a minute of bzip2
 
 
 class _Record(NamedTuple):

@@ -24,7 +24,7 @@ from .source import Contents, Source
 
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
-_MAX_ROWS = 2**13  # that are read of topics and definitions; robots have hundreds
+_MAX_ROWS = 2**13  # rows that are read of topics and definitions; robots have hundreds
 # Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
 _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
@@ -120,7 +120,7 @@ class SqliteBagSource(Source):
         return channels
 
     def contents(self) -> Contents | None:
-        """Counted in the table of messages, whose images need not be read for it; None where that is damaged."""
+        """Counted in the table of messages, without reading their images; None where it is damaged."""
         counts: dict[int, int] = {}
         spans_ns: list[int] = []
         query = (
