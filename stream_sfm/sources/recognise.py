@@ -1,7 +1,8 @@
-"""Finds out by its content what a path is, and opens the source that reads it; that is imported only then."""
+"""Finds out by its content what a path is, and opens the source that reads it."""
 
 import os
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -10,17 +11,26 @@ from ..errors import LogError
 from ..inputs import open_regular
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..wording import some_of
+from . import ros1_bag, sqlite_bag
+from .data_sets import is_data_set, open_folder
 from .mcap import McapSource
+from .rosbag2 import METADATA, bag_files, open_rosbag2
 from .source import Source
+from .video import VideoSource
 
+# The first bytes of the files that can be opened.
+_FILES: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+    (MCAP_MAGIC, McapSource),
+    (b"#ROSBAG", ros1_bag.Ros1BagSource),
+    (sqlite_bag.MAGIC, sqlite_bag.SqliteBagSource),
+)
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _START_BYTES = 16
-_SQLITE = b"SQLite format 3\0"
-_RESULT, _METADATA = "estimates.mcap", "metadata.yaml"  # of a run, and of a bag of ROS 2
+_RESULT = "estimates.mcap"  # of a run
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
     "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
@@ -47,9 +57,7 @@ def is_recording(path: Path) -> bool:
         return path.name.removesuffix(".zstd").endswith(SUFFIXES)
     if (path / _RESULT).is_file():  # a bag as well, but of estimates
         return False
-    from .data_sets import is_data_set
-
-    if (path / _METADATA).is_file() or is_data_set(path):
+    if (path / METADATA).is_file() or is_data_set(path):
         return True
     # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.
     files = [p.name for p in path.iterdir() if p.is_file()]
@@ -63,17 +71,10 @@ def _open_file(path: Path) -> Source:
             end = _end(stream)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from None
-    if start.startswith(MCAP_MAGIC):
-        return McapSource(path)
-    if start.startswith(b"#ROSBAG"):
-        from .ros1_bag import Ros1BagSource
-
-        return Ros1BagSource(path)
-    if start.startswith(_SQLITE):
-        from .sqlite_bag import SqliteBagSource
-
-        return SqliteBagSource(path)
-    if path.name == _METADATA:
+    for magic, source in _FILES:
+        if start.startswith(magic):
+            return source(path)
+    if path.name == METADATA:
         return _open_folder(path.parent)
     if end == MCAP_MAGIC:  # whose start is damaged
         return McapSource(path)
@@ -81,8 +82,6 @@ def _open_file(path: Path) -> Source:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
     if _is_video(start):
-        from .video import VideoSource
-
         return VideoSource(path)
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
@@ -101,11 +100,8 @@ def _is_video(start: bytes) -> bool:
 
 
 def _open_folder(path: Path) -> Source:
-    from .data_sets import open_folder
-    from .rosbag2 import bag_files, open_rosbag2
-
     try:
-        if (path / _METADATA).is_file():
+        if (path / METADATA).is_file():
             return open_rosbag2(path)
         if (found := open_folder(path)) is not None:
             return found

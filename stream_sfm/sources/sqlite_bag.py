@@ -22,6 +22,7 @@ from ..mcap_file.message import MAX_NAME, MAX_ROS_DEFINITION, Channel, Message
 from ..mcap_file.records import MAX_RECORD_BYTES
 from .source import Contents, Source
 
+MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
 _MAX_ROWS = 2**13  # rows that are read of topics and definitions; robots have hundreds
