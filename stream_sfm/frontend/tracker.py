@@ -286,13 +286,12 @@ def _advance(
     else:
         now = update_depths(projection, now, z_px, cov_px)
     now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
-    agreed = candidates.before.agreed[views.found]
-    ambiguity, other, settled = state.ambiguity.after(motion, agreed, rival)
-    found, start = _found(setup, candidates.before.keep(views.found), views, motion), state.start
-    if other is None:  # otherwise it is said already that the motion may be that of a body
-        tracks = candidates.before.keep(views.found)
+    before, start = candidates.before.keep(views.found), state.start
+    ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)
+    found = _found(setup, before, views, motion)
+    if other is None and not start.is_over:  # of another motion it is said already that it may be that of a body
         # what lies before the points that agree may move by itself, and says nothing about them
-        counts = motion.accepted | (depth_order(tracks, tracks.keep(motion.accepted)) >= 0)
+        counts = motion.accepted | (depth_order(before, before.keep(motion.accepted)) >= 0)
         start = start.after(found.ids[counts], motion.accepted[counts])
     state = replace(
         state,
