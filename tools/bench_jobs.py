@@ -5,9 +5,6 @@ Each job imports what it needs and no more: the loop and the floor pay for readi
 python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
 """
 
-import contextlib
-import ctypes
-import gc
 import json
 import os
 import resource
@@ -19,10 +16,9 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if len(sys.argv) > 1 and sys.argv[1] in ("replay", "step", "scaled", "window"):  # as the command line sets it
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-    gc.set_threshold(100_000)
-    with contextlib.suppress(OSError, TypeError, AttributeError):  # not glibc
-        ctypes.CDLL(None).mallopt(-8, 1)  # M_ARENA_MAX
+    from stream_sfm.cli.process import settle
+
+    settle()
 
 import cv2
 import numpy as np

@@ -4,9 +4,7 @@ A command is a function beside this file: its signature is its options, its docs
 in the functions, so that `--help` answers at once.
 """
 
-import ctypes
 import errno
-import gc
 import inspect as inspect_module
 import io
 import logging
@@ -30,6 +28,7 @@ from .evaluate import evaluate
 from .import_ import import_
 from .inspect import inspect
 from .live import live
+from .process import settle
 from .recover import recover
 from .refine import refine
 from .replay import replay
@@ -59,9 +58,6 @@ _EXIT_CODES = (
     "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
     "With --debug, every command prints the traceback of an error as well."
 )
-# Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
-_ALLOCATIONS_PER_COLLECTION = 100_000
-_M_ARENA_MAX = -8  # of glibc's mallopt
 # Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
@@ -103,15 +99,7 @@ def _unwrap(app: App) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    # One thread for small matrices and some hundred small patches: waiting threads cost more than they save, and the
-    # numbers are the same on every machine. Left and right are decoded in threads of their own.
-    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        if not os.environ.get(variable, "").isdecimal():  # OpenCV refuses to work with anything else
-            os.environ[variable] = "1"
-    if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
-        del os.environ["SOURCE_DATE_EPOCH"]
-    gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
-    _share_one_heap()
+    settle()
     _open_missing_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
@@ -125,12 +113,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
         _discard(sys.stdout, sys.stderr)
         return ExitCode.DONE
-
-
-def _share_one_heap() -> None:
-    """Let all threads allocate from one heap: glibc gives each its own, which together keep 7 MiB of free memory."""
-    with suppress(OSError, TypeError, AttributeError):  # another C library, which has no such thing
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
 
 
 def _open_missing_streams() -> None:

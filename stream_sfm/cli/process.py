@@ -1,0 +1,27 @@
+"""How the process of a command computes: threads, garbage collection, heap. Set before NumPy and OpenCV are loaded."""
+
+import ctypes
+import gc
+import os
+from contextlib import suppress
+
+# Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
+_ALLOCATIONS_PER_COLLECTION = 100_000
+_M_ARENA_MAX = -8  # of glibc's mallopt
+
+
+def settle() -> None:
+    """Compute in one thread, unless the environment says otherwise, and in one heap.
+
+    One thread for small matrices and some hundred small patches: waiting threads cost more than they save, and the
+    numbers are the same on every machine. Left and right are decoded in threads of their own; glibc would give each of
+    them a heap, which together keep 7 MiB of free memory.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        if not os.environ.get(variable, "").isdecimal():  # OpenCV refuses to work with anything else
+            os.environ[variable] = "1"
+    if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
+        del os.environ["SOURCE_DATE_EPOCH"]
+    gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
+    with suppress(OSError, TypeError, AttributeError):  # another C library, which has no such thing
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
