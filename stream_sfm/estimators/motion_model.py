@@ -9,9 +9,8 @@ from ..config import MotionConfig
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-_BUILD_UP_S = (
-    1.0  # an unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start
-)
+# An unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start.
+_BUILD_UP_S = 1.0
 # A camera whose images were held back, or that was put elsewhere, is as uncertain as after this time without images.
 # Of a car that is 30 m, two standard deviations.
 _HELD_BACK_S = 3.0

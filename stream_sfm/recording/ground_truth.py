@@ -36,10 +36,7 @@ def truth_topic(survey: Survey) -> str | None:
 
 
 def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
-    """Return the poses on `topic` as `world_from_cam`, ascending in time;
-
-    None, with a warning, where none can be used.
-    """
+    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, where none can be used."""
     decoder = MessageDecoder(source.path)
     stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
     other_frames: set[str] = set()

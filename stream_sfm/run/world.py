@@ -29,7 +29,7 @@ class World:
         self._first_frame = self._first_id = self._next_id = 0
 
     def begin_anew(self, frames: int) -> None:
-        """Begin a new estimator with the next estimate; the one before had so many frames."""
+        """Expect the first estimate of a new estimator, which follows `frames` of the one before."""
         self._begins = self._motion.started
         self._first_frame, self._first_id = self._first_frame + frames, self._next_id
 
