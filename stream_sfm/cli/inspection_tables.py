@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
-from .printing import number, output_width, print_notes, print_table
+from .printing import number, print_notes
+from .tables import output_width, print_table
 
 _MAX_TOPICS = 200  # shown; --json lists all
 _MAX_GAPS = 5  # listed; more would hide the rest of the table

@@ -62,8 +62,8 @@ _EXIT_CODES = (
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
-def build_app() -> App:
-    """The application with all commands."""
+def build_app(words: Sequence[str] = ()) -> App:
+    """The application with all commands, and with the one that installs completions where `words` may ask for it."""
     app = App(
         name="stream-sfm",
         help="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
@@ -83,7 +83,8 @@ def build_app() -> App:
             app.command(command)
         else:
             app.command(command, name=name, help_epilogue="", sort_key=key)
-    app.register_install_completion_command(help="Install completion for your shell.")
+    if not words or words[0].startswith("-"):
+        app.register_install_completion_command(help="Install completion for your shell.")
     _unwrap(app)
     return app
 
@@ -109,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = [word for word in words if word != "--debug"]
     try:
         with _logging_to_stderr():
-            return _run(build_app(), words, debug)
+            return _run(build_app(words), words, debug)
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
         _discard(sys.stdout, sys.stderr)
         return ExitCode.DONE

@@ -24,7 +24,8 @@ def recover(
         log: the damaged MCAP file
     """
     from ..importers.recover import recover as recover_file
-    from .printing import print_json, print_notes, print_table
+    from .printing import print_json, print_notes
+    from .tables import print_table
 
     done = recover_file(log, out, overwrite=force)
     others = {"attachments": done.attachments, "metadata": done.metadata}

@@ -115,13 +115,14 @@ def viewers(log: "StereoLog", mono: bool, rrd: str | None, view: bool) -> "list[
 def print_result(result: "ReplayResult", json: bool, quiet: bool, verbose: bool) -> None:
     if json or not quiet or not result.summary["complete"]:
         from .printing import print_json, print_notes
-        from .summaries import print_summary
 
         if not quiet or not result.summary["complete"]:
             print_notes("warning", result.summary["warnings"])
         if json:
             print_json({**result.summary, "out": str(result.out_dir)})
         elif not quiet:
+            from .summaries import print_summary
+
             print_summary(result.summary, result.out_dir, stages=verbose)
     for problem in result.problems:
         print_error(problem)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from .printing import print_table
+from .tables import print_table
 
 _PIPED_WIDTH = 160  # columns: the table of rates has six, some of them sentences
 Table = tuple[str, Sequence[str], Sequence[Sequence[str]]]  # title, headings, rows

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from .inspection_tables import broken_at
-from .printing import factors_text, number, print_table
+from .printing import factors_text, number
+from .tables import print_table
 
 # Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
 _ERRORS = {

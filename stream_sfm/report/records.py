@@ -183,8 +183,9 @@ def quantiles(values: Any) -> dict[str, float] | None:
     """Median, 95th percentile and maximum of some values; None where there are none."""
     if not len(values):
         return None
-    p50, p95 = np.quantile(values, [0.5, 0.95])
-    return {"p50": float(p50), "p95": float(p95), "max": float(np.max(values))}
+    ordered = np.sort(values)  # np.quantile imports masked arrays
+    p50, p95 = np.interp(np.array([0.5, 0.95]) * (len(ordered) - 1), np.arange(len(ordered)), ordered)
+    return {"p50": float(p50), "p95": float(p95), "max": float(ordered[-1])}
 
 
 def _median_sigma(estimate: FrameEstimate) -> float:

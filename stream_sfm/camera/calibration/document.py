@@ -2,11 +2,8 @@
 
 import re
 import reprlib
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +14,7 @@ from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...inputs import check_text, check_values, parse_toml
+from ...record import record
 from ..known_timing import KnownTiming
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import Refinement
@@ -34,7 +32,7 @@ _YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
 _ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Document:
     """The content of one file; `name` is its path, for messages."""
 
@@ -188,6 +186,9 @@ def _load_toml(content: bytes, name: str) -> dict[str, Any]:
 
 def _load_npz(content: bytes, name: str) -> dict[str, Any]:
     """Arrays that np.savez has written; nothing in them is executed."""
+    import zipfile
+    import zlib
+
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
