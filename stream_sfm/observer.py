@@ -5,7 +5,7 @@
 
 import logging
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
+from .record import record
 from .rig_model.terms import TERMS
 from .types import (
     CommonErrors,
@@ -47,7 +48,7 @@ from .types import (
 _MIN_INTERVAL_NS = 10_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class Observed:
     """The observations of one frame, and the milliseconds of each stage that led to them."""
 

@@ -4,8 +4,6 @@ The range of disparities is found on a small copy of the pair; semi-global match
 (Hirschmüller 2008, OpenCV) finds the disparity to the nearest pixel; `refine` adds the fraction and the σ.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 from ..config import DenseConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from .refine import refine
 
 Grey = NDArray[np.uint8]
@@ -27,7 +26,7 @@ _MAX_SLOPE = 1.0  # pixels per pixel; a steeper disparity is an edge
 _SUBDIVISIONS = 16  # of a pixel, in OpenCV's fixed-point disparities
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class DisparityMap:
     """Disparities of the pixels of the rectified left image, (h, w) float32, NaN where unknown.
 

@@ -7,7 +7,6 @@ Under equal methods intervals exclude equality as often as they say; `tests/eval
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..record import record
 
 _BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stable interval
 _SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
@@ -32,7 +32,7 @@ _HALVINGS = 10
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Interval:
     """A value and its 95 % interval."""
 

@@ -7,8 +7,6 @@ true depth along the same viewing ray, in metres. A depth image reveals errors a
 hardly any sideways error on a surface that faces the camera.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,7 @@ from ..camera.lens import project_into_image
 from ..camera.models import Camera
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH
+from ..record import record
 from ..types import FrameEstimate
 
 _HALF = 2  # the patch is 5×5
@@ -29,7 +28,7 @@ _BINS = np.geomspace(1e-6, 1e3, 2100)  # 1 % apart: of metres or of σ, gives me
 _MANY_SIGMAS = 3.0  # 0.27 % of Gaussian errors are larger
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class StructureErrors:
     """Depth errors (m,) of the points of one frame, and their estimated standard deviations (m,); metres."""
 

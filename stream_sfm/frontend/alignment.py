@@ -5,7 +5,7 @@ What a track is aligned with in the right image, if there is one, is said where 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..config import FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
+from ..record import record
 from .noise import ViewNoise
 from .prepared import PreparedImages
 from .templates import Patches, TemplateAtlas
@@ -23,7 +24,7 @@ from .valid_area import contains, valid_area
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Candidates:
     """Tracks (n) whose patches should be in a new frame, as a rough motion predicts them.
 
@@ -55,7 +56,7 @@ class Candidates:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class AlignedViews:
     """Views of candidates (n): which were `found` (n,), at least on the left; `z_px` (n, 4), NaN where the right side
     was not found; `cov_px` (n, 4, 4). `any_row_px` (n, 4): the same, including right sides that miss their row."""
@@ -76,7 +77,7 @@ class AlignedViews:
         return replace(self, z_px=z_px)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class LeftViews:
     """Left sides of views (n): positions `at_px` (n, 2), deviation `error_grey` (n,) of the grey differences that are
     left, which were `found` (n,), and the `patches` that were aligned."""
@@ -87,7 +88,7 @@ class LeftViews:
     patches: Patches
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TemplateAligner:
     """Templates of one size, and the search for them in new images.
 

@@ -6,7 +6,7 @@ tracks that have begun meanwhile have a full history at least. Where the scene r
 until something is in view that does not.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
+from ..record import record
 from .tracks import FULL_HISTORY
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class AmbiguityMemory:
     """The latest alternative motion, as its difference from the one followed, `other_from_first` (4, 4).
 

@@ -5,12 +5,13 @@ warp, the lens model, and most of all a depth edge within the patch. How far apa
 are matched shows how large it may be. It moves the point, not the motion, and no number of views averages it out.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from ..record import record
 
 # σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
 # structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
@@ -18,7 +19,7 @@ MIN_BIAS_PX = 0.04
 _REMEMBERED = 20_000  # points remembered, the latest; one older than all of them is given `MIN_BIAS_PX`
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class DisparityBias:
     """What was learnt when points `ids` (n,), ascending, were begun: `stds_px` (n,); at least `least_px`."""
 

@@ -4,7 +4,7 @@ Where hardly any are found, in front of a bare wall, what faint texture there is
 grey value are corners too, once thirty pixels are averaged into one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS, StereoProjection
+from ..record import record
 from .alignment import WIDE, TemplateAligner
 from .corners import corner_strength, detect
 from .prepared import PreparedImages
@@ -50,7 +51,7 @@ def renews(frame_index: int) -> bool:
     return frame_index % _RENEWAL_PERIOD == 0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Matches:
     """Corners `left_px` (n, 2), whole pixels, with the slots (n,) of their templates; their matches `right_px` (n, 2);
     all in pixels of the templates until `_correct_rows`. `gradients` (n, 2, 2) of the templates; `error_grey` (n,);

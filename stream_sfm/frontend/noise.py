@@ -6,12 +6,13 @@ after smoothing. What the patch cannot know (perspective, interpolation, the len
 factor for all views.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
+from ..record import record
 
 # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect match.
 _FLOOR_PX = 0.03
@@ -32,7 +33,7 @@ _UNKNOWN_ERROR_GREY = 255.0  # of a side that was not found: its covariance is l
 _DAMPING, _MIN_GRADIENT = 1e-3, 1e-6
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ViewNoise:
     """Covariances of views by templates of half width `radius_px` image pixels, whose pixels are `scale` of them wide.
 

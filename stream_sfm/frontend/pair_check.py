@@ -7,7 +7,7 @@ half of them are not, the motion is ambiguous until points from before are found
 everything has long fitted together anew: then all tracks are dropped, and a new map begins.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
+from ..record import record
 from .image_checks import frozen
 from .prepared import PreparedImages
 from .rows import Rows
@@ -38,7 +39,7 @@ _SAME_PLACE = 0.03
 _MAX_FACTOR = 4.0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Found:
     """The tracks `ids` (n,) that were found in a frame: `points` (n, 4) in the camera before with `cov_points`, their
     views `z_px` (n, 4) with `cov_px`, half widths `radius_px` (n,) of their patches, and the `motion` that was found
@@ -53,7 +54,7 @@ class Found:
     motion: Resection
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PairFit:
     """Of the tracks `ids` (n,) that were found in a frame and should be in the right image, too: which agree with its
     motion in the `left` image (n,), and which in `both` (n,)."""
@@ -80,7 +81,7 @@ class PairFit:
         return cls(found.ids[inside], left[inside], both[inside])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PairCheck:
     """What the frames so far have shown: `problem` says what is wrong, or is empty.
 

@@ -10,13 +10,14 @@ that, which decays by `_DECAY` per frame. From the model follows what the n-th v
 before it have said, eqs. (68) and (69).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.medians import median
 from ..geometry.se3 import Array
+from ..record import record
 
 # Autocorrelation of row differences over 1 to 20 frames of four real and five rendered logs falls by 0.88 to 0.98 per
 # frame (`python -m tools.track_errors LOG...`).
@@ -31,7 +32,7 @@ _MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as i
 _MAX_AGE = 60  # views; by then information grows at a steady rate
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Persistence:
     """The estimated ratio of persistent to white variance, and the tracks of the latest frame.
 

@@ -9,7 +9,7 @@ A frame whose turn is unusual is estimated from the left image: the depths of it
 three such frames in a row have shown the same turn, it is taken out of everything that is measured on the right.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..rig_model.terms import TERMS, terms_of_turn
@@ -44,7 +45,7 @@ _GATE = 0.999  # share of good views that agree
 _STD_TURN_RAD = 3e-3
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Turn:
     """A turn of the right camera about its x, y and z, `rad` (3,), with `cov` (3, 3).
 
@@ -89,7 +90,7 @@ def root_of_turn(rig: RigModel) -> Array:
     return rig.root_of_turn(_STD_TURN_RAD)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RightTurn:
     """The turn `rad` (3,) of the right camera since its calibration; right views are corrected for it."""
 
@@ -112,7 +113,7 @@ class RightTurn:
         return np.asarray(effects_of_turn(self.projection, right_px) @ self.rad)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TurnWatch:
     """Statistics of a run's turns: the covariance `usual` (3, 3) of ordinary ones, learnt from so many `frames`.
 

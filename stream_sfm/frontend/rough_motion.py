@@ -6,7 +6,6 @@ the size of patches.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from ..geometry.medians import median
 from ..geometry.resection import MIN_VIEWS, resect
 from ..geometry.se3 import Array
+from ..record import record
 from .alignment import Aligners, split
 from .flow import as_exposed, track, track_wide
 from .prepared import PreparedImages
@@ -34,7 +34,7 @@ _MORE_LEVELS = 3
 _ZOOMS = (1.4, 1 / 1.4)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RoughMotion:
     """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, which of them `agree`
     (n,) with it, and the `share` of the found ones that do."""

@@ -7,7 +7,7 @@ motion, so all of that is one linear Gaussian filter, and the size of the field 
 Only new matches count: a point's later views repeat its first error.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ..geometry.linear import symmetric, symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from ..rig_model.field import field_over
 from ..rig_model.sizes import log_evidence
 
@@ -37,7 +38,7 @@ _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Rows:
     """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
 

@@ -5,11 +5,12 @@ so, because they begin where points are missing, and the background is there. As
 motion may be that of a body; once they agree, the start is redone from there.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..record import record
 from .tracks import FULL_HISTORY
 
 # Share of the new points found again that agree: .93 and more in the first frames of calm scenes, .68 to .77 in a
@@ -17,7 +18,7 @@ from .tracks import FULL_HISTORY
 _CALM_SHARE = 0.8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class StartCheck:
     """What new points have shown since the start, older ones counting less: how many were `found`, and `agreed`.
 

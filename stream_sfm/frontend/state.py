@@ -1,6 +1,6 @@
 """What the front-end knows between two frames: one record, which a step replaces and never changes."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from ..camera.pixels import FEWEST_BITS
 from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_bias import DisparityBias
@@ -37,7 +38,7 @@ class Setup(NamedTuple):
         return np.array([motion.std_acceleration_m_s2, motion.std_angular_acceleration_rad_s2])
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class FrontEndState:
     """The state between two frames; nothing in it is ever written to.
 

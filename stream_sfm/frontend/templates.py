@@ -5,13 +5,14 @@ that. The template's own noise moves the point once and for all, which harms nob
 pose, depth and slope predict (`warps.py`), then found by Gauss-Newton (`core/patches.cpp`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.se3 import Array
+from ..record import record
 from .warps import facing
 
 Grey = NDArray[np.float32]
@@ -23,7 +24,7 @@ _BEYOND = 2  # the window, for its derivatives and interpolation, px
 _MIN_AREA = 0.2
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Patches:
     """Warped templates (n), ready to be aligned with an image.
 
@@ -66,7 +67,7 @@ class Patches:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TemplateAtlas:
     """Patches (slots, side, side) of all tracks by slot.
 

@@ -6,7 +6,7 @@ about delay and readout is taken out of the views before any motion is sought; i
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from ..camera.known_timing import KnownTiming
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from ..rig_model.sizes import probability
 from ..rig_model.velocities import TimedViews, timing_unknowns
 
 _STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Timing:
     """Delay and readout: `mean` (2,) s with `cov` (2, 2); `std` (2,): what is assumed of them beforehand.
 

@@ -5,7 +5,7 @@ jointly and gate them, learn the noise, advance. Depths come from the right imag
 parallax of one camera (`mono/parallax.py`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from ..rig_model.velocities import principal
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
@@ -45,7 +46,7 @@ _JUMP = 4.0  # standard deviations of what the assumed acceleration does to a mo
 _MAX_GAP_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Followed:
     """What following the tracks gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances
     `cov_px` (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`:
@@ -69,7 +70,7 @@ class Followed:
         return replace(self, z_px=self.z_px[rows], cov_px=self.cov_px[rows])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
     their points; `weight`: of all tracks that should have been found; `unknown_px` (n, 4, j): as `Timing.unknowns`."""

@@ -1,6 +1,6 @@
 """The table of live tracks: one row per point, ascending ids."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
+from ..record import record
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
@@ -20,7 +21,7 @@ def takes_all(rows: NDArray[Any] | slice) -> bool:
     return rows == slice(None) if isinstance(rows, slice) else rows.dtype == bool and bool(rows.all())
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Tracks:
     """Rows (n) of one array each.
 

@@ -6,12 +6,13 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`motion_search.py`), and it is looked whether the views that disagree have another motion in common.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..record import record
 from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
 from .se3 import Array
@@ -33,7 +34,7 @@ BEYOND = 2.0  # gates: views that are clearly not of the first motion
 MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SecondMotion:
     """A second motion, `cam_from_ref` (4, 4), which views share that clearly disagree with the first one.
 
@@ -52,7 +53,7 @@ class SecondMotion:
         return self.odds >= _AMBIGUOUS_SHARE
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Resection:
     """The motion that brings points onto their views.
 

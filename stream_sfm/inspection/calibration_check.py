@@ -1,7 +1,6 @@
 """Checks a calibration against images: matched corners must lie on one row once rectified."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
@@ -13,6 +12,7 @@ from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..geometry.medians import MAD_TO_STD, median
 from ..geometry.se3 import Array
+from ..record import record
 
 _FEATURES = 1000  # ORB corners per image: some hundred of them match in an ordinary scene
 _MAX_HAMMING = 40  # of 256 bits between two ORB descriptors that match; random ones differ by 128 ± 8
@@ -31,7 +31,7 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
 Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left image and in the right one
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class CalibrationCheck:
     """The matches of a few frames in pixels of rectified images; NaN where there are too few.
 

@@ -1,13 +1,14 @@
 """Messages as they are stored, of MCAP and of every other container, with what describes their bytes."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from ..record import record
 
 MAX_NAME = 2**12  # characters of a name: of a topic, a type, a coordinate frame, an encoding
 MAX_ROS_DEFINITION = 2**15  # bytes of a type with its parts; nav_msgs/Odometry, the longest that is read, has 8 kB
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class Channel:
     """What describes the bytes of a message: its topic, its encoding and its schema.
 

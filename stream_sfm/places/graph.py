@@ -10,7 +10,6 @@ prediction could not exclude another place are judged together with all others b
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from ..geometry import se3
 from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
 from ..motion import Motion
+from ..record import record
 from .chain import growth
 
 try:
@@ -45,7 +45,7 @@ def require_gtsam() -> None:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class Loop:
     """A place seen again: `motion` carries points of node `new` to node `old`."""
 
@@ -54,7 +54,7 @@ class Loop:
     motion: Motion
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class GraphState:
     """A graph as it is kept in a file: of each node (n) its number, segment, home, pose (n, 4, 4) and the covariance
     (n, 6, 6) of its pose by odometry alone; odometry between nodes, and loops."""

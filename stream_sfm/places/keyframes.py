@@ -5,7 +5,6 @@ points that give the exact motion: those that the engine reports, and features w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from ..frontend.templates import TemplateAtlas
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 
 Image = NDArray[np.uint8]
 MAX_POINTS = 150  # with patches; an engine reports 60 to 140 of 200 on most sample logs, 20 on bare walls
@@ -29,7 +29,7 @@ _MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
 _FEATURE_STD_PX = 0.3  # of the flow from left to right
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Keyframe:
     """What is kept of one frame; points, features and pixels are in axes of the rectified left camera.
 

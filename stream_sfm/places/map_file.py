@@ -6,6 +6,7 @@ row. Topics: `/places/map`, once, and first; then `/places/keyframe` and `/place
 
 import json
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ def save_map(
         rig = _numbers(projection), rect_from_cam.ravel().tolist()
         write(MapRecord(SCHEMA_VERSION, __version__, len(keyframes), len(motions), *rig))
         for k, frame in enumerate(keyframes):
-            kept: dict[str, Any] = {name: getattr(frame, name) for name in frame.__slots__}
+            kept: dict[str, Any] = {f.name: getattr(frame, f.name) for f in fields(frame)}
             kept |= {"world_from_cam": state.poses[k], "cov_odometry": state.covs[k]}
             kept |= {"number": state.numbers[k], "segment": state.segments[k], "home": state.homes[k]}
             arrays = {name: x.tobytes() for name, x in kept.items() if isinstance(x, np.ndarray)}

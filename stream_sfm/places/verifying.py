@@ -6,7 +6,6 @@ error of a loop is 13.6 mm after PnP, 6.8 mm with patches that are not warped, 2
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..motion import Motion
+from ..record import record
 from .finding import MAX_ANGLE_RAD, MAX_OFFSET_DEPTHS
 from .keyframes import RADIUS_PX, Image, Keyframe, smoothed, templates
 
@@ -36,7 +36,7 @@ _STD_PX = 0.2  # of a view: the patch's plane faces the camera here, its slope i
 _EDGE_ON = 1e-3  # area of a pixel of the old view in the new one
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class Seen:
     """The newest keyframe with its rectified images."""
 

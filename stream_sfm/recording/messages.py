@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +13,7 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import INT64
 from ..mcap_file.message import MAX_NAME, Channel, Message
+from ..record import record
 from .message_limits import MAX_REPEATED_BYTES, decode_json
 
 T = TypeVar("T")
@@ -41,7 +41,7 @@ class UndecodableMessage(Exception):
     """One message does not fit its schema; the next one may."""
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@record
 class ImageMessage:
     """One image as recorded, not decoded.
 
@@ -65,7 +65,7 @@ class ImageMessage:
         return f"<ImageMessage {self.topic} at {self.stamp_ns} ns, {self.encoding}, {len(self.data)} bytes>"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class CalibrationMessage:
     """A camera's calibration in the ROS sense: `K` (3, 3), `R` (3, 3), `P` (3, 4), `D`, as sent."""
 
@@ -88,7 +88,7 @@ class CalibrationMessage:
         return found + (["the distortion model"] if self.distortion_model != other.distortion_model else [])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PoseMessage:
     """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty where the message names none."""
 

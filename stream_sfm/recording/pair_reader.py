@@ -8,6 +8,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
+from ..record import record
 from ..sources.source import Source
 from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
@@ -17,7 +18,7 @@ from .pairing import Pairer
 _USUAL_UNPAIRED = 2
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@record
 class StereoPair:
     """Two images of one moment as recorded, not decoded; with one camera, the same image twice.
 

@@ -7,7 +7,6 @@ does. Images that are rectified, by the name of their topic, are pinholes with P
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..mcap_file.damage import Damage
+from ..record import record
 from ..sources.source import Source
 from .images import image_size
 from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
@@ -32,7 +32,7 @@ ATTACHMENT = "calibration.toml"
 REMEDY = "give the calibration of these cameras"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class FoundRig:
     """A rig and, for people, where it comes from (`origin`); `sent`: the messages that it was made of, if it was."""
 

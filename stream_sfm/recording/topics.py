@@ -8,10 +8,10 @@ missing), grey before colour, uncompressed before compressed. Anything else is t
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import LogError
+from ..record import record
 from ..wording import some_of
 
 _NOT_A_CAMERA = re.compile(
@@ -33,7 +33,7 @@ _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PairChoice:
     """The topics chosen for the two cameras, and the reason."""
 

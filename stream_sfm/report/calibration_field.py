@@ -1,6 +1,5 @@
 """The calibration error found in the images: as numbers, as a sentence, and as a picture over the image."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from ..camera.refinement import TERMS, disparity_rms_px
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import DELAY, FOCAL, READOUT
@@ -18,7 +18,7 @@ _TELLING = 0.1  # relative error of a distance: the sentence says from which dis
 _LEAST_SCALE_PX = 0.1  # error in the strongest colour, at least, so that negligible errors stay pale
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class CalibrationError:
     """What the images have shown about the calibration: `numbers` as the section `rig` of summary.json.
 

@@ -7,12 +7,13 @@ colours that stand for them. It is imported when a page is drawn.
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
+
+from ..record import record
 
 WIDTH, HEIGHT = 480, 270
 _VARIABLES = ("c1", "c2", "c4", "c6", "other", "truth", "ink", "soft", "axis", "line", "ok", "lost", "card")
@@ -25,7 +26,7 @@ _MANY_TICKS = 300  # of the ends of a logarithmic axis: from here on only powers
 _TEXT_PX, _CHARACTER_PX, _LABEL_PX = 11, 6.6, 13  # size of the text; a label's width per character, and its height
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Series:
     """One line of a chart; NaN breaks it.
 
@@ -41,7 +42,7 @@ class Series:
     quiet: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Chart:
     """One chart: `marks` (x) are vertical lines, `expected` the y between which values should be, shaded.
 

@@ -1,7 +1,5 @@
 """The errors of every frame, as they are drawn; the figures themselves come from `evaluation`."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,10 +7,11 @@ from ..evaluation.association import matched
 from ..evaluation.trajectory import distances_m, from_first_camera, nees_pose
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..record import record
 from ..types import Trajectory
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Trace:
     """One method against ground truth, in the k frames that have one, first poses aligned.
 

@@ -1,18 +1,17 @@
 """What a run has found out about its rig's errors: numbers, and the sentences that they make."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..camera.refinement import TERMS as LENS_TERMS
 from ..camera.refinement import Refinement
 from ..geometry.se3 import Array
+from ..record import record
 from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class RigEstimate:
     """What is known about the errors of the rig: `mean` (m,) with covariance `cov` (m, m), taken out of all views.
 

@@ -1,7 +1,7 @@
 """The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from ..config import RigConfig
 from ..geometry.linear import product
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import record
 from .estimate import CERTAIN, RigEstimate
 from .field import Field, field_over
 from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
@@ -23,7 +24,7 @@ _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 _FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class RigEffects:
     """What amplitudes (m,) of 1 do to n views, px: `terms` (n, 4, t), and of the field its basis (n, K) alone.
 
@@ -63,7 +64,7 @@ class RigEffects:
         return np.asarray(self.terms @ amplitudes[:own] + self.field @ parts.T @ self.moves.T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record
 class RigModel:
     """Errors of a rig as amplitudes (m,): those of the `TERMS` first, then those of the field's three parts, px.
 

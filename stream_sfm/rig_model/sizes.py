@@ -5,13 +5,13 @@ likelihood is a Gaussian of information Λ = C⁻¹ − diag(s⁻²) and weighte
 compared, without looking at a view again.
 """
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from .. import core
 from ..geometry.se3 import Array
+from ..record import record
 from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
 # Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
@@ -38,7 +38,7 @@ _COUNTS = 0.25
 _MAX_ODDS = 500.0  # log odds: exp stays finite
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Mixture:
     """Errors c as a mixture over what may be exactly zero: `mean` (m,), `cov` (m, m) and `p_wrong`, that c is not 0."""
 

@@ -3,7 +3,6 @@
 import heapq
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..geometry.se3 import Array
 from ..inputs import read_small
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
+from ..record import record
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder
 from .source import Contents, Source
@@ -23,7 +23,7 @@ from .source import Contents, Source
 _MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ImageFile:
     """An image on disk and its stamp."""
 

@@ -17,7 +17,7 @@ def after(check: StartCheck, frames: int, agree: float) -> StartCheck:
 def test_a_calm_start_is_taken_for_good() -> None:
     check = after(StartCheck(), FULL_HISTORY, 0.95)
     assert check.is_over and not check.doubted
-    assert after(check, 5, 0.0) == check  # bodies that come later have the history against them
+    assert after(check, 5, 0.0) is check  # bodies that come later have the history against them
 
 
 def test_new_points_that_disagree_are_doubts_until_the_next_ones_have_agreed_for_long() -> None:

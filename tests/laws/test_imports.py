@@ -14,7 +14,7 @@ ROOT = Path(stream_sfm.__file__).parent
 # From the ground up: a room imports from lines above its own, and from itself. Rooms of one line know nothing of each
 # other. A new room needs a place here.
 LAYERS = (
-    ("errors", "__version__"),
+    ("errors", "record", "__version__"),
     ("inputs", "outputs"),
     ("core",),
     ("geometry", "blas", "files", "interrupts", "executors", "wording"),

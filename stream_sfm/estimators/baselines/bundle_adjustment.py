@@ -6,8 +6,6 @@ single points. With A = ∂z/∂X at the point in the camera and R of cam_from_r
 Points are eliminated: S = U − W V⁻¹ Wᵀ (Triggs et al., Bundle Adjustment: A Modern Synthesis, section 6.1).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,13 +14,14 @@ from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
+from ...record import record
 
 _MAX_HALVINGS = 8  # of a step that does not lower the sum of squares: starts are near the minimum
 _ROUNDING = 1e-14  # relative increase of the sum of squares that is rounding of the sum and not a failure
 _LEAST_DECREASE = 1e-12  # squared standard deviations: converged, where an exact fit leaves nothing to compare with
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class WeightedViews:
     """Stereo views as flat rows, sorted by point.
 
@@ -45,7 +44,7 @@ class WeightedViews:
         return cls(frame[order], point[order], np.nan_to_num(z), information_of_views(z, cov))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PointPriors:
     """Independent Gaussian priors of points: `mean` (p, 3) m, `information` (p, 3, 3) m⁻², zero for none."""
 
@@ -85,7 +84,7 @@ def cost(
     return total, squares
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Reduced:
     """The normal equations without the points, S = U − W V⁻¹ Wᵀ (n, n), and their right side `g` (n,).
 
@@ -157,7 +156,7 @@ class Reduced:
         return Covariances(self.free, cov, symmetric(cov_points), -cross)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Covariances:
     """The joint covariance of the unknowns of `Reduced` (n, n), and of every point with them.
 
@@ -193,7 +192,7 @@ class Covariances:
         return symmetric(cov)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Adjustment:
     """The minimum: poses (b, 4, 4), points (p, 3), the sum of squares and the part of each view (k,)."""
 

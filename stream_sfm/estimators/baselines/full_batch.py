@@ -7,7 +7,6 @@ of two neighbouring frames. The rig's errors c ~ N(0, I) move all views by `Obse
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,12 @@ from ...camera.refinement import TERMS
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...record import record
 from ...types import Observations
 from .bundle_adjustment import Reduced, WeightedViews, residuals_and_jacobians
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bound:
     """The covariances of the best unbiased estimate from frames 0 … n.
 

@@ -1,6 +1,6 @@
 """The map of a per-point window: its frames, its points, and one Gaussian prior per point."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from ...geometry import se3
 from ...geometry.gates import chi2_gates
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...record import record
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
@@ -19,7 +20,7 @@ from .per_point_priors import Leaving, LeavingRule
 _TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PerPointFrame:
     """A frame of the window: its pose, whether that is held, and its accepted views of points of the map."""
 

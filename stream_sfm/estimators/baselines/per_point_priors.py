@@ -4,7 +4,6 @@ Each rule takes a `Leaving` frame and returns `CarriedPriors`, in the world (WC)
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +11,11 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...record import record
 from .bundle_adjustment import PointPriors, Reduced, WeightedViews, residuals_and_jacobians
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Leaving:
     """The oldest frame of a window, and the points (p) that it sees or that have a prior.
 
@@ -32,7 +32,7 @@ class Leaving:
     views: WeightedViews
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class CarriedPriors:
     """Priors of the same points in a new reference: `new_from_ref` (4, 4) is cam_from_ref, or None where ref stays."""
 

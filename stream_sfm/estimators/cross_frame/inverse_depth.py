@@ -9,7 +9,7 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from ...geometry import se3
 from ...geometry.linear import matvec
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...record import record
 from ...rig_model.model import RigEffects
 
 Q_COLUMNS = np.array([0, 1, 3])  # of a homogeneous point: what q moves
@@ -73,7 +74,7 @@ def metric_jacobian(points: Array) -> Array:
     return j
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class WhitenedViews:
     """The views of a window as flat rows.
 
@@ -125,7 +126,7 @@ class WhitenedViews:
         return replace(self[rows], point=at[rows])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class NormalBlocks:
     """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
 

@@ -4,7 +4,7 @@ Both come from the same joint covariance of poses, points and world, so they are
 and (38), and eqs. (39)–(41).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
+from ...record import record
 from ..lifecycle import WorldPoints
 from .normal_equations import System
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Marginals:
     """Marginal estimates of the newest pose and of all points of the map (n).
 

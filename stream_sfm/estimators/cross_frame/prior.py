@@ -17,7 +17,7 @@ relinearised in world coordinates, and unobservable directions stay unobservable
 of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky, symmetric
 from ...geometry.se3 import Array
+from ...record import record
 from .inverse_depth import NormalBlocks, homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
 from .rig_knowledge import RigKnowledge
 
@@ -37,7 +38,7 @@ _ORIGIN_VARIANCE = 1e-12
 _MIN_MODE_VARIANCE = 1e-2
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Prior:
     """Gaussian knowledge of N points and of the world.
 

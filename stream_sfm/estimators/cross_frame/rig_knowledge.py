@@ -6,13 +6,14 @@ counts in every covariance with the mixture's own. So an exact calibration is no
 As c stays in the joint state, its prior can be exchanged for one of another size at any time, and nothing is lost.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
+from ...record import record
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import TERMS
@@ -23,7 +24,7 @@ _IMPOSSIBLE = 20.0
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RigKnowledge:
     """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I).
 

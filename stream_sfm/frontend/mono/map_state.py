@@ -1,13 +1,14 @@
 """How far the map of one camera has come."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from ...geometry.se3 import Array
+from ...record import record
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class MapState:
     """Part of `FrontEndState` that a pair does not need.
 

@@ -5,8 +5,6 @@ five degrees of freedom that are observable refine it. |t| = 1: the first baseli
 A scene that is one plane allows two motions; the one with more points in front is taken.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
+from ...record import record
 from .parallax import depths_from_motion, directions
 
 _MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
@@ -30,7 +29,7 @@ _MIN_DEPTH = 0.05
 _ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TwoView:
     """The motion between two views of one camera, and the depths that it shows.
 
