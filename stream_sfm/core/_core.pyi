@@ -24,6 +24,9 @@ def unfilter_png(filtered: NDArray[np.uint8], pixel: int) -> NDArray[np.uint8]:
     Raises ValueError for a filter that does not exist.
     """
 
+def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
+    """Return which of `ids` (n,) are in `known`, which is ascending."""
+
 def sample_weights(radius_px: int, spacing_px: int) -> Grey:
     """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
 
@@ -255,6 +258,12 @@ def pose_exp(xi: Array) -> Array:
 
 def pose_log(poses: Array) -> Array:
     """Return the tangents (n, 6) of poses (n, 4, 4); the inverse of `pose_exp`."""
+
+def pose_inverse(poses: Array) -> Array:
+    """Return the inverses of poses (n, 4, 4)."""
+
+def pose_adjoint(poses: Array) -> Array:
+    """Return Ad(T) (n, 6, 6) of poses (n, 4, 4), eq. (4)."""
 
 def rotation_vectors(rotations: Array) -> Array:
     """Return rotation vectors (n, 3) of norm ≤ π of rotation matrices (n, 3, 3)."""

@@ -99,6 +99,7 @@ NB_MODULE(_core, m) {
     m.def("match_along_rows", &match_along_rows_of<std::uint8_t>, nb::arg().noconvert(), nb::arg().noconvert(), nb::arg(),
           nb::arg(), nb::arg());
     m.def("match_along_rows", &match_along_rows_of<float>);
+    m.def("among", [](const Rows& ids, const Rows& known) { return numpy(among(view(ids), view(known))); });
     m.def("sample_weights", [](int radius, int spacing) { return numpy(sample_weights(radius, spacing)); });
     m.def("store_patches",
           [](nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const Grey& grey,
@@ -197,6 +198,8 @@ NB_MODULE(_core, m) {
     });
     m.def("pose_exp", [](const Floats& xi) { return numpy(unlocked([&] { return pose_exp(view(xi)); })); });
     m.def("pose_log", [](const Blocks& poses) { return numpy(unlocked([&] { return pose_log(view(poses)); })); });
+    m.def("pose_inverse", [](const Blocks& poses) { return numpy(unlocked([&] { return pose_inverse(view(poses)); })); });
+    m.def("pose_adjoint", [](const Blocks& poses) { return numpy(unlocked([&] { return pose_adjoint(view(poses)); })); });
     m.def("rotation_vectors", [](const Blocks& r) { return numpy(unlocked([&] { return rotation_vectors(view(r)); })); });
     m.def("quaternions", [](const Blocks& r) { return numpy(unlocked([&] { return quaternions(view(r)); })); });
     m.def("orthonormalise", [](const Blocks& poses) { return numpy(unlocked([&] { return orthonormalise(view(poses)); })); });

@@ -92,6 +92,42 @@ Array<double, 2> pose_log(const View<double, 3>& poses) {
     return result;
 }
 
+Array<double, 3> pose_inverse(const View<double, 3>& poses) {
+    std::size_t n = poses.shape[0];
+    require_shape(poses, {n, 4, 4}, "pose");
+    Array<double, 3> result({n, 4, 4});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* pose = poses[i];
+        double* out = result[i];
+        for (int row = 0; row < 3; row++) {
+            for (int k = 0; k < 3; k++) out[4 * row + k] = pose[4 * k + row];
+            out[4 * row + 3] = -(pose[row] * pose[3] + pose[4 + row] * pose[7] + pose[8 + row] * pose[11]);
+        }
+        out[15] = 1;
+    }
+    return result;
+}
+
+Array<double, 3> pose_adjoint(const View<double, 3>& poses) {
+    std::size_t n = poses.shape[0];
+    require_shape(poses, {n, 4, 4}, "pose");
+    Array<double, 3> result({n, 6, 6});
+    for (std::size_t i = 0; i < n; i++) {
+        const double *pose = poses[i], x = pose[3], y = pose[7], z = pose[11];
+        double* out = result[i];
+        for (int k = 0; k < 3; k++) {  // column by column: t × r
+            double a = pose[k], b = pose[4 + k], c = pose[8 + k];
+            out[k] = out[21 + k] = a;
+            out[6 + k] = out[27 + k] = b;
+            out[12 + k] = out[33 + k] = c;
+            out[3 + k] = y * c - z * b;
+            out[9 + k] = z * a - x * c;
+            out[15 + k] = x * b - y * a;
+        }
+    }
+    return result;
+}
+
 Array<double, 2> rotation_vectors(const View<double, 3>& rotations) {
     std::size_t n = rotations.shape[0];
     require_shape(rotations, {n, 3, 3}, "rotation_matrix");

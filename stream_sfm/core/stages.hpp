@@ -36,6 +36,9 @@ Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const V
 AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
 
+// ids.cpp
+Array<bool, 1> among(const Indices& ids, const Indices& known);
+
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(const View<std::uint8_t, 2>& filtered, std::size_t pixel);
 
@@ -116,6 +119,8 @@ Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
 // poses.cpp
 Array<double, 3> pose_exp(const View<double, 2>& xi);
 Array<double, 2> pose_log(const View<double, 3>& poses);
+Array<double, 3> pose_inverse(const View<double, 3>& poses);
+Array<double, 3> pose_adjoint(const View<double, 3>& poses);
 Array<double, 2> rotation_vectors(const View<double, 3>& rotations);
 Array<double, 2> quaternions(const View<double, 3>& rotations);
 Array<double, 3> orthonormalise(const View<double, 3>& poses);

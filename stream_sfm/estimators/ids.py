@@ -3,16 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
+
 Ids = NDArray[np.int64]
 
 
 def among(ids: Ids, known: Ids) -> NDArray[np.bool_]:
-    """Return which of `ids` (n,) are in `known` (ascending): np.isin in a sixth of its time for a few hundred ids."""
-    if not len(known):
-        return np.zeros(len(ids), bool)
-    at = np.searchsorted(known, ids)
-    at[at == len(known)] = 0
-    return np.asarray(known[at] == ids)
+    """Return which of `ids` (n,) are in `known`, which is ascending."""
+    return core.among(ids, known)
 
 
 def union(*sets: Ids) -> Ids:

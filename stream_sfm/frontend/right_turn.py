@@ -159,42 +159,31 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, 1))
-        if self._log_bayes_factor(turn, cov_expected) > 0:
+        if self._odds(turn, cov_expected)[0] > 0:
             turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, _STEPS))
-        if not self._is_unusual(turn, cov_expected):
-            return self._learnt(turn, cov_expected), None
+        log_factor, chi2 = self._odds(turn, cov_expected)
+        possible = self.projection.f_px * np.linalg.norm(turn.rad) < _MAX_TURN_PX and turn.agree.mean() > _AGREE
+        stands_out = bool(log_factor > -np.log(_KNOCKS) and possible)
+        if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
+            return self._learnt(turn, stands_out, chi2), None
         agree = np.zeros(len(z_px), bool)
         agree[seen] = turn.agree
         turn = replace(turn, agree=agree)
         return replace(self, unusual=(*self.unusual, turn)), turn
 
-    def _is_unusual(self, turn: Turn, cov_expected: Array) -> bool:
-        """Return whether a turn stands out, and unusual ones have not gone on for too long."""
-        return len(self.unusual) < _PATIENCE_FRAMES and self._stands_out(turn, cov_expected)
-
-    def _stands_out(self, turn: Turn, cov_expected: Array) -> bool:
-        """Return whether a turn is larger than usual, possible, and supported by most of the views."""
-        px = self.projection.f_px * float(np.linalg.norm(turn.rad))
-        knocked = self._log_bayes_factor(turn, cov_expected) > -np.log(_KNOCKS)
-        return knocked and px < _MAX_TURN_PX and bool(turn.agree.mean() > _AGREE)
-
-    def _learnt(self, turn: Turn, cov_expected: Array) -> "TurnWatch":
-        """Return the watch after a frame whose turn counts as usual."""
+    def _learnt(self, turn: Turn, stands_out: bool, chi2: float) -> "TurnWatch":
+        """Return the watch after a frame whose turn counts as usual, although it may stand out."""
         square = np.outer(turn.rad, turn.rad)
-        if self._stands_out(turn, cov_expected):
+        if stands_out:
             return replace(self, usual=self.usual + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)
-        chi2 = self._chi2(turn, cov_expected)
         counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
 
-    def _log_bayes_factor(self, turn: Turn, cov_expected: Array) -> float:
-        """How much more likely a turn is by a knock than by what is usual, by two Gaussians; the logarithm."""
+    def _odds(self, turn: Turn, cov_expected: Array) -> tuple[float, float]:
+        """By how much likelier a turn is by a knock than by what is usual, a logarithm, eq. (72f); χ² of the latter."""
         usual = turn.cov + self.usual + cov_expected
-        knock = usual + _STD_TURN_RAD**2 * np.eye(3)
-        chi2 = turn.rad @ (np.linalg.solve(usual, turn.rad) - np.linalg.solve(knock, turn.rad))
-        return float(chi2 - np.linalg.slogdet(knock)[1] + np.linalg.slogdet(usual)[1]) / 2
-
-    def _chi2(self, turn: Turn, cov_expected: Array) -> float:
-        cov = turn.cov + self.usual + cov_expected
-        return float(turn.rad @ np.linalg.solve(cov, turn.rad))
+        both = np.stack([usual, usual + _STD_TURN_RAD**2 * np.eye(3)])
+        chi2 = np.linalg.solve(both, np.broadcast_to(turn.rad[:, None], (2, 3, 1)))[..., 0] @ turn.rad
+        log_det = np.linalg.slogdet(both)[1]
+        return float(chi2[0] - chi2[1] + log_det[0] - log_det[1]) / 2, float(chi2[0])

@@ -84,23 +84,24 @@ def _align_right(
     return np.where(found[:, None], at_px, np.nan), error_grey
 
 
-def unknown_rows(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
-    """Return what is not known of the rows of views (n, 4) of homogeneous points (n, 4) with a twist: (n, 4, j) px."""
-    unknown = np.zeros((len(z_px), 4, len(rows.mean)))
-    unknown[:, 3] = rows.root(z_px[:, :2], row_speed(rows.projection, points, twist))
-    unknown[~np.isfinite(z_px[:, 2])] = 0.0
+def row_errors(rows: Rows, left_px: Array, points: Array, twist: Array) -> Array:
+    """Return what is not known of the rows of homogeneous points (n, 4) seen at left positions (n, 2): (n, k) px."""
+    return rows.root(left_px, row_speed(rows.projection, points, twist))
+
+
+def of_right_sides(errors: Array, z_px: Array) -> Array:
+    """Return errors (n, k) of rows as those of views (n, 4): their principal components (n, 4, j) px."""
+    unknown = np.zeros((len(z_px), 4, errors.shape[1]))
+    unknown[:, 3] = np.where(np.isfinite(z_px[:, 2:3]), errors, 0.0)
     return principal(unknown)
 
 
-def cov_of_rows_as_turn(rows: Rows, z_px: Array, points: Array, twist: Array) -> Array:
-    """Return the covariance (3, 3) of the apparent turn of the right camera that unknown rows cause.
-
-    Views and points as of `unknown_rows`.
-    """
+def cov_of_rows_as_turn(projection: StereoProjection, errors: Array, z_px: Array) -> Array:
+    """Return the covariance (3, 3) of the turn of the right camera that errors (n, k) of rows of views (n, 4) feign."""
     seen = np.isfinite(z_px[:, 2])
-    by_turn = effects_of_turn(rows.projection, z_px[seen, 2:]).reshape(-1, 3)
-    by_rows = unknown_rows(rows, z_px[seen], points[seen], twist)[:, 2:]
-    turns = np.linalg.lstsq(by_turn, by_rows.reshape(len(by_turn), by_rows.shape[2]), rcond=None)[0]
+    by_turn = effects_of_turn(projection, z_px[seen, 2:])
+    information = (by_turn.transpose(0, 2, 1) @ by_turn).sum(axis=0)
+    turns = np.linalg.lstsq(information, by_turn[:, 1].T @ errors[seen], rcond=None)[0]
     return np.asarray(turns @ turns.T)
 
 

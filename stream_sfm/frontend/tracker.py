@@ -29,7 +29,14 @@ from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .stereo_depth import align_in_both, cov_of_rows_as_turn, learn_rows, unknown_rows, update_depths
+from .stereo_depth import (
+    align_in_both,
+    cov_of_rows_as_turn,
+    learn_rows,
+    of_right_sides,
+    row_errors,
+    update_depths,
+)
 from .tracks import Tracks
 from .warps import anchor_from_now
 
@@ -73,12 +80,14 @@ class Followed:
 @record
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
-    their points; `weight`: of all tracks that should have been found; `unknown_px` (n, 4, j): as `Timing.unknowns`."""
+    their points; `weight`: of all tracks that should have been found; `row_errors_px` (n, k): of their right sides;
+    `unknown_px` (n, 4, j): as `Timing.unknowns`; None of an exact rig."""
 
     before: Tracks
     cov_points: Array
     weight: float
-    unknown_px: Array | None
+    row_errors_px: Array | None = None
+    unknown_px: Array | None = None
 
 
 def follow(
@@ -202,12 +211,16 @@ def _known(
     """What is known of the tracks that were found, for a motion (4, 4) near the true one."""
     before, now = candidates.before.keep(views.found), candidates.now.keep(views.found)
     cov_points = before.cov_points(setup.projection, drift(state.aligners, now, motion))
+    known = _Known(before, cov_points, float(candidates.before.weights.sum()))
+    if state.turn_watch is None:
+        return known
     std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
     unknown_px = state.timing.unknowns(before.points, now.points, candidates.twist, std_twist)
+    z_px = views.z_px[views.found]
+    errors_px = row_errors(state.rows_told, z_px[:, :2], now.points, candidates.twist)
     if unknown_px is not None:
-        of_rows = unknown_rows(state.rows_told, views.z_px[views.found], now.points, candidates.twist)
-        unknown_px = principal(np.concatenate([unknown_px, of_rows], axis=2))
-    return _Known(before, cov_points, float(candidates.before.weights.sum()), unknown_px)
+        unknown_px = principal(np.concatenate([unknown_px, of_right_sides(errors_px, z_px)], axis=2))
+    return replace(known, row_errors_px=errors_px, unknown_px=unknown_px)
 
 
 def _resect(
@@ -235,11 +248,11 @@ def _judge_turn(
     state: FrontEndState, known: _Known, views: AlignedViews, cam_from_previous: Array, twist: Array
 ) -> tuple[FrontEndState, Turn | None]:
     """The turn of the right camera that the frame shows, if it is an unusual one."""
-    if state.turn_watch is None:
+    if state.turn_watch is None or known.row_errors_px is None:
         return state, None
     z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
     points, cov_expected = known.before.points, state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
-    cov_expected += cov_of_rows_as_turn(state.rows_told, z_px, points, twist)
+    cov_expected += cov_of_rows_as_turn(state.turn_watch.projection, known.row_errors_px, z_px)
     watch, turn = state.turn_watch.judge(points, known.cov_points, z_px, cov_px, cam_from_previous, cov_expected)
     return replace(state, turn_watch=watch), turn
 

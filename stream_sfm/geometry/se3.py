@@ -71,18 +71,13 @@ def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Ar
 def inverse(pose: ArrayLike) -> Array:
     """Return the inverse of rigid motions (…, 4, 4)."""
     pose = np.asarray(pose, dtype=float)
-    r_t = np.swapaxes(pose[..., :3, :3], -1, -2)
-    return from_rotation_translation(r_t, -(r_t @ pose[..., :3, 3:])[..., 0])
+    return core.pose_inverse(pose.reshape(-1, 4, 4)).reshape(pose.shape)
 
 
 def adjoint(pose: ArrayLike) -> Array:
     """Return Ad(T) (…, 6, 6) of poses (…, 4, 4): T·Exp(ξ)·T⁻¹ = Exp(Ad(T) ξ), eq. (4) (Barfoot, eq. 8.40)."""
     pose = np.asarray(pose, dtype=float)
-    r, t = pose[..., :3, :3], pose[..., :3, 3]
-    ad = np.zeros((*pose.shape[:-2], 6, 6))
-    ad[..., :3, :3] = ad[..., 3:, 3:] = r
-    ad[..., :3, 3:] = skew(t) @ r
-    return ad
+    return core.pose_adjoint(pose.reshape(-1, 4, 4)).reshape(*pose.shape[:-2], 6, 6)
 
 
 def transform(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:

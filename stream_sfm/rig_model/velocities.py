@@ -77,7 +77,8 @@ class TimedViews:
     ) -> None:
         self._projection, self._points = projection, points_in_cam
         z_px, velocity = core.moving_views(projection.pinholes, points_in_cam, twist[None])
-        self._row = np.zeros(z_px.shape) if row_of is None else np.nan_to_num(row_of(z_px))
+        self._row = np.zeros(z_px.shape) if row_of is None else row_of(z_px)
+        self._row[np.isnan(self._row)] = 0.0  # of sides that were not seen
         self.columns = np.stack([velocity * _RIGHT_U, velocity * self._row], axis=2)
 
     @cached_property

@@ -99,7 +99,7 @@ class Map:
 
     def cams_from_ref(self) -> Array:
         """Return the poses (F, 4, 4) of the window."""
-        return np.stack([f.cam_from_ref for f in self.frames]) if self.frames else np.empty((0, 4, 4))
+        return np.array([f.cam_from_ref for f in self.frames]).reshape(-1, 4, 4)
 
     def views(self) -> WhitenedViews:
         """Return the used views of the window."""

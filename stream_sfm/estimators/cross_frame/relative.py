@@ -25,8 +25,8 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     system, newest = current.system, 6 * len(frames) - 6
     j = np.zeros((len(cams), 6, system.poses))
     j[:, :, newest : newest + 6] = -np.eye(6)
-    for row in range(1, len(cams)):
-        j[row, :, 6 * row - 6 : 6 * row] = se3.adjoint(se3.inverse(from_newest[row]))
+    for row, moved in enumerate(se3.adjoint(se3.inverse(from_newest[1:]))):
+        j[row + 1, :, 6 * row : 6 * row + 6] = moved
     half = product(j, system.root[: system.poses])
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
