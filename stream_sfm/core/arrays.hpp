@@ -48,6 +48,14 @@ inline void require(bool holds, const char* otherwise) {
     if (!holds) throw std::invalid_argument(otherwise);
 }
 
+// What Python sees as NumPy's LinAlgError.
+struct NotDefinite : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+inline void require_definite(bool holds, const char* otherwise) {
+    if (!holds) throw NotDefinite(otherwise);
+}
+
 // Shapes that must agree: `name` has `extents`.
 template <class T, std::size_t N>
 void require_shape(const View<T, N>& array, const std::array<std::size_t, N>& extents, const char* name) {

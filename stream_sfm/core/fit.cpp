@@ -36,7 +36,7 @@ class Fit {
     Fit(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes)
         : views(views), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
           shared(amplitudes.data, amplitudes.data + amplitudes.shape[0]), weights(n),
-          linear{Array<double, 3>({0, 4, 4}), Array<double, 3>({0, 4, 6}), true}, seen{Array<double, 3>({0, 0, 4}), Array<double, 2>({0, 0})} {}
+          linear{Array<double, 3>({0, 4, 4}), Array<double, 3>({0, 4, 6})}, seen{Array<double, 3>({0, 0, 4}), Array<double, 2>({0, 0})} {}
 
     // Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
     void anneal() {
@@ -57,7 +57,7 @@ class Fit {
     // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
     Fitted finish() {
         Fitted result{Array<double, 3>({1, 4, 4}), Array<double, 1>({size - 6}), Array<double, 2>({size, size}),
-                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false, true};
+                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false};
         bool* accepted = result.accepted.data.get();
         look();
         auto judge = [&] {
@@ -82,14 +82,12 @@ class Fit {
         result.determined = invert_information(information, size, result.cov.data.get());
         std::copy(squares(), squares() + n, result.squares.data.get());
         result.spread = spread_of(squares(), views.gate.data, n);
-        result.definite = definite;
         return result;
     }
 
     void linearise() {
         View<double, 2> at{motion.data(), {4, 4}};
         linear = linearise_views(views, at);
-        definite = definite && linear.definite;
     }
 
    private:
@@ -123,7 +121,6 @@ class Fit {
     std::vector<double> motion, shared, weights, information;
     LinearisedViews linear;
     ViewResiduals seen;
-    bool definite = true;
 };
 
 }  // namespace
@@ -149,7 +146,7 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen =
         view_residuals(views, {linear.root.data.get(), {all, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
-    Halves result{0.0, Array<double, 3>({6, 4, 4}), linear.definite};
+    Halves result{0.0, Array<double, 3>({6, 4, 4})};
     std::vector<std::size_t> rows;
     for (std::size_t i = 0; i < all; i++)
         if (accepted.data[i]) rows.push_back(i);

@@ -213,8 +213,9 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
     consider(wrong, lenses, found.weighted);
     for (std::size_t& i : found.zero) i += lenses;  // free rates and times would do for lenses, too
     double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses));
+    require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-std::min(std::max(log_odds, -MAX_ODDS), MAX_ODDS)));
-    Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p, std::isfinite(log_odds)};
+    Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p};
     Gaussian right{Numbers(m), Numbers(m * m)};
     if (!known_wrong) {
         Gaussian own = without(all, lens_and_field, considered);

@@ -1,5 +1,8 @@
-// The stages of the core, one file each; `_core.pyi` documents them as Python calls them.
+// The stages of the core, one file each; `_core.pyi` documents them as Python calls them. `parts` of a result are what Python is
+// given, in this order.
 #pragma once
+
+#include <tuple>
 
 #include "arrays.hpp"
 #include "image.hpp"
@@ -14,6 +17,7 @@ using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
 struct RowMatches {
     Array<double, 1> disparity;
     Array<bool, 1> unique;
+    auto parts() { return std::tie(disparity, unique); }
 };
 template <class T>  // float or std::uint8_t
 RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, std::int64_t first,
@@ -24,11 +28,13 @@ struct Patches {
     Array<float, 3> inverse;
     Array<double, 3> information;
     Array<float, 1> level;
+    auto parts() { return std::tie(inverse, information, level); }
 };
 struct AlignedPatches {
     Array<double, 2> at;
     Array<bool, 1> found;
     Array<double, 1> error;
+    auto parts() { return std::tie(at, found, error); }
 };
 Array<float, 1> sample_weights(int radius, int spacing);
 void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const Image& image, const Pixels& points, const Indices& slots);
@@ -50,11 +56,12 @@ Array<double, 2> disparity_slopes(const Image& left, const Image& right, const P
 struct LinearisedViews {
     Array<double, 3> root;
     Array<double, 3> jacobian;
-    bool definite;  // all covariances are
+    auto parts() { return std::tie(root, jacobian); }
 };
 struct ViewResiduals {
     Array<double, 3> residuals;
     Array<double, 2> squares;
+    auto parts() { return std::tie(residuals, squares); }
 };
 // Homogeneous points (n, 4) with covariances (none: exact) and their views; of each view a gate of its squared residual.
 struct PointViews {
@@ -83,13 +90,14 @@ struct Fitted {
     Array<bool, 1> accepted;
     Array<double, 1> squares;
     double spread;
-    bool determined, definite;
+    bool determined;
+    auto parts() { return std::tie(cam_from_ref, amplitudes, cov, accepted, squares, spread, determined); }
 };
 Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal);
 struct Halves {
     double apart;
     Array<double, 3> motions;
-    bool definite;
+    auto parts() { return std::tie(apart, motions); }
 };
 Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
                          const View<bool, 1>& accepted, double shared_noise);
@@ -99,7 +107,7 @@ struct FittedTurn {
     Array<double, 1> rad;
     Array<double, 2> cov;
     Array<bool, 1> agree;
-    bool definite;
+    auto parts() { return std::tie(rad, cov, agree); }
 };
 FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps);
 
@@ -112,6 +120,7 @@ Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<d
 Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
 struct MovingViews {
     Array<double, 2> z, velocity;
+    auto parts() { return std::tie(z, velocity); }
 };
 MovingViews moving_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
@@ -130,7 +139,7 @@ struct Mixture {
     Array<double, 1> mean;
     Array<double, 2> cov;
     double p_wrong;
-    bool finite;
+    auto parts() { return std::tie(mean, cov, p_wrong); }
 };
 Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
                     const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong);
@@ -156,6 +165,7 @@ struct NormalBlocks {
     Array<double, 2> g_pose, g_point, rig;
     Array<double, 3> rig_pose, rig_point;
     Array<double, 1> g_rig;
+    auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
 };
 Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<double, 3>& ref_from_anchor,
                                const View<double, 2>& q, const Indices& frame, const Indices& point);
@@ -168,7 +178,7 @@ struct WindowPoints {
 };
 struct EliminatedPoints {
     Array<double, 3> d_inverse, pull, std_given, reach;
-    bool definite;
+    auto parts() { return std::tie(d_inverse, pull, std_given, reach); }
 };
 EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w, const View<double, 3>& by_rig,
                                   const Indices& known, const View<double, 3>& cov, const View<double, 3>& modes);
@@ -185,6 +195,7 @@ struct PointMarginals {
     Array<double, 3> cov_points;
     Array<double, 2> points_in_world;
     Array<double, 3> cov_points_in_world;
+    auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world); }
 };
 PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& cov, const View<double, 2>& world_from_ref,
                                const View<double, 2>& cam_from_ref);

@@ -29,7 +29,7 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int 
     LinearisedViews linear = linearise_views(views, motion);
     Array<double, 1> none({0});
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
-    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n}), linear.definite};
+    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n})};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
@@ -61,7 +61,7 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int 
             information[a * (UNKNOWNS + 1)] += DAMPING * (information[a * (UNKNOWNS + 1)] + DAMPING);
         double factor[UNKNOWNS * UNKNOWNS];
         std::copy(information, information + UNKNOWNS * UNKNOWNS, factor);
-        if (!solve_positive(factor, step, UNKNOWNS)) result.definite = false;
+        require_definite(solve_positive(factor, step, UNKNOWNS), "the views do not determine a turn");
         for (std::size_t i = 0; i < n; i++) {
             squares[i] = 0;
             for (std::size_t row = 0; row < 4; row++) {

@@ -45,7 +45,7 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
     require_shape(shared, {n, 4, amplitudes}, "shared");
     require_shape(gate, {n}, "gate");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
-    LinearisedViews result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 4, columns}), true};
+    LinearisedViews result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 4, columns})};
     const double* motion = cam_from_ref.data;
     for (std::size_t i = 0; i < n; i++) {
         double p[4], a[16], noise[16], *root = result.root[i], *j = result.jacobian[i];
@@ -62,7 +62,7 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
             placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_STD_PX * MAX_PREDICTED_STD_PX;
             for (int k = 0; placed && k < 16; k++) noise[k] += predicted[k];
         }
-        if (!whitening(z[i], noise, root)) result.definite = false;
+        require_definite(whitening(z[i], noise, root), "a view's covariance is not positive definite");
         if (!placed) std::fill(root, root + 16, 0.0);
         double by_cam[16];
         multiply(root, a, by_cam);

@@ -206,7 +206,7 @@ EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3
     require(m <= k, "there are fewer modes than errors of the rig");
     std::size_t size = poses + k;
     EliminatedPoints result{Array<double, 3>({n, 3, 3}), Array<double, 3>({n, 3, k}), Array<double, 3>({points, 3, 3}),
-                            Array<double, 3>({points, 3, size}), true};
+                            Array<double, 3>({points, 3, size})};
     std::vector<double> information(v.data, v.data + 9 * points), cross(3 * size);
     std::vector<const double*> pull(points, nullptr);
     for (std::size_t i = 0; i < n; i++) {
@@ -222,7 +222,7 @@ EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3
     for (std::size_t at = 0; at < points; at++) {
         double given[9], *std_given = result.std_given[at];
         invert_positive<3>(information.data() + 9 * at, given);
-        if (!cholesky<3>(given, std_given)) result.definite = false;
+        require_definite(cholesky<3>(given, std_given), "the information about a point is not positive definite");
         for (std::size_t x = 0; x < 3; x++) {
             double* out = cross.data() + x * size;
             std::copy(w[at] + x * poses, w[at] + (x + 1) * poses, out);
