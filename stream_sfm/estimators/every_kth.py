@@ -31,12 +31,15 @@ class EveryKth:
         self._config = config
         self._last: Solution | None = None  # of the method
         self._newest_id = -1  # that the method has seen
+        self._begin_interval()
+
+    def _begin_interval(self) -> None:
+        """Forget what has come together since a frame of the method, which is the latest one."""
         self._between = 0  # frames since then
-        self._previous_from_last: Array | None = None  # motion from the method's last frame to the previous one
-        self._drift_ids = np.empty(0, np.int64)
-        self._var_drift_px = np.empty(0)
-        self._rig_change_roots: list[Array] = []  # since the method's last frame
-        self._settled = False  # since then
+        self._previous_from_last = np.eye(4)  # motion from the method's last frame to the previous one
+        self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
+        self._rig_change_roots: list[Array] = []
+        self._settled = False
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -52,9 +55,7 @@ class EveryKth:
         self._last = None if solution.status is Status.LOST else solution
         if len(observations.track_ids):
             self._newest_id = int(observations.track_ids[-1])
-        self._between, self._previous_from_last = 0, np.eye(4)
-        self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
-        self._rig_change_roots, self._settled = [], False
+        self._begin_interval()
         return solution
 
     def _accumulate(self, observations: Observations) -> None:
@@ -79,7 +80,7 @@ class EveryKth:
             rig = replace(rig, change_root=np.concatenate(roots, axis=1) if roots else None)
         if lasting.std_drift_px is not None:
             lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px))
-        if observations.cam_from_previous is not None and self._previous_from_last is not None:
+        if observations.cam_from_previous is not None:
             start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(
             observations,
@@ -95,7 +96,6 @@ class EveryKth:
         _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
         if len(rows) < self._config.robust.min_inliers:
             return None
-        start = np.eye(4) if self._previous_from_last is None else self._previous_from_last
         return initial_motion(
             self._projection,
             self._config.robust,
@@ -103,7 +103,7 @@ class EveryKth:
             rows,
             last.points_in_cam[known],
             last.cov_points[known],
-            start,
+            self._previous_from_last,
         )
 
     def _placed(self, last: Solution, observations: Observations, found: Resection) -> Solution:

@@ -24,16 +24,11 @@ _DEGRADED_SPREAD = 9.0
 
 
 class WorldPoints(NamedTuple):
-    """Points in the world: `ids` (k,), `points` (k, 3) m, `cov_points` (k, 3, 3) m²."""
+    """Points in one frame, the world as a rule: `ids` (k,), `points` (k, 3) m, `cov_points` (k, 3, 3) m²."""
 
     ids: NDArray[np.int64]
     points: Array
     cov_points: Array
-
-    @classmethod
-    def none(cls) -> "WorldPoints":
-        """Return an empty list."""
-        return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
 
     @classmethod
     def merge(cls, parts: Sequence["WorldPoints"]) -> "WorldPoints":
@@ -45,6 +40,10 @@ class WorldPoints(NamedTuple):
     def select(self, rows: NDArray[np.bool_]) -> "WorldPoints":
         """Return the points where the mask (k,) is true."""
         return WorldPoints(self.ids[rows], self.points[rows], self.cov_points[rows])
+
+
+class LostError(Exception):
+    """The frame has no motion; the message is the reason that the Solution gives."""
 
 
 def frame_status(
@@ -71,8 +70,18 @@ def _weaknesses(motion: Resection) -> list[str]:
     return reasons
 
 
-def recorded(motion: MotionModel, observations: Observations, solution: Solution) -> Solution:
-    """Give the pose of an estimated frame to the motion model, and return what is to be reported.
+def with_ended(solution: Solution, ended: WorldPoints) -> Solution:
+    """Return the solution of the frame with which these points left the estimator."""
+    return replace(
+        solution,
+        ended_ids=ended.ids,
+        ended_points_in_world=ended.points,
+        ended_cov_points_in_world=ended.cov_points,
+    )
+
+
+def recorded(motion: MotionModel, observations: Observations, solution: Solution, ended: WorldPoints) -> Solution:
+    """Give the pose of an estimated frame to the motion model, and return what is to be reported, with `ended` points.
 
     From images that do not fit each other the model learns nothing: until that ends it says where the camera may be,
     too, and the covariances of the pose and of the points in the world cover that; relative motions are not reported.
@@ -80,6 +89,7 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
+    solution = with_ended(solution, ended)
     if not observations.misfit:
         motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution
@@ -104,8 +114,7 @@ def lost_solution(
     ended: WorldPoints | None = None,
 ) -> Solution:
     """Return the Solution of a lost frame: a predicted pose and no structure."""
-    ended = WorldPoints.none() if ended is None else ended
-    return Solution(
+    solution = Solution(
         status=Status.LOST,
         reason=f"{reason}; {observations.note}" if observations.note else reason,
         world_from_cam=world_from_cam,
@@ -117,10 +126,8 @@ def lost_solution(
         cov_points_in_world=np.empty((0, 3, 3)),
         window_frame_indices=np.array([observations.frame_index], np.int64),
         window_world_from_cam=world_from_cam[None],
-        ended_ids=ended.ids,
-        ended_points_in_world=ended.points,
-        ended_cov_points_in_world=ended.cov_points,
     )
+    return solution if ended is None else with_ended(solution, ended)
 
 
 def first_solution(

@@ -11,17 +11,14 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from ...config import Config
 from ...geometry import se3
 from ...geometry.linear import symmetric
-from ...geometry.resection import Resection
 from ...geometry.se3 import Array
-from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
-from ...types import Observations, Solution, Status
-from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
-from ..motion_model import MotionModel
+from ...geometry.stereo import MIN_DEPTH, clamp_depth
+from ...types import Observations, Solution
+from ..lifecycle import WorldPoints, frame_status
 from ..triangulation import counted_cov, triangulate, usable_births
+from .baseline import Baseline
 
 # The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
@@ -29,41 +26,34 @@ from ..triangulation import counted_cov, triangulate, usable_births
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
-class Ekf:
+class Ekf(Baseline):
     """Joint covariance (6 + 3m, 6 + 3m) of the pose and the m visible points; world-centred."""
 
     name = "ekf"
+    _at_prediction = False  # where the update is linearised: otherwise at the resection
 
-    def __init__(self, projection: StereoProjection, config: Config) -> None:
-        self._projection = projection
-        self._config = config
-        self._motion = MotionModel(config.motion)
-        self._world_from_cam = np.eye(4)
-        self._ids = np.empty(0, np.int64)
-        self._points = np.empty((0, 3))  # in the world
-        self._cov = np.zeros((6, 6))
+    def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
+        self._world_from_cam, self._cov = first.world_from_cam, first.cov_pose
+        self._ids, self._points = np.empty(0, np.int64), np.empty((0, 3))  # points in the world
+        self._add(obs)
+        return self._in_world()
 
-    def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
-        obs, robust = observations, self._config.robust
-        if not len(self._ids):
-            return self._start(obs)
+    def _advance(self, obs: Observations, before: WorldPoints) -> tuple[Solution, WorldPoints]:
         ended = self._drop(np.isin(self._ids, obs.track_ids))
-        predicted, cov_predicted = self._motion.predict(obs.stamp_ns)
         rows = np.searchsorted(obs.track_ids, self._ids)
         if obs.lasting.std_drift_px is not None:  # part of the prediction, ahead of the gate
             self._let_drift(obs.lasting.std_drift_px[rows])
-        found = self._initial_motion(obs, rows, predicted)
-        if found is None:
-            ended = WorldPoints.merge([ended, self._drop(np.zeros(len(self._ids), bool))])
-            return lost_solution(obs, too_few_inliers(0, len(rows), robust), predicted, cov_predicted, ended)
-        world_from_resected = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
-        self._world_from_cam = self._linearisation_pose(world_from_resected, predicted)
+        self._structure = WorldPoints.merge([ended, self._in_world()])
+        found = self._initial_motion(obs, rows, *self._in_camera(), self._world_from_cam)
+        if self._at_prediction:
+            self._world_from_cam, _ = self._motion.predict(obs.stamp_ns)
+        else:
+            self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
         self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
         rejected = self._ids[~found.accepted]
         self._add(obs)
-        status, reason = frame_status(int(found.accepted.sum()), obs.note, robust, found)
+        status, reason = frame_status(int(found.accepted.sum()), obs.note, self._config.robust, found)
         in_cam, cov_in_cam = self._in_camera()
         solution = Solution(
             status=status,
@@ -78,34 +68,19 @@ class Ekf:
             window_frame_indices=np.array([obs.frame_index], np.int64),
             window_world_from_cam=self._world_from_cam[None],
             rejected_ids=rejected,
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
             iterations=1,
             nis=found.chi2,
             nis_dof=found.dof,
         )
-        return recorded(self._motion, obs, solution)
+        return solution, ended
 
-    def _start(self, obs: Observations) -> Solution:
-        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
-        if solution.status is Status.INITIALISING:
-            self._world_from_cam, self._cov = solution.world_from_cam, solution.cov_pose
-            self._add(obs)
-        return solution
-
-    def _initial_motion(self, obs: Observations, rows: NDArray[np.intp], predicted: Array) -> Resection | None:
-        """Find the motion since the previous camera, and the inliers, from the points as that camera knew them."""
-        start = se3.inverse(predicted) @ self._world_from_cam
-        return initial_motion(self._projection, self._config.robust, obs, rows, *self._in_camera(), start)
+    def _in_world(self) -> WorldPoints:
+        return WorldPoints(self._ids, self._points, self._blocks())
 
     def _blocks(self) -> Array:
         """Covariances (m, 3, 3) of the points as the state has them."""
         m = len(self._ids)
         return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
-
-    def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
-        return resected
 
     def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
         """Marginalise the points outside the mask, and return them."""
@@ -200,6 +175,4 @@ class EkfConstantVelocity(Ekf):
     """The same filter linearised where constant velocity predicts the camera: weaker where motion is uneven."""
 
     name = "ekf-cv"
-
-    def _linearisation_pose(self, resected: Array, predicted: Array) -> Array:
-        return predicted
+    _at_prediction = True

@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from ...config import Config
 from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection
-from ...types import Observations, Solution, Status
-from ..initial_motion import initial_motion
-from ..lifecycle import WorldPoints, first_solution, frame_status, lost_solution, recorded, too_few_inliers
-from ..motion_model import MotionModel
+from ...types import Observations, Solution
+from ..lifecycle import LostError, WorldPoints, frame_status, too_few_inliers
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
+from .baseline import Baseline
 from .bundle_adjustment import Covariances, Reduced, WeightedViews, adjust, residuals_and_jacobians
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
@@ -67,55 +64,22 @@ class _Pair(NamedTuple):
     iterations: int
 
 
-class FrameToFrame:
+class FrameToFrame(Baseline):
     """Two-frame motion and structure, concatenated."""
 
     name = "frame-to-frame"
 
-    def __init__(self, projection: StereoProjection, config: Config) -> None:
-        self._projection = projection
-        self._config = config
-        self._motion = MotionModel(config.motion)
-        self._previous: Observations | None = None  # None: no map (at the start, and while lost)
-        self._world_from_previous = np.eye(4)
-        self._cov_previous = np.zeros((6, 6))
-        self._structure = WorldPoints.none()  # the last frame's points, in the world
+    def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
+        self._previous = obs
+        self._world_from_previous, self._cov_previous = first.world_from_cam, first.cov_pose
         self._gains: _Gains | None = None  # of the pair that ends with the previous frame
+        return WorldPoints(first.track_ids, first.points_in_world, first.cov_points_in_world)
 
-    def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
-        if self._previous is None:
-            return self._start(observations)
-        shared = self._shared(self._previous, observations)
-        robust = self._config.robust
-        predicted, cov_predicted = self._motion.predict(observations.stamp_ns)
-        found = initial_motion(
-            self._projection,
-            robust,
-            observations,
-            shared.rows,
-            shared.points,
-            shared.cov_points,
-            se3.inverse(predicted) @ self._world_from_previous,
-        )
-        inliers = np.zeros(len(shared.ids), bool) if found is None else found.accepted
-        pair = None if found is None else self._adjust(found.cam_from_ref, shared, inliers)
-        if pair is None:
-            reason = too_few_inliers(int(inliers.sum()), len(shared.ids), robust)
-            ended, self._structure, self._previous = self._structure, WorldPoints.none(), None
-            self._gains = None
-            return lost_solution(observations, reason, predicted, cov_predicted, ended)
-        return self._report(self._previous, observations, shared, pair)
-
-    def _start(self, obs: Observations) -> Solution:
-        solution = first_solution(self._projection, self._config.robust, self._motion, obs)
-        if solution.status is Status.INITIALISING:
-            self._previous = obs
-            self._world_from_previous, self._cov_previous = solution.world_from_cam, solution.cov_pose
-            self._structure = WorldPoints(
-                solution.track_ids, solution.points_in_world, solution.cov_points_in_world
-            )
-        return solution
+    def _advance(self, obs: Observations, before: WorldPoints) -> tuple[Solution, WorldPoints]:
+        shared = self._shared(self._previous, obs)
+        found = self._initial_motion(obs, shared.rows, shared.points, shared.cov_points, self._world_from_previous)
+        pair = self._adjust(found.cam_from_ref, shared, found.accepted)
+        return self._concatenated(obs, shared, pair, before)
 
     def _shared(self, before: Observations, obs: Observations) -> _Shared:
         ids, row_before, row_now = np.intersect1d(before.track_ids, obs.track_ids, True, True)
@@ -125,13 +89,17 @@ class FrameToFrame:
         cov = np.stack([before.cov_px[row_before], obs.cov_px[row_now]])
         return _Shared(ids, row_now, z, cov, *triangulate(self._projection, z[0], cov[0]))
 
-    def _adjust(self, cam_from_previous: Array, shared: _Shared, kept: NDArray[np.bool_]) -> _Pair | None:
-        """Maximise the likelihood of the pair, gated once by each point's residual; None with too few points left."""
-        poses = np.stack([np.eye(4), se3.inverse(cam_from_previous)])
+    def _adjust(self, cam_from_previous: Array, shared: _Shared, kept: NDArray[np.bool_]) -> _Pair:
+        """Maximise the likelihood of the pair, gated once by each point's residual.
+
+        Raises LostError where too few points are left.
+        """
+        poses, robust = np.stack([np.eye(4), se3.inverse(cam_from_previous)]), self._config.robust
+        accepted = int(kept.sum())
         for last in (False, True):
             n = int(kept.sum())
-            if n < self._config.robust.min_inliers:
-                return None
+            if n < robust.min_inliers:
+                raise LostError(too_few_inliers(accepted, len(shared.ids), robust))
             z, cov = shared.z_px[:, kept], shared.cov_px[:, kept]
             views = WeightedViews.sorted_by_point(
                 np.repeat([0, 1], n), np.tile(np.arange(n), 2), z.reshape(-1, 4), cov.reshape(-1, 4, 4)
@@ -141,7 +109,7 @@ class FrameToFrame:
             )
             dof = np.isfinite(z).sum(axis=(0, 2)) - 3
             chi2 = result.squares.reshape(n, 2).sum(axis=1)
-            good = chi2 < chdtri(dof, 1 - self._config.robust.gate_probability)
+            good = chi2 < chdtri(dof, 1 - robust.gate_probability)
             poses = result.ref_from_cam
             if last or good.all():
                 break
@@ -154,7 +122,9 @@ class FrameToFrame:
         nis, nis_dof = float(chi2.sum()), int(dof.sum()) - 6
         return _Pair(kept, poses[1], result.points, covariances, gains, nis, nis_dof, result.iterations)
 
-    def _report(self, before: Observations, obs: Observations, shared: _Shared, pair: _Pair) -> Solution:
+    def _concatenated(
+        self, obs: Observations, shared: _Shared, pair: _Pair, before: WorldPoints
+    ) -> tuple[Solution, WorldPoints]:
         """Concatenate the motion, join the pair's points with the new ones, and go on to the next pair."""
         previous_from_cam, covariances = pair.previous_from_cam, pair.covariances
         world_from_cam = se3.orthonormalise(self._world_from_previous @ previous_from_cam)
@@ -163,49 +133,40 @@ class FrameToFrame:
         mixed = se3.adjoint(se3.inverse(previous_from_cam)) @ with_motion
         cov_pose = symmetric(cov_pose + mixed + mixed.T)
         in_cam = se3.transform(se3.inverse(previous_from_cam), pair.points)
-        points_in_world, cov_in_world = points_to_world(
+        cov_in_cam = covariances.cov_points_in_cam(1, previous_from_cam, in_cam)
+        in_world, cov_in_world = points_to_world(
             self._world_from_previous, self._cov_previous, pair.points, covariances.cov_points
         )
         r = self._world_from_previous[:3, :3]
         mixed = r @ -se3.point_in_source_jacobian(pair.points) @ with_points @ r.T
         cov_in_world = symmetric(cov_in_world + mixed + np.swapaxes(mixed, 1, 2))
         births = usable_births(self._projection, obs.z_px, obs.cov_px) & ~np.isin(obs.track_ids, shared.ids)
-        new_in_cam, new_cov = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
-        new_in_world = points_to_world(world_from_cam, cov_pose, new_in_cam, new_cov)
-        ids = np.concatenate([shared.ids[pair.kept], obs.track_ids[births]])
-        order = np.argsort(ids)
-        cov_in_cam = covariances.cov_points_in_cam(1, previous_from_cam, in_cam)
-        now = WorldPoints(
-            ids[order],
-            np.concatenate([points_in_world, new_in_world[0]])[order],
-            np.concatenate([cov_in_world, new_in_world[1]])[order],
-        )
-        window = np.stack([self._world_from_previous, world_from_cam])
-        self._previous, self._gains = obs, pair.gains
-        self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
+        new = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
+        ids, new_ids = shared.ids[pair.kept], obs.track_ids[births]
+        local = WorldPoints.merge([WorldPoints(ids, in_cam, cov_in_cam), WorldPoints(new_ids, *new)])
+        new = points_to_world(world_from_cam, cov_pose, *new)
+        now = WorldPoints.merge([WorldPoints(ids, in_world, cov_in_world), WorldPoints(new_ids, *new)])
         status, reason = frame_status(int(pair.kept.sum()), obs.note, self._config.robust)
-        ended = self._hand_over(obs, now)
         solution = Solution(
             status=status,
             reason=reason,
             world_from_cam=world_from_cam,
             cov_pose=cov_pose,
             track_ids=now.ids,
-            points_in_cam=np.concatenate([in_cam, new_in_cam])[order],
-            cov_points=np.concatenate([cov_in_cam, new_cov])[order],
+            points_in_cam=local.points,
+            cov_points=local.cov_points,
             points_in_world=now.points,
             cov_points_in_world=now.cov_points,
-            window_frame_indices=np.array([before.frame_index, obs.frame_index], np.int64),
-            window_world_from_cam=window,
+            window_frame_indices=np.array([self._previous.frame_index, obs.frame_index], np.int64),
+            window_world_from_cam=np.stack([self._world_from_previous, world_from_cam]),
             rejected_ids=shared.ids[~pair.kept],
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
             iterations=pair.iterations,
             nis=pair.nis,
             nis_dof=pair.dof,
         )
-        return recorded(self._motion, obs, solution)
+        self._previous, self._gains = obs, pair.gains
+        self._world_from_previous, self._cov_previous = world_from_cam, cov_pose
+        return solution, self._hand_over(before, obs, now)
 
     def _shared_noise(self, now: _Gains, cov_px: Array) -> tuple[Array, Array]:
         """Return the covariances of the previous pose with this pair's motion (6, 6) and points (n, 6, 3).
@@ -221,13 +182,11 @@ class FrameToFrame:
         with_points[rows] = moved @ np.swapaxes(now.of_point[rows], 1, 2)
         return with_motion, with_points - with_motion @ np.swapaxes(now.y, 1, 2)
 
-    def _hand_over(self, obs: Observations, now: WorldPoints) -> WorldPoints:
+    def _hand_over(self, old: WorldPoints, obs: Observations, now: WorldPoints) -> WorldPoints:
         """Keep the structure as of this frame, and return the points that are no longer tracked."""
-        old = self._structure
         tracked, refreshed = np.isin(old.ids, obs.track_ids), np.isin(old.ids, now.ids)
-        self._structure = WorldPoints.merge(
-            [now, old.select(tracked & ~refreshed)]  # rejected in this frame: it may come back
-        )
+        rejected = old.select(tracked & ~refreshed)  # in this frame: they may come back
+        self._structure = WorldPoints.merge([now, rejected])
         return old.select(~tracked)
 
 

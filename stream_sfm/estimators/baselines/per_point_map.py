@@ -14,7 +14,7 @@ from ...record import record
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
-from .bundle_adjustment import Adjustment, Covariances, PointPriors, Reduced, WeightedViews, adjust
+from .bundle_adjustment import Adjustment, PointPriors, Reduced, WeightedViews, adjust
 from .per_point_priors import Leaving, LeavingRule
 
 _TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
@@ -53,7 +53,7 @@ class PerPointMap:
         self._points = np.empty((0, 3))
         self._priors = PointPriors(np.empty((0, 3)), np.empty((0, 3, 3)))
         self.append(obs, np.eye(4), np.empty(0, np.int64), np.empty(0, np.intp), held=True)
-        _, self.covariances = self._solve()
+        self.solve()
 
     def append(
         self,
@@ -81,10 +81,9 @@ class PerPointMap:
 
     def _drop_undetermined(self) -> None:
         """Keep the points that the window sees and that a prior or a complete view locates; ascending by id."""
-        seen = np.unique(np.concatenate([f.ids for f in self.window] or [self.ids[:0]]))
-        stereo = [f.ids[np.isfinite(f.z_px).all(axis=1)] for f in self.window]
-        located = np.isin(self.ids, np.concatenate(stereo)) if stereo else np.zeros(len(self.ids), bool)
-        located |= self._has_prior()
+        seen = np.concatenate([f.ids for f in self.window])
+        stereo = np.concatenate([f.ids[np.isfinite(f.z_px).all(axis=1)] for f in self.window])
+        located = np.isin(self.ids, stereo) | self._has_prior()
         keep = np.flatnonzero(np.isin(self.ids, seen) & located)
         keep = keep[np.argsort(self.ids[keep])]
         self.ids, self._points = self.ids[keep], self._points[keep]
@@ -99,10 +98,6 @@ class PerPointMap:
 
         Raises LinAlgError where no points are left.
         """
-        result, self.covariances = self._solve()
-        return result
-
-    def _solve(self) -> tuple[Adjustment, Covariances]:
         for last in (False, True):
             if not len(self.ids):
                 raise np.linalg.LinAlgError("no points are left")
@@ -132,7 +127,8 @@ class PerPointMap:
                 self.window[k] = frame.select(~np.isin(frame.ids, out))
             self._drop_undetermined()
         reduced = Reduced.build(self._projection, result.ref_from_cam, self._points, views, free, self._priors)
-        return result, reduced.covariances()
+        self.covariances = reduced.covariances()
+        return result
 
     def let_oldest_leave(self, rule: LeavingRule) -> Array:
         """Turn the oldest frame into priors of its points, and return new_from_ref.
@@ -145,7 +141,7 @@ class PerPointMap:
         known = np.isin(frame.ids, self.ids[self._has_prior()])
         frame = frame.select(known | np.isfinite(frame.z_px).all(axis=1))
         rows = np.flatnonzero(np.isin(self.ids, frame.ids) | self._has_prior())
-        carried = rule(
+        priors, moved = rule(
             Leaving(
                 projection=self._projection,
                 ref_from_cam=ref_from_cam,
@@ -156,13 +152,13 @@ class PerPointMap:
                 views=_views([frame], self.ids[rows]),
             )
         )
-        if carried.new_from_ref is not None:
+        if moved is not None:
             self._cov_ref = compose_cov(self._cov_ref, ref_from_cam, cov_pose)
             self.world_from_ref = se3.orthonormalise(self.world_from_ref @ ref_from_cam)
-        new_from_ref = np.eye(4) if carried.new_from_ref is None else carried.new_from_ref
+        new_from_ref = np.eye(4) if moved is None else moved
         self._points = se3.transform(new_from_ref, self._points)
         mean, information = np.zeros_like(self._points), np.zeros((len(self._points), 3, 3))
-        mean[rows], information[rows] = carried.priors.mean, carried.priors.information
+        mean[rows], information[rows] = priors.mean, priors.information
         self._priors = PointPriors(mean, information)
         self.window = [
             replace(f, ref_from_cam=se3.orthonormalise(new_from_ref @ f.ref_from_cam)) for f in self.window

@@ -1,6 +1,6 @@
 """How a frame that leaves a per-point window turns into priors of its points: the paper's choices of reference.
 
-Each rule takes a `Leaving` frame and returns `CarriedPriors`, in the world (WC) or in the frame's own camera (CC).
+Each rule takes a `Leaving` frame; the priors are in the world (WC) or in the frame's own camera (CC).
 """
 
 from collections.abc import Callable
@@ -32,18 +32,11 @@ class Leaving:
     views: WeightedViews
 
 
-@record
-class CarriedPriors:
-    """Priors of the same points in a new reference: `new_from_ref` (4, 4) is cam_from_ref, or None where ref stays."""
-
-    priors: PointPriors
-    new_from_ref: Array | None
+# Returns the priors of the same points in a new reference, and new_from_ref (4, 4); None where ref stays.
+LeavingRule = Callable[[Leaving], tuple[PointPriors, Array | None]]
 
 
-LeavingRule = Callable[[Leaving], CarriedPriors]
-
-
-def world_centred(leaving: Leaving) -> CarriedPriors:
+def world_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
     """Fuse each view into its own point, with the noise of the pose as the window knows it, eq. (47).
 
     Λ' = Λ + Bᵀ (Σ_z + J Γ Jᵀ)⁻¹ B, B = ∂h/∂X, J = ∂h/∂ξ.
@@ -59,10 +52,10 @@ def world_centred(leaving: Leaving) -> CarriedPriors:
     information[views.point] += jt @ j_point
     right[views.point] += jt @ r[..., None]
     delta = np.linalg.solve(information, right)[..., 0]
-    return CarriedPriors(PointPriors(points + delta, symmetric(information)), None)
+    return PointPriors(points + delta, symmetric(information)), None
 
 
-def camera_centred(leaving: Leaving) -> CarriedPriors:
+def camera_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
     """Carry points into the leaving camera by their joint covariance with its pose, eq. (49).
 
     That covariance is of priors and leaving views alone, linearised at the estimate of the window.
@@ -76,10 +69,10 @@ def camera_centred(leaving: Leaving) -> CarriedPriors:
     j = se3.point_in_source_jacobian(in_cam)
     mean = in_cam + delta @ cam_from_ref[:3, :3].T + j @ xi.reshape(-1, 6).sum(axis=0)
     cov = reduced.covariances().cov_points_in_cam(0, leaving.ref_from_cam, in_cam)
-    return CarriedPriors(PointPriors(mean, np.asarray(np.linalg.inv(cov))), cam_from_ref)
+    return PointPriors(mean, np.asarray(np.linalg.inv(cov))), cam_from_ref
 
 
-def camera_centred_literal(leaving: Leaving) -> CarriedPriors:
+def camera_centred_literal(leaving: Leaving) -> tuple[PointPriors, Array | None]:
     """Carry points by the paper's two-frame transform, then add the view from the leaving camera, eq. (48)."""
     priors = leaving.priors
     cam_from_ref = se3.inverse(leaving.ref_from_cam)
@@ -94,4 +87,4 @@ def camera_centred_literal(leaving: Leaving) -> CarriedPriors:
     held = np.array([False])
     reduced = Reduced.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, held, carried)
     information = np.asarray(np.linalg.inv(reduced.covariances().cov_points))
-    return CarriedPriors(PointPriors(in_cam + reduced.solve()[1], information), cam_from_ref)
+    return PointPriors(in_cam + reduced.solve()[1], information), cam_from_ref

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import se3
-from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ..ids import among, union
 from .inverse_depth import Q_COLUMNS, NormalBlocks, in_reference, linearise, q_jacobian
@@ -29,10 +28,8 @@ def absorb_oldest_frame(current: Map) -> None:
     prior = prior.absorb_frame(current.amplitudes, frame.cam_from_ref, current.q[at], blocks)
     new = np.searchsorted(current.ids, seen[~among(seen, prior.ids)])
     blocks = _of_points(current, frame, new)
-    cov = symmetric_inverse(blocks.v)
-    by_rig = -cov @ blocks.rig_point
-    mean = current.q[new] + matvec(cov, blocks.g_point) + by_rig @ (prior.rig.mean - current.rig_error)
-    prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], mean, cov, by_rig)
+    estimates = blocks.points_alone(current.q[new], prior.rig.mean - current.rig_error)
+    prior = prior.with_points(current.ids[new], current.ref_from_anchor[new], *estimates)
     prior = prior.select(among(prior.ids, seen_later))
     current.prior = _refocused(prior.truncate_modes(), current, frame)
     current.amplitudes = np.zeros(current.prior.modes.shape[2])

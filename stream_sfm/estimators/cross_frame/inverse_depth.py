@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import matvec
+from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import record
@@ -143,6 +143,15 @@ class NormalBlocks:
     rig_pose: Array
     rig_point: Array
     g_rig: Array
+
+    def points_alone(self, q: Array, rig_step: Array) -> tuple[Array, Array, Array]:
+        """Return the points by these views alone: mean (P, 3), covariance (P, 3, 3), and ∂q by the rig's errors.
+
+        `q` (P, 3): where they were linearised; the mean is that with errors of the rig that are off by (m,) from there.
+        """
+        cov = symmetric_inverse(self.v)
+        by_rig = -cov @ self.rig_point
+        return q + matvec(cov, self.g_point) + by_rig @ rig_step, cov, by_rig
 
 
 def whitened_residuals(

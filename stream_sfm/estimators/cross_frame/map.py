@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import matvec, scaled_cholesky, symmetric_inverse
+from ...geometry.linear import matvec, scaled_cholesky
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -20,13 +20,7 @@ from ...rig_model.model import RigEffects, RigModel
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, union
-from .inverse_depth import (
-    WhitenedViews,
-    homogeneous_from_q,
-    in_reference,
-    linearise,
-    q_of_views,
-)
+from .inverse_depth import WhitenedViews, homogeneous_from_q, in_reference, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -72,15 +66,12 @@ class Map:
         self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
         views = frame.views(self.ids)
         blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, rig.mean, views)
-        cov = symmetric_inverse(blocks.v)
-        self.q = self.q + matvec(cov, blocks.g_point)
-        by_rig = -cov @ blocks.rig_point
-        self.prior = Prior.from_first_frame(
-            self.ids, self.q, cov, by_rig, first.world_from_cam, first.cov_pose, rig
-        )
+        self.q, cov, by_rig = blocks.points_alone(self.q, np.zeros(len(rig)))
+        pose = first.world_from_cam, first.cov_pose
+        self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step(WhitenedViews.none(len(rig)))
-        self.marginals = self._marginals()
+        self.update_marginals()
 
     @property
     def world_from_ref(self) -> Array:
@@ -341,10 +332,8 @@ class Map:
         frame.rig_effects = frame.rig_effects.take(rows, effects)
         views = frame.views(self.prior.ids)
         blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
-        cov = symmetric_inverse(blocks.v)
-        by_rig = -cov @ blocks.rig_point
-        mean = q + matvec(cov, blocks.g_point) + by_rig @ (self.prior.rig.mean - self.rig_error)
-        self.prior = self.prior.with_first_views(mean, cov, by_rig)
+        estimates = blocks.points_alone(q, self.prior.rig.mean - self.rig_error)
+        self.prior = self.prior.with_first_views(*estimates)
 
     def judge_rig(self, misfit: bool) -> RigEstimate | None:
         """Return what the latest system says about the rig's errors, which are held there; None for an exact rig.
@@ -400,10 +389,6 @@ class Map:
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""
-        self.marginals = self._marginals()
-        return self.marginals
-
-    def _marginals(self) -> Marginals:
         marginals = Marginals.compute(
             self.system,
             self.ids,
@@ -413,4 +398,5 @@ class Map:
             self.newest_cam_from_ref,
             len(self.frames) - 1,
         )
-        return marginals.doubted(self.cov_doubt) if self._cov_doubt.any() else marginals
+        self.marginals = marginals.doubted(self.cov_doubt) if self._cov_doubt.any() else marginals
+        return self.marginals

@@ -15,8 +15,11 @@ from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
 from ...record import record
+from ..ids import among
 from ..lifecycle import WorldPoints
 from .normal_equations import System
+
+_NO_IDS = np.empty(0, np.int64)
 
 
 @record
@@ -84,7 +87,7 @@ class Marginals:
             cov_points_in_world=symmetric(self.cov_points_in_world + of_points),
         )
 
-    def ended(self, rows: NDArray[np.bool_]) -> WorldPoints:
-        """Return those of the points (n,) bool that leave the map and have a position in metres."""
-        rows = rows & self.finite
+    def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
+        """Return the points that are not in the map any more and have a position in metres; ids ascending."""
+        rows = ~among(self.ids, still_in_map) & self.finite
         return WorldPoints(self.ids[rows], self.points_in_world[rows], self.cov_points_in_world[rows])

@@ -19,7 +19,15 @@ from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, Observations, Solution
 from ..ids import among
 from ..initial_motion import initial_motion
-from ..lifecycle import first_solution, frame_status, lost_solution, recorded, too_few_inliers
+from ..lifecycle import (
+    LostError,
+    first_solution,
+    frame_status,
+    lost_solution,
+    recorded,
+    too_few_inliers,
+    with_ended,
+)
 from ..motion_model import MotionModel
 from .absorb import absorb_oldest_frame
 from .inverse_depth import Q_COLUMNS, homogeneous_from_q
@@ -33,10 +41,6 @@ from .window_frame import WindowFrame
 # frames; all that has to do with the rig is done for 20 errors instead of a hundred.
 _HAS_FIELD_PX = 0.02
 _NO_HISTORY = 0.1  # weight of a point that has not yet agreed with the map, relative to one frame of agreement
-
-
-class _LostError(Exception):
-    """The frame has no motion; the message is the reason that the Solution gives."""
 
 
 class CrossFrame:
@@ -56,9 +60,7 @@ class CrossFrame:
         )
         self._has_field = False
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
-        self._impossible = (
-            ""  # why the calibration cannot be right; once said, it stays as long as the rig is known
-        )
+        self._impossible = ""  # why the calibration cannot be right; stays as long as the rig is known
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -78,7 +80,7 @@ class CrossFrame:
             return self._start(observations, frame)
         try:
             return self._advance(self.map, observations, frame)
-        except _LostError as lost:
+        except LostError as lost:
             if not len(observations.track_ids):
                 return self._pass_over(observations, str(lost))
             if self.waiting:
@@ -88,9 +90,7 @@ class CrossFrame:
     def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
-        rig = self.rig
-        if rig is None:
-            rig = _unknown_rig(observations)
+        rig = _unknown_rig(observations) if self.rig is None else self.rig
         corrected = _corrected(observations, frame, rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
@@ -162,15 +162,8 @@ class CrossFrame:
 
     def _start_anew(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
         """End a map whose tracks did not return, and begin another one with what has come instead."""
-        marginals = current.marginals
         self.map, self.rig = None, current.prior.rig
-        ended = marginals.ended(marginals.ids >= 0)
-        return replace(
-            self._start(observations, frame),
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
-        )
+        return with_ended(self._start(observations, frame), current.marginals.ended())
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
         """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
@@ -182,10 +175,8 @@ class CrossFrame:
             self._forget_rig()
         else:
             self.rig = current.prior.rig
-        if current is None:
-            return lost_solution(observations, reason, pose, cov_pose)
-        marginals = current.marginals
-        return lost_solution(observations, reason, pose, cov_pose, marginals.ended(marginals.ids >= 0))
+        ended = None if current is None else current.marginals.ended()
+        return lost_solution(observations, reason, pose, cov_pose, ended)
 
     def _forget_rig(self) -> None:
         """Forget all that is known about the rig, as before the first frame."""
@@ -201,7 +192,7 @@ class CrossFrame:
         usable = ~current.rejections.excluded(observations.track_ids[rows])
         rows, known = rows[usable], known[usable]
         if len(rows) < robust.min_inliers:
-            raise _LostError(too_few_inliers(0, len(rows), robust))
+            raise LostError(too_few_inliers(0, len(rows), robust))
         cov = np.zeros((len(known), 4, 4))
         cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = previous.cov_q_in_cam[known]
         if len(frame.var_drift):
@@ -223,7 +214,7 @@ class CrossFrame:
             unknown_px,
         )
         if found is None:
-            raise _LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
+            raise LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
         return found, observations.track_ids[rows[~found.accepted]]
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
@@ -235,7 +226,6 @@ class CrossFrame:
             self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
-        ended = before.ended(~among(before.ids, current.ids))
         newest = current.frames[-1]
         shown = among(now.ids, newest.ids[newest.used]) & now.finite
         shown &= ~among(now.ids, current.begun_anew)
@@ -252,9 +242,6 @@ class CrossFrame:
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
             window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref()),
             rejected_ids=newest.ids[~newest.used],
-            ended_ids=ended.ids,
-            ended_points_in_world=ended.points,
-            ended_cov_points_in_world=ended.cov_points,
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
@@ -263,7 +250,7 @@ class CrossFrame:
             common=common_errors(current, rig),
         )
         current.resize_rig(rig, 0.0 if observations.rig is None else observations.rig.field_std_px)
-        return recorded(self.motion, observations, solution)
+        return recorded(self.motion, observations, solution, before.ended(current.ids))
 
 
 def _with_misfit(observations: Observations, reason: str) -> Observations:

@@ -1,0 +1,66 @@
+"""What the baselines share: how their maps begin, go on and are lost, whatever an estimate is made of."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...geometry import se3
+from ...geometry.resection import Resection
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from ...types import Observations, Solution, Status
+from ..initial_motion import initial_motion
+from ..lifecycle import LostError, WorldPoints, first_solution, lost_solution, recorded, too_few_inliers
+from ..motion_model import MotionModel
+
+
+class Baseline(ABC):
+    """An estimator (see `Estimator`) that begins maps with `_begin`, and follows the camera with `_advance`."""
+
+    name: str
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self._projection = projection
+        self._config = config
+        self._motion = MotionModel(config.motion)
+        self._structure: WorldPoints | None = None  # what ends if the map is lost; None: there is no map
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`."""
+        try:
+            if self._structure is not None:
+                return recorded(self._motion, observations, *self._advance(observations, self._structure))
+            solution = first_solution(self._projection, self._config.robust, self._motion, observations)
+            if solution.status is Status.INITIALISING:
+                self._structure = self._begin(observations, solution)
+            return solution
+        except np.linalg.LinAlgError:
+            reason = "the points that are left do not determine the motion"
+        except LostError as lost:
+            reason = str(lost)
+        ended, self._structure = self._structure, None
+        return lost_solution(observations, reason, *self._motion.predict(observations.stamp_ns), ended)
+
+    @abstractmethod
+    def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
+        """Begin a map in the camera of `first`, and return its structure."""
+
+    @abstractmethod
+    def _advance(self, obs: Observations, before: WorldPoints) -> tuple[Solution, WorldPoints]:
+        """Return the estimate of a frame and the points that end with it; `before`: the structure until now.
+
+        Raises LostError or LinAlgError where the map cannot go on.
+        """
+
+    def _initial_motion(
+        self, obs: Observations, rows: NDArray[np.intp], points: Array, cov: Array, world_from_previous: Array
+    ) -> Resection:
+        """Find the motion since the previous camera from points (n, 3) there; see `initial_motion`."""
+        predicted, _ = self._motion.predict(obs.stamp_ns)
+        start, robust = se3.inverse(predicted) @ world_from_previous, self._config.robust
+        found = initial_motion(self._projection, robust, obs, rows, points, cov, start)
+        if found is None:
+            raise LostError(too_few_inliers(0, len(rows), robust))
+        return found
