@@ -9,6 +9,21 @@ from ..record import record
 from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
+# Of each term: units per its own unit, and what is said of it where it is positive and where it is negative.
+_SENTENCES = {
+    DELAY: (1e3, "the right camera is {:.2f} ± {:.2f} ms late", "the right camera is {:.2f} ± {:.2f} ms early"),
+    READOUT: (
+        1e3,
+        "the shutters read out in {:.2f} ± {:.2f} ms",
+        "the shutters read out in {:.2f} ± {:.2f} ms, from the bottom up",
+    ),
+    FOCAL: (100, "the focal length is {:.2f} ± {:.2f} % longer", "the focal length is {:.2f} ± {:.2f} % shorter"),
+    FOCUSING: (
+        100,
+        "the focal length grows by {:.3f} ± {:.3f} % per second",
+        "the focal length shrinks by {:.3f} ± {:.3f} % per second",
+    ),
+}
 
 
 @record
@@ -49,23 +64,11 @@ class RigEstimate:
 
     def findings(self) -> list[str]:
         """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
-        delay, readout, focal = (self.term(name) for name in (DELAY, READOUT, FOCAL))
         found = []
-        if abs(delay[0]) > CERTAIN * delay[1]:
-            when = "late" if delay[0] > 0 else "early"
-            found.append(f"the right camera is {1e3 * abs(delay[0]):.2f} ± {1e3 * delay[1]:.2f} ms {when}")
-        if abs(readout[0]) > CERTAIN * readout[1]:
-            way = "" if readout[0] > 0 else ", from the bottom up"
-            found.append(f"the shutters read out in {1e3 * abs(readout[0]):.2f} ± {1e3 * readout[1]:.2f} ms{way}")
-        if abs(focal[0]) > CERTAIN * focal[1]:
-            longer = "longer" if focal[0] > 0 else "shorter"
-            found.append(f"the focal length is {100 * abs(focal[0]):.2f} ± {100 * focal[1]:.2f} % {longer}")
-        focusing = self.term(FOCUSING)
-        if abs(focusing[0]) > CERTAIN * focusing[1]:
-            grows = "grows" if focusing[0] > 0 else "shrinks"
-            found.append(
-                f"the focal length {grows} by {100 * abs(focusing[0]):.3f} ± {100 * focusing[1]:.3f} % per second"
-            )
+        for term, (units, positive, negative) in _SENTENCES.items():
+            error, std = self.term(term)
+            if abs(error) > CERTAIN * std:
+                found.append((positive if error > 0 else negative).format(units * abs(error), units * std))
         rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
         if rate @ np.linalg.solve(cov, rate) > CERTAIN**2:
             size = float(np.linalg.norm(rate))
