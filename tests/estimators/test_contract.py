@@ -11,20 +11,10 @@ from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
+from tests.helpers.estimators import nees, nees_of_points, run, without_views
 
 methods = pytest.mark.parametrize("method", list(METHODS))
 CONFIG = Config()
-
-
-def run(method, projection, observations):
-    estimator = make_estimator(method, projection, CONFIG)
-    assert estimator.name == method
-    return [estimator.step(o) for o in observations]
-
-
-def without_views(o: Observations) -> Observations:
-    empty = np.empty(0, np.int64)
-    return dataclasses.replace(o, track_ids=empty, z_px=np.empty((0, 4)), cov_px=np.empty((0, 4, 4)), n_new=0)
 
 
 def with_new_ids(o: Observations, offset: int) -> Observations:
@@ -116,8 +106,7 @@ def test_lost_and_resume(method, arc):
     assert all(x.status is Status.OK for x in s[8:])
     assert_covariances(s[-1].cov_pose, "pose after resuming")
     if method != "ekf-cv":  # badly linearised, it takes the uncertainty of the lost frames for information
-        error = se3.log(se3.inverse(s[-1].world_from_cam) @ arc.world_from_cam[-1])
-        assert error @ np.linalg.solve(s[-1].cov_pose, error) < 30
+        assert nees(s[-1].world_from_cam, s[-1].cov_pose, arc.world_from_cam[-1]) < 30
     ended = np.concatenate([x.ended_ids for x in s[:8]])
     assert np.isin(s[5].track_ids, ended).all(), "a lost map is handed over"
 
@@ -149,13 +138,12 @@ def test_few_views_are_reported(method, arc):
 def test_gross_errors_are_rejected(method, arc):
     """A tenth of the views of every frame is wrong by 40 px: the pose stays good to centimetres."""
     rng = np.random.default_rng(1)
-    observations, wrong = [], []
+    observations = []
     for o in arc.observations:
         z = o.z_px.copy()
         bad = rng.random(len(z)) < 0.1
         z[bad] += rng.choice([-40.0, 40.0], size=(bad.sum(), 4))
         observations.append(dataclasses.replace(o, z_px=z))
-        wrong.append(o.track_ids[bad])
     s = run(method, arc.projection, observations)
     xi = se3.log(se3.inverse(arc.world_from_cam[-1]) @ s[-1].world_from_cam)
     assert np.abs(xi[:3]).max() < 0.06  # m: a little more than without wrong or missing views
@@ -189,13 +177,24 @@ def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
         scene = Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False)
         s = scene.sequence(np.random.SeedSequence([3, seed]))
         found = run(method, s.projection, s.observations)[-1]
-        xi = se3.log(se3.inverse(found.world_from_cam) @ s.world_from_cam[-1])
-        pose.append(xi @ np.linalg.solve(found.cov_pose, xi))
-        e = s.points_in_world[found.track_ids] - found.points_in_world
-        points.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(found.cov_points_in_world), e).mean())
+        pose.append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[-1]))
+        points.append(nees_of_points(found, s))
     # three standard errors; the points of a scene share the error of its pose
     assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / 24)
     assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / 24)
+
+
+@pytest.mark.slow
+def test_concatenated_motions_are_consistent():
+    """30 scenes, after 20 pairs, of which neighbours share the noise of a frame: else NEES were 2 to 4."""
+    pose, points = [], []
+    for seed in range(30):
+        s = Scene(track_length=8, frames=21).sequence(np.random.SeedSequence([11, seed]))
+        found = run("frame-to-frame", s.projection, s.observations)[-1]
+        pose.append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[20]))
+        points.append(nees_of_points(found, s))
+    assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / 30)
+    assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / 30)  # the points of a scene share the error of its pose
 
 
 def test_unknown_method(arc):

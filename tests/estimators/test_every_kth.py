@@ -9,33 +9,25 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
+from stream_sfm.estimators.every_kth import EveryKth
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import LastingErrors, Observations, Solution, Status
+from stream_sfm.types import LastingErrors, Status
+from tests.helpers.estimators import nees, run, without_views
 
 K = 3
 THINNED = Config(estimate_every=K)
 
 
-def run(method: str, config: Config, projection, observations) -> list[Solution]:
-    estimator = make_estimator(method, projection, config)
-    assert estimator.name == method
-    return [estimator.step(o) for o in observations]
-
-
-def without_views(o: Observations) -> Observations:
-    return replace(o, track_ids=o.track_ids[:0], z_px=o.z_px[:0], cov_px=o.cov_px[:0], n_new=0)
-
-
 @pytest.mark.parametrize("method", list(METHODS))
 def test_the_method_sees_every_kth_frame_alone(method, arc):
     """Its estimates are to the byte those of a run over every k-th frame."""
-    thinned = run(method, THINNED, arc.projection, arc.observations)
+    thinned = run(method, arc.projection, arc.observations, THINNED)
     seen, newest = [], -1
     for o in arc.observations[::K]:
         seen.append(replace(o, n_new=int((o.track_ids > newest).sum()), cam_from_previous=None))
         newest = o.track_ids[-1]
-    alone = run(method, Config(), arc.projection, seen)
+    alone = run(method, arc.projection, seen)
     for a, b in zip(thinned[::K], alone, strict=True):
         assert a.world_from_cam.tobytes() == b.world_from_cam.tobytes()
         assert a.cov_points.tobytes() == b.cov_points.tobytes()
@@ -43,7 +35,7 @@ def test_the_method_sees_every_kth_frame_alone(method, arc):
 
 @pytest.mark.parametrize("method", ["cross-frame", "ekf"])
 def test_frames_between_are_placed(method, arc):
-    for o, s in zip(arc.observations, run(method, THINNED, arc.projection, arc.observations), strict=True):
+    for o, s in zip(arc.observations, run(method, arc.projection, arc.observations, THINNED), strict=True):
         assert s.status in (Status.OK, Status.INITIALISING) and s.window_frame_indices[-1] == o.frame_index
         assert np.isin(s.track_ids, o.track_ids).all() and (np.diff(s.track_ids) > 0).all()
         carried = se3.transform(s.world_from_cam, s.points_in_cam)
@@ -59,10 +51,9 @@ def test_covariances_of_frames_between_hold():
     values: list[list[float]] = [[], []]
     for seed in range(20):
         s = Scene(track_length=16, frames=22).sequence(np.random.SeedSequence(seed))
-        for n, found in enumerate(run("cross-frame", THINNED, s.projection, s.observations)):
+        for n, found in enumerate(run("cross-frame", s.projection, s.observations, THINNED)):
             if n > 1:
-                xi = se3.log(se3.inverse(found.world_from_cam) @ s.world_from_cam[n])
-                values[n % K != 0].append(float(xi @ np.linalg.solve(found.cov_pose, xi)))
+                values[n % K != 0].append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[n]))
     at, between = map(np.mean, values)
     # the mean of 20 scenes scatters by √(12/20) = 0.8; frames of one scene are not independent
     assert abs(at - 6) < 2.4 and between < 8.4
@@ -73,7 +64,7 @@ def test_a_frame_that_cannot_be_placed_goes_to_the_method(arc):
     """An empty frame between is lost; the next frame is estimated at once."""
     observations = list(arc.observations)
     observations[4] = without_views(observations[4])
-    s = run("cross-frame", THINNED, arc.projection, observations)
+    s = run("cross-frame", arc.projection, observations, THINNED)
     assert s[4].status is Status.LOST and np.trace(s[4].cov_pose) > np.trace(s[3].cov_pose)
     assert s[5].status is Status.OK and len(s[5].window_frame_indices) > 1
 
@@ -91,8 +82,6 @@ def test_drift_and_motion_add_up(arc):
         def step(self, observations):
             told.append(observations)
             return self._inner.step(observations)
-
-    from stream_sfm.estimators.every_kth import EveryKth
 
     estimator = EveryKth(Recording(arc.projection, Config()), arc.projection, THINNED)
     poses = arc.world_from_cam

@@ -13,6 +13,7 @@ from stream_sfm.frontend.mono.virtual_views import DEPTH_STD_FACTOR, UNKNOWN_DEP
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import MapStart, Observations, Solution, Status
+from tests.helpers.estimators import nees
 
 STD_PX = 0.3
 TRIALS, FRAMES = 10, 14
@@ -59,7 +60,7 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
 def test_poses_and_points_are_consistent(motion) -> None:
     """Mean NEES of the last pose in the map's own unit, 6 expected: measured 3.8 and 3.7, because the first depths
     enter with twice their σ; 8.9 and 6.9 if they entered with 0.4 times theirs."""
-    nees, structure = [], []
+    poses, structure = [], []
     for trial in range(TRIALS):
         recipe = Scene(frames=FRAMES, motion=MOTIONS[motion], density=80, std_px=STD_PX, round_off=False)
         scene = recipe.sequence(np.random.SeedSequence(trial))
@@ -68,12 +69,11 @@ def test_poses_and_points_are_consistent(motion) -> None:
         assert all(s.status == Status.OK for s in solutions[1:])
         last, true = solutions[-1], scene.world_from_cam[-1].copy()
         true[:3, 3] /= unit
-        xi = se3.log(se3.inverse(last.world_from_cam) @ true)
-        nees.append(xi @ np.linalg.solve(last.cov_pose, xi))
+        poses.append(nees(last.world_from_cam, last.cov_pose, true))
         in_cam = se3.transform(se3.inverse(true), scene.points_in_world[last.track_ids] / unit)
         e = last.points_in_cam - in_cam
         structure.append(np.median(np.einsum("ni,nij,nj->n", e, np.linalg.inv(last.cov_points), e)))
-    assert 2 < np.mean(nees) < 6.5
+    assert 2 < np.mean(poses) < 6.5
     assert 0.8 < np.median(structure) < 2.4  # the median of χ²(3); measured 1.6 and 1.5
 
 

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from stream_sfm.config import Config
-from stream_sfm.estimators import make_estimator
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
+from tests.helpers.estimators import nees, run
 
 SCENE = Scene(frames=20, track_length=8, visible=60, std_px=0.2, round_off=False)
 TRIALS = 24
@@ -13,22 +12,19 @@ TRIALS = 24
 
 def test_covariances_of_relative_motions_are_those_of_their_errors() -> None:
     """NEES over each span, 6 expected; independent trials, so within three standard errors of a mean of χ²₆."""
-    nees: dict[int, list[float]] = {}
+    by_span: dict[int, list[float]] = {}
     for seed in range(TRIALS):
         sequence = SCENE.sequence(np.random.SeedSequence(seed))
-        estimator = make_estimator("cross-frame", sequence.projection, Config())
-        for o in sequence.observations:
-            solution = estimator.step(o)
+        solution = run("cross-frame", sequence.projection, sequence.observations)[-1]
         relative, newest = solution.relative, len(sequence.observations) - 1
         assert relative is not None
         assert relative.frame_indices.tolist() == list(range(newest - 8, newest))
         world_from_newest = sequence.world_from_cam[newest]
         for index, pose, cov in zip(relative.frame_indices, relative.frame_from_newest, relative.cov, strict=True):
             true = se3.inverse(sequence.world_from_cam[index]) @ world_from_newest
-            error = se3.log(se3.inverse(pose) @ true)
-            nees.setdefault(newest - int(index), []).append(error @ np.linalg.solve(cov, error))
+            by_span.setdefault(newest - int(index), []).append(nees(pose, cov, true))
         window = dict(zip(solution.window_frame_indices.tolist(), solution.window_world_from_cam, strict=True))
         again = se3.inverse(window[newest - 3]) @ window[newest]
         assert np.abs(again - relative.frame_from_newest[-3]).max() < 1e-9
-    for span, values in nees.items():
+    for span, values in by_span.items():
         assert abs(np.mean(values) - 6) < 3 * np.sqrt(12 / TRIALS), span

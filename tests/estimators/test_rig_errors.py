@@ -20,6 +20,7 @@ from stream_sfm.rig_model.terms import FOCAL, TERMS
 from stream_sfm.rig_model.velocities import twists, velocities
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import Observations, RigView, Solution
+from tests.helpers.estimators import nees, run
 
 STD_PX = 0.15
 TRIALS = 8
@@ -39,17 +40,12 @@ def seen(sequence: Sequence, errors: Array) -> list[Observations]:
     ]
 
 
-def run(sequence: Sequence, observations: list[Observations], exact: bool = False) -> Solution:
-    """The last solution."""
-    estimator = make_estimator("cross-frame", sequence.projection, Config())
-    for o in observations:
-        solution = estimator.step(replace(o, rig=None) if exact else o)
-    return solution
+def last(sequence: Sequence, observations: list[Observations], exact: bool = False) -> Solution:
+    return run("cross-frame", sequence.projection, [replace(o, rig=None) if exact else o for o in observations])[-1]
 
 
-def nees(solution: Solution, sequence: Sequence) -> float:
-    error = se3.log(se3.inverse(solution.world_from_cam) @ sequence.world_from_cam[-1])
-    return float(error @ np.linalg.solve(solution.cov_pose, error))
+def nees_at(solution: Solution, world_from_cam: Array) -> float:
+    return nees(solution.world_from_cam, solution.cov_pose, world_from_cam)
 
 
 def trials(scene: Scene, count: int, size: Array) -> list[tuple[Sequence, list[Observations], Array]]:
@@ -68,13 +64,13 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
     exact claims 4 to 50 times too much."""
     of_rig, of_pose, blind = [], [], []
     for sequence, observations, true in trials(SCENE, TRIALS, TYPICAL):
-        solution = run(sequence, observations)
+        solution = last(sequence, observations)
         assert isinstance(solution.rig, RigEstimate) and solution.rig.applied
         away = solution.rig.mean[LENS] - true
         of_rig.append(away @ np.linalg.solve(solution.rig.cov[LENS, LENS], away))
-        of_pose.append(nees(solution, sequence))
+        of_pose.append(nees_at(solution, sequence.world_from_cam[-1]))
         if len(blind) < 3:  # enough to show what it costs
-            blind.append(nees(run(sequence, observations, exact=True), sequence))
+            blind.append(nees_at(last(sequence, observations, exact=True), sequence.world_from_cam[-1]))
     assert 0.7 < np.sqrt(np.mean(of_rig) / M) < 1.4
     assert 0.7 < np.sqrt(np.mean(of_pose) / 6) < 1.4
     assert np.sqrt(np.min(blind) / 6) > 4
@@ -85,7 +81,7 @@ def test_noise_of_the_views_is_not_taken_for_an_error_of_the_rig() -> None:
     """Effects are those at fitted positions: at measured ones noise adds up, to 1.1 σ of what hardly shows here."""
     count, away = 8, []
     for sequence, observations, true in trials(replace(SCENE, track_length=8, visible=48), count, TYPICAL):
-        rig = run(sequence, observations).rig
+        rig = last(sequence, observations).rig
         assert rig is not None
         away.append((rig.mean[LENS] - true) / np.sqrt(np.diag(rig.cov))[LENS])
     terms = [TERMS.index("1"), TERMS.index("xx"), TERMS.index("radial 5")]
@@ -96,7 +92,7 @@ def test_an_exact_calibration_is_not_harmed() -> None:
     """Errors that are improbable hardly move the estimate, and what they might be counts in its covariance."""
     harm = []
     for sequence, observations, _ in trials(SCENE, 9, np.zeros(M)):
-        considered, exact = run(sequence, observations), run(sequence, observations, exact=True)
+        considered, exact = last(sequence, observations), last(sequence, observations, exact=True)
         assert considered.rig is not None and not considered.rig.applied
         assert exact.rig is None
         difference = se3.log(se3.inverse(exact.world_from_cam) @ considered.world_from_cam)
@@ -171,16 +167,11 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
     for seed in range(4):
         flight = Flight(seed, delay_ms / 1e3, readout_ms / 1e3, 24)
         observations = flight.observations()
-        estimator = make_estimator("cross-frame", flight.P, Config())
-        for o in observations:
-            solution = estimator.step(o)
+        solution = run("cross-frame", flight.P, observations)[-1]
         assert solution.rig is not None and observations[0].rig is not None
         mean, cov = observations[0].rig.model.timing(solution.rig.mean, solution.rig.cov)
         std = np.sqrt(np.diag(cov))
-        error = se3.log(
-            se3.inverse(solution.world_from_cam) @ flight.world_from_cam(np.array([23 * flight.PERIOD_S]))[0]
-        )
-        of_pose.append(error @ np.linalg.solve(solution.cov_pose, error))
+        of_pose.append(nees_at(solution, flight.world_from_cam(np.array([23 * flight.PERIOD_S]))[0]))
         assert (np.abs(mean - (flight.delay_s, flight.readout_s)) < 4 * std).all()
         assert (std < (5e-4, 1e-3)).all()
     assert np.sum(of_pose) < chi2.ppf(1 - 5e-4, 6 * len(of_pose))
@@ -200,10 +191,7 @@ def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
         for n, o in enumerate(flight.observations()):
             longer = 1 + 0.015 * np.clip(n * flight.PERIOD_S - 0.4, 0, 1)
             solution = estimator.step(replace(o, z_px=middle + longer * (o.z_px - middle)))
-        error = se3.log(
-            se3.inverse(solution.world_from_cam) @ flight.world_from_cam(np.array([43 * flight.PERIOD_S]))[0]
-        )
-        of_pose.append(error @ np.linalg.solve(solution.cov_pose, error))
+        of_pose.append(nees_at(solution, flight.world_from_cam(np.array([43 * flight.PERIOD_S]))[0]))
     assert np.mean(of_pose) < 6 * 2**2
 
 

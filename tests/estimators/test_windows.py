@@ -1,11 +1,10 @@
 """One window without a prior: WC, CC and the full adjustment are one minimum."""
 
-import msgspec
 import numpy as np
 import pytest
 
 from stream_sfm.config import Config, RobustConfig, WindowConfig
-from stream_sfm.estimators import make_estimator
+from tests.helpers.estimators import run
 from tests.helpers.full_batch import batch_adjust
 
 # Nothing is gated away, so that all solve the same problem.
@@ -18,10 +17,7 @@ def batch(arc):
 
 
 def last(method, arc, config=CONFIG):
-    estimator = make_estimator(method, arc.projection, config)
-    for o in arc.observations:
-        solution = estimator.step(o)
-    return solution
+    return run(method, arc.projection, arc.observations, config)[-1]
 
 
 @pytest.mark.parametrize(
@@ -49,7 +45,7 @@ def test_one_window_is_the_batch(method, tolerance, arc, batch):
 
 
 def test_depth_filter_is_a_window_of_one(arc):
-    one = msgspec.structs.replace(Config(), window=WindowConfig(frames=1))
+    one = Config(window=WindowConfig(frames=1))
     assert last("depth-filter", arc, Config()).world_from_cam.tobytes() == (
         last("cross-frame-wc", arc, one).world_from_cam.tobytes()
     )

@@ -1,0 +1,39 @@
+"""What tests of estimators share: a run, a frame without views, and how consistent poses and points are."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from stream_sfm.config import Config
+from stream_sfm.estimators import make_estimator
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.linear import mahalanobis2
+from stream_sfm.geometry.se3 import Array
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.simulation.scenes import Sequence
+from stream_sfm.types import Observations, Solution
+
+
+def run(
+    method: str, projection: StereoProjection, observations: Iterable[Observations], config: Config | None = None
+) -> list[Solution]:
+    estimator = make_estimator(method, projection, Config() if config is None else config)
+    assert estimator.name == method
+    return [estimator.step(o) for o in observations]
+
+
+def without_views(o: Observations) -> Observations:
+    return replace(o, track_ids=o.track_ids[:0], z_px=o.z_px[:0], cov_px=o.cov_px[:0], n_new=0)
+
+
+def nees(pose: Array, cov: Array, true: Array) -> float:
+    """The squared error of a pose in its own covariance (6, 6): 6 is expected."""
+    xi = se3.log(se3.inverse(pose) @ true)
+    return float(xi @ np.linalg.solve(cov, xi))
+
+
+def nees_of_points(found: Solution, sequence: Sequence) -> float:
+    """The mean over the points in the world: 3 is expected."""
+    errors = sequence.points_in_world[found.track_ids] - found.points_in_world
+    return float(mahalanobis2(errors, found.cov_points_in_world).mean())
