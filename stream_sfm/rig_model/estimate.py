@@ -9,20 +9,12 @@ from ..record import record
 from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
-# Of each term: units per its own unit, and what is said of it where it is positive and where it is negative.
+# Of each term: units per its own unit; what is said of it; and the word where it is positive, and negative.
 _SENTENCES = {
-    DELAY: (1e3, "the right camera is {:.2f} ± {:.2f} ms late", "the right camera is {:.2f} ± {:.2f} ms early"),
-    READOUT: (
-        1e3,
-        "the shutters read out in {:.2f} ± {:.2f} ms",
-        "the shutters read out in {:.2f} ± {:.2f} ms, from the bottom up",
-    ),
-    FOCAL: (100, "the focal length is {:.2f} ± {:.2f} % longer", "the focal length is {:.2f} ± {:.2f} % shorter"),
-    FOCUSING: (
-        100,
-        "the focal length grows by {:.3f} ± {:.3f} % per second",
-        "the focal length shrinks by {:.3f} ± {:.3f} % per second",
-    ),
+    DELAY: (1e3, "the right camera is {:.2f} ± {:.2f} ms {}", "late", "early"),
+    READOUT: (1e3, "the shutters read out in {:.2f} ± {:.2f} ms{}", "", ", from the bottom up"),
+    FOCAL: (100, "the focal length is {:.2f} ± {:.2f} % {}", "longer", "shorter"),
+    FOCUSING: (100, "the focal length {2} by {0:.3f} ± {1:.3f} % per second", "grows", "shrinks"),
 }
 
 
@@ -65,10 +57,11 @@ class RigEstimate:
     def findings(self) -> list[str]:
         """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
         found = []
-        for term, (units, positive, negative) in _SENTENCES.items():
+        for term, (units, sentence, positive, negative) in _SENTENCES.items():
             error, std = self.term(term)
             if abs(error) > CERTAIN * std:
-                found.append((positive if error > 0 else negative).format(units * abs(error), units * std))
+                word = positive if error > 0 else negative
+                found.append(sentence.format(units * abs(error), units * std, word))
         rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
         if rate @ np.linalg.solve(cov, rate) > CERTAIN**2:
             size = float(np.linalg.norm(rate))
