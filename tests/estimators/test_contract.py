@@ -200,3 +200,21 @@ def test_concatenated_motions_are_consistent():
 def test_unknown_method(arc):
     with pytest.raises(ConfigError, match="cross-frame"):
         make_estimator("magic", arc.projection, CONFIG)
+
+
+@methods
+def test_a_frame_without_a_solution_is_lost_and_the_next_one_begins_anew(method, arc, monkeypatch):
+    estimator = make_estimator(method, arc.projection, CONFIG)
+    followed = [estimator.step(o) for o in arc.observations[:4]][-1]
+
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("not definite")
+
+    with monkeypatch.context() as patched:
+        for module in ("baselines.baseline", "cross_frame.window"):
+            patched.setattr(f"stream_sfm.estimators.{module}.initial_motion", fail)
+        lost = estimator.step(arc.observations[4])
+    assert lost.status is Status.LOST and "do not determine the motion" in lost.reason
+    assert np.isin(followed.track_ids, lost.ended_ids).all()
+    assert_covariances(lost.cov_pose, "predicted pose")
+    assert estimator.step(arc.observations[5]).status is Status.INITIALISING
