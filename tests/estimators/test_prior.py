@@ -154,33 +154,46 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     assert difference.max() < 1e-3  # of σ, between two points: what truncation costs
 
 
+def expected(prior: Prior) -> np.ndarray:
+    """Points, world and errors of the rig, where the amplitudes of the last are at their offset."""
+    return np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + _estimated(prior)
+
+
+def measured(
+    prior: Prior, rows: list[int], information: np.ndarray, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance after some errors of the rig were measured, with Kalman's gain."""
+    before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:][rows]
+    gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / information))
+    mean = expected(prior)
+    return mean + gain @ (z - h @ mean), before - gain @ h @ before
+
+
+def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
+    scale = np.sqrt(np.diag(cov))
+    assert np.abs((dense(prior) - cov) / np.outer(scale, scale)).max() < 1e-9
+    assert np.abs((expected(prior) - mean) / scale).max() < 1e-9
+
+
 def test_errors_of_another_size_are_more_or_less_information_about_them(prior) -> None:
     """As a measurement of each that says zero; with negative information where it may be larger than was assumed."""
     size = np.array([0.2, 2.0])
     prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
-    of_rig = np.concatenate([np.zeros((M, K - M)), prior.rig.root], axis=1)
-    modes = np.concatenate([prior.modes.reshape(3 * N, -1), prior.world_modes, of_rig])
-    mean = np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + modes[:, -M:] @ prior.rig.offset
-    before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:]
-    gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / (size**-2.0 - prior.rig.size**-2.0)))
-    cov, mean = before - gain @ h @ before, mean - gain @ h @ mean
-
+    known = measured(prior, [0, 1], size**-2.0 - prior.rig.size**-2.0, np.zeros(M))
     rig, u = prior.rig.resized(size)
     after = prior.with_rig(rig, u)
-    scale = np.sqrt(np.diag(cov))
-    assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-9
-    offset = after.rig.offset
-    found = np.concatenate(
-        [
-            (after.mean + after.modes[..., -M:] @ offset).ravel(),
-            after.world_modes[:, -M:] @ offset,
-            after.rig.at(offset),
-        ]
-    )
-    assert np.abs((found - mean) / scale).max() < 1e-9
+    assert_known(after, *known)
     assert (after.rig.size == size).all()
     amplitudes = np.array([0.4, 1.1])  # of what the window has now
     assert np.allclose(prior.rig.at(u @ amplitudes), after.rig.at(amplitudes), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("more", [3.0, 1e6, -0.2])
+def test_what_rows_say_is_a_measurement_of_one_error(prior, more) -> None:
+    """And where they say less than before, of negative information."""
+    prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
+    known = measured(prior, [1], np.array([more]), np.array([0.7]))
+    assert_known(prior.with_rig(*prior.rig.informed(1, more, 0.7 * more)), *known)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.8)])

@@ -100,17 +100,20 @@ class RigKnowledge:
 
     def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
         """Return the knowledge with a prior of other sizes, and U (m, m): amplitudes a are now a', with a = U a'."""
-        rig, u = self.informed(size**-2.0 - self.size**-2.0, np.zeros(len(self)))
-        return replace(rig, size=size), u
-
-    def informed(self, more: Array, weighted: Array) -> tuple["RigKnowledge", Array]:
-        """Return the knowledge with so much `more` information (m,), of weighted sum (m,); it may be less, too.
-
-        And U (m, m): as in `resized`.
-        """
-        added = more[:, None] * self.root
+        added = (size**-2.0 - self.size**-2.0)[:, None] * self.root
         u = Cholesky(symmetric(np.eye(len(self)) + self.root.T @ added)).root
-        offset = u.T @ (self.offset + self.root.T @ weighted - added.T @ self.mean)
+        offset = u.T @ (self.offset - added.T @ self.mean)
+        return replace(self, root=self.root @ u, offset=offset, size=size), u
+
+    def informed(self, at: int, more: float, weighted: float) -> tuple["RigKnowledge", Array]:
+        """Return the knowledge with so much `more` information about one error, and its weighted sum; it may be less.
+
+        And U (m, m): as in `resized`, the symmetric root of (I + more v vᵀ)⁻¹ with v that error's row.
+        """
+        v = self.root[at]
+        along = 1 / np.sqrt(1 + more * (v @ v))
+        u = np.eye(len(self)) - more * along**2 / (1 + along) * np.outer(v, v)
+        offset = u @ (self.offset + v * (weighted - more * self.mean[at]))
         return replace(self, root=self.root @ u, offset=offset), u
 
     def changed(self, root: Array) -> tuple["RigKnowledge", Array]:

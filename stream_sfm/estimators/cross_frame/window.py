@@ -145,14 +145,13 @@ class CrossFrame:
             return
         if self.map is None and self.rig is None:
             self.rig = _unknown_rig(observations)
-        said, delay = view.model.amplitudes(DELAY, *view.delay_by_rows), TERMS.index(DELAY)
-        more, weighted = np.zeros((2, len(view.model)))
-        more[delay], weighted[delay] = said - self._said_by_rows
+        said = view.model.amplitudes(DELAY, *view.delay_by_rows)
+        more, weighted = said - self._said_by_rows
         self._said_by_rows = said
         if self.map is not None:
-            self.map.know_rig(*self.map.prior.rig.informed(more, weighted))
+            self.map.know_rig(*self.map.prior.rig.informed(TERMS.index(DELAY), more, weighted))
         elif self.rig is not None:
-            self.rig, _ = self.rig.informed(more, weighted)
+            self.rig, _ = self.rig.informed(TERMS.index(DELAY), more, weighted)
 
     def _pass_over(self, observations: Observations, reason: str) -> Solution:
         """Predict the pose of a frame without any view; the map goes on where its tracks return."""
