@@ -29,7 +29,8 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     for path in outputs:
         if "\0" in str(path):
             raise OutputError(f"cannot write {str(path)!r}: its name holds a NUL character")
-    existing = [(path, found) for output in outputs for path in _names(output) if (found := _stat(path))]
+    parts = [path.with_name(path.name + ".part") for path in outputs]
+    existing = [(path, found) for path in (*outputs, *parts) if (found := _stat(path))]
     for path, found in existing:
         if not stat.S_ISREG(found.st_mode):
             kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
@@ -42,10 +43,6 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
             raise OutputError(
                 f"cannot write {path}: it is an input of this run, {given}; write somewhere else, nothing was changed"
             )
-
-
-def _names(output: Path) -> tuple[Path, Path]:
-    return output, output.with_name(output.name + ".part")
 
 
 def _stat(path: Path) -> os.stat_result | None:
@@ -79,25 +76,18 @@ def only_writer(folder: Path) -> Iterator[None]:
     The system forgets the lock with the process that holds it, however that ends. A file system without locks (some
     network shares) gives no protection.
     """
-    descriptor = lock_folder(folder)
-    try:
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def lock_folder(folder: Path) -> int:
-    """The lock of `only_writer` as a file descriptor: closing it gives the folder back."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
-    if not try_lock(descriptor):
+    try:
+        if not try_lock(descriptor):
+            raise OutputError(
+                f"cannot write to {folder}: another run is writing there; wait for its end or choose another folder"
+            )
+        yield
+    finally:
         os.close(descriptor)
-        raise OutputError(
-            f"cannot write to {folder}: another run is writing there; wait for its end or choose another folder"
-        )
-    return descriptor
 
 
 def try_lock(descriptor: int) -> bool:

@@ -68,7 +68,7 @@ def replay_batch(
     for log, name in names.items():
         inputs = [("calibration", path) for path in calibrations]
         inputs += [("ground-truth", truths[log])] if log in truths else []
-        named = [_option(*given) for given in inputs]
+        named = [f"--{option}={path}" for option, path in inputs]
         paths = tuple(path for _, path in inputs)
         jobs.append(Job(name, log, out / name, toml, (*options, *named), paths, stop))
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
@@ -100,11 +100,7 @@ def _replay_options(
     }
     if truth is not None:
         chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
-    return [_option(name, value) for name, value in chosen.items() if value is not None]
-
-
-def _option(name: str, value: object) -> str:
-    return f"--{name}" if value is True else f"--{name}={value}"
+    return [f"--{name}={value}" for name, value in chosen.items() if value is not None]
 
 
 def _frame(truth: GroundTruthFile) -> str | None:

@@ -1,16 +1,14 @@
 """Decompression of chunks, of MCAP and of ROS 1 bags, whole or cut off, within the size that they declare."""
 
 import bz2
-import struct
 import zlib
 from typing import Any
 
 import lz4.frame
 import zstandard
 
-from .records import MAX_RECORD_BYTES, BrokenRecord
+from .records import CHUNK_HEAD, MAX_RECORD_BYTES, BrokenRecord
 
-_CHUNK_HEAD = struct.Struct("<QQQI")  # first and last log time, uncompressed size in bytes, CRC-32
 _STEP_BYTES = 1 << 14  # of a cut-off stream decompressed at a time: what comes before the cut is kept
 # What a chunk may unpack to by its bytes, more than real ones do: a record of a camera's log has thousands of bytes,
 # and black images are what compresses best. What all chunks of a reading may hold beyond that is some seconds of work.
@@ -47,18 +45,14 @@ class Allowance:
                 raise BrokenRecord("it holds more records than bytes, as none does that a camera has filled")
 
 
-def chunk_size(body: bytes) -> int:
-    """The bytes that a chunk declares to unpack to, by its body as it is stored; 0 where that is cut off."""
-    return int(_CHUNK_HEAD.unpack_from(body)[2]) if len(body) >= _CHUNK_HEAD.size else 0
-
-
-def decompress_chunk(body: bytes, whole: bool, verify: bool = True) -> bytes | memoryview:
+def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: bool = True) -> bytes | memoryview:
     """The records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
 
     `verify`: compare the checksum, where the chunk has one and nothing of it is missing. Raises BrokenRecord for
-    lengths that do not add up, a wrong checksum or an unknown compression.
+    lengths that do not add up, a wrong checksum, an unknown compression, or more than `allowance` has left.
     """
     size, crc, compression, data = _parse_chunk(body, whole)
+    allowance.begin(len(body), size)
     records = decompress(compression, data, size, whole)
     if verify and crc and len(records) == size and zlib.crc32(records) != crc:
         raise BrokenRecord("its checksum does not match its content")
@@ -95,15 +89,14 @@ def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: b
 
 def _parse_chunk(body: bytes, whole: bool) -> tuple[int, int, bytes, memoryview]:
     """Declared size, CRC (0: none), name of the compression, and the compressed data. Raises BrokenRecord."""
-    if len(body) < _CHUNK_HEAD.size + 4:
+    if len(body) < CHUNK_HEAD.size:
         raise BrokenRecord("its header is cut off")
-    _, _, size, crc = _CHUNK_HEAD.unpack_from(body)
-    (name_length,) = struct.unpack_from("<I", body, _CHUNK_HEAD.size)
-    start = _CHUNK_HEAD.size + 4 + name_length + 8
+    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(body)
+    start = CHUNK_HEAD.size + name_length + 8
     if start > len(body):
         raise BrokenRecord("its header is cut off")
-    compression = bytes(body[_CHUNK_HEAD.size + 4 : start - 8])
-    (data_length,) = struct.unpack_from("<Q", body, start - 8)
+    compression = body[CHUNK_HEAD.size : start - 8]
+    data_length = int.from_bytes(body[start - 8 : start], "little")
     data = memoryview(body)[start:]
     if whole and data_length > len(data):
         raise BrokenRecord("its lengths do not add up")

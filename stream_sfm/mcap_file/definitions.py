@@ -4,6 +4,7 @@ They are kept while a file is read, and a compressed chunk of some kilobytes can
 """
 
 from copy import copy
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel as ChannelRecord
@@ -41,20 +42,20 @@ class Definitions:
         """
         if len(body) > _MAX_ONE_BYTES:
             raise RecordTooLarge(f"a schema or channel of {len(body) / 2**20:.0f} MiB")
-        if opcode == Opcode.SCHEMA:
-            schema = parse_record(Schema.read, body)
-            if (known := self.schemas.get(schema.id)) != schema:
-                _check_new(known, replace)
-                self._charge(len(body))
-                self.schemas[schema.id] = schema
-        else:
-            channel = parse_record(ChannelRecord.read, body)
-            if len(channel.metadata) > _MAX_METADATA:
-                channel.metadata = {}
-            if (described := self.channels.get(channel.id)) != channel:
-                _check_new(described, replace)
-                self._charge(len(body) + _OBJECT_BYTES * len(channel.metadata))
-                self.channels[channel.id] = channel
+        known: dict[int, Any] = self.schemas if opcode == Opcode.SCHEMA else self.channels
+        record = parse_record(Schema.read if opcode == Opcode.SCHEMA else ChannelRecord.read, body)
+        metadata: dict[str, str] = getattr(record, "metadata", {})
+        if len(metadata) > _MAX_METADATA:
+            metadata.clear()
+        if known.get(record.id) == record:
+            return
+        if record.id in known and not replace:
+            raise BrokenRecord("it differs from the definition of the same number")
+        size_bytes = len(body) + _OBJECT_BYTES * (1 + len(metadata))
+        if self._bytes + size_bytes > _MAX_ALL_BYTES:
+            raise RecordTooLarge(f"schemas and channels of more than {_MAX_ALL_BYTES // 2**20} MiB in total")
+        self._bytes += size_bytes
+        known[record.id] = record
 
     def channel(self, channel_id: int) -> Channel:
         """A channel with its schema; the same object as long as neither is described anew."""
@@ -71,13 +72,3 @@ class Definitions:
         """Add those of other definitions whose numbers are not taken; they have been charged there."""
         self.schemas = others.schemas | self.schemas
         self.channels = others.channels | self.channels
-
-    def _charge(self, size_bytes: int) -> None:
-        if self._bytes + size_bytes + _OBJECT_BYTES > _MAX_ALL_BYTES:
-            raise RecordTooLarge(f"schemas and channels of more than {_MAX_ALL_BYTES // 2**20} MiB in total")
-        self._bytes += size_bytes + _OBJECT_BYTES
-
-
-def _check_new(known: Schema | ChannelRecord | None, replace: bool) -> None:
-    if known is not None and not replace:
-        raise BrokenRecord("it differs from the definition of the same number")

@@ -18,13 +18,13 @@ from mcap.records import Attachment, Header, Metadata
 
 from ..errors import LogError
 from ..inputs import open_regular
-from .chunks import Allowance, chunk_size, decompress_chunk
+from .chunks import Allowance, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
-from .heads import MESSAGE_HEAD
 from .index import read_index
 from .message import Message
-from .records import MAGIC, BrokenRecord, RecordTooLarge, parse_record, split_records
+from .records import MAGIC, BrokenRecord, RecordTooLarge, ends_with_magic, parse_record, split_records
+from .search import MESSAGE_HEAD
 from .walk import READ, Record, Walk
 
 _MAX_HEADER_BYTES = 2**16  # profile and library name, a few dozen bytes
@@ -52,7 +52,7 @@ class LogFile:
                 if self.size_bytes == 0:
                     raise LogError(f"{self.path} is empty (0 bytes): nothing was recorded")
                 if start != MAGIC:
-                    if not _ends_with_magic(stream):
+                    if not ends_with_magic(stream):
                         version = " of this version" if start.startswith(MAGIC[:5]) else ""
                         raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
                     self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
@@ -230,8 +230,8 @@ def _records_in(
 ) -> Iterator[tuple[int, bytes | memoryview]]:
     """The records in a chunk, or the one record that is not a chunk. Raises BrokenRecord."""
     if record.opcode == Opcode.CHUNK:
-        allowance.begin(len(body), chunk_size(body))
-        for opcode, inner in split_records(memoryview(decompress_chunk(body, record.whole, verify))):
+        records = decompress_chunk(body, record.whole, allowance, verify)
+        for opcode, inner in split_records(memoryview(records)):
             allowance.take_record()
             yield opcode, inner
     elif record.whole:
@@ -252,10 +252,3 @@ def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowan
         finally:
             found.add_missing(new)
     return False
-
-
-def _ends_with_magic(stream: IO[bytes]) -> bool:
-    """Whether the last bytes are those of an MCAP file, so that it may be one whose first ones are damaged."""
-    size = stream.seek(0, os.SEEK_END)
-    stream.seek(max(size - len(MAGIC), 0))
-    return size >= 2 * len(MAGIC) and stream.read(len(MAGIC)) == MAGIC

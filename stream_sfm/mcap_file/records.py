@@ -5,14 +5,17 @@ let five kinds of exception escape.
 """
 
 import io
+import os
 import struct
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import IO, Any
 
 from mcap.data_stream import ReadDataStream
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the body in bytes
+# Of a chunk: first and last log time, uncompressed size in bytes, CRC-32, length of the compression's name.
+CHUNK_HEAD = struct.Struct("<QQQII")
 # A record or a decompressed chunk beyond it is damage, or hostile; writers use 1–4 MiB
 MAX_RECORD_BYTES = 128 * 2**20
 
@@ -48,3 +51,10 @@ def split_records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
             raise BrokenRecord(f"it has a record of {length} bytes where {len(data) - position} are left")
         yield opcode, data[position : position + length]
         position += length
+
+
+def ends_with_magic(stream: IO[bytes]) -> bool:
+    """Whether the last bytes are those of an MCAP file, so that it may be one whose first ones are damaged."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(size - len(MAGIC), 0))
+    return size >= 2 * len(MAGIC) and stream.read(len(MAGIC)) == MAGIC

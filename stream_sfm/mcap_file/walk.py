@@ -12,9 +12,8 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 
 from .damage import Damage
-from .heads import PEEK_BYTES, can_follow, chunk_head
-from .records import MAGIC, MAX_RECORD_BYTES, RECORD_HEAD
-from .search import Search, Wanted
+from .records import MAGIC, MAX_RECORD_BYTES, RECORD_HEAD, ends_with_magic
+from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_head
 
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -82,7 +81,7 @@ class Walk:
             if problem := self._problem(opcode, length, left, stop, start):
                 # A chunk that is cut off with the file can be read as far as it goes. Anything else that claims so
                 # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
-                cut = 0 <= left < length and stop == self._size and not self._is_closed()
+                cut = 0 <= left < length and stop == self._size and not ends_with_magic(self._stream)
                 if cut and opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
                     yield Record(at, opcode, length, left)
                     self._unconfirmed = None
@@ -117,9 +116,10 @@ class Walk:
         head = chunk_head(body) if length or opcode else None
         if head is None or head.length > left or (opcode, length) == (Opcode.CHUNK, head.length):
             return opcode, length
+        behind = at + RECORD_HEAD.size + head.length
         if opcode != Opcode.CHUNK and length == head.length:
             wrong = f"kind, {opcode},"
-        elif opcode == Opcode.CHUNK and self._record_begins(at + RECORD_HEAD.size + head.length):
+        elif opcode == Opcode.CHUNK and can_follow(self._peek(behind), self._size - behind):
             wrong = f"length, {length},"
         else:
             return opcode, length
@@ -182,14 +182,6 @@ class Walk:
         """Where the next known chunk behind `at` begins, or the file ends."""
         number = bisect_right(self._chunks, at)
         return self._chunks[number] if number < len(self._chunks) else self._size
-
-    def _record_begins(self, at: int) -> bool:
-        return can_follow(self._peek(at), self._size - at)
-
-    def _is_closed(self) -> bool:
-        """Whether the file ends as it should."""
-        self._stream.seek(max(self._size - len(MAGIC), 0))
-        return self._stream.read(len(MAGIC)) == MAGIC
 
     def _peek(self, at: int) -> bytes:
         return self._read(at, min(PEEK_BYTES, self._size - at))

@@ -14,7 +14,6 @@ from ..types import FrameEstimate, Status
 from . import cdr, ros_messages
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
-from .path import PathSoFar
 
 TOPICS = {
     "/stream_sfm/odometry": ros_messages.ODOMETRY,
@@ -30,6 +29,8 @@ TOPICS = {
 }
 _LEVELS = {Status.OK: 0, Status.INITIALISING: 0, Status.DEGRADED: 1, Status.LOST: 2}  # of diagnostic_msgs
 _DEGREES = 180 / np.pi
+_MAX_POSES = 4096  # of the path in one message; beyond it every other pose is dropped
+_GROWTH = 1.05  # the path is published again when it is 5 % longer
 Stamped = Iterator[tuple[str, Any]]  # topic and message
 
 
@@ -163,3 +164,37 @@ class RosMessages:
 
     def _in_map(self) -> Array:
         return np.eye(4) if self._map_from_world is None else self._map_from_world()
+
+
+class PathSoFar:
+    """Collects the poses of all frames in bounded memory; a long path is thinned.
+
+    A path is due with the first poses, and whenever it is a twentieth longer.
+    """
+
+    def __init__(self) -> None:
+        self._kept: list[Any] = []
+        self._latest: Any = None
+        self._frames = 0
+        self._stride = 1
+        self._due_at = 1.0
+
+    def add(self, pose: Any) -> bool:
+        """Add the next pose, and return whether a path is due."""
+        if self._frames % self._stride == 0:
+            if len(self._kept) == _MAX_POSES:  # an even number: this frame belongs to the thinned ones, too
+                del self._kept[1::2]
+                self._stride *= 2
+            self._kept.append(pose)
+        self._latest = pose
+        self._frames += 1
+        if self._frames < self._due_at:
+            return False
+        self._due_at = self._frames * _GROWTH
+        return True
+
+    def poses(self) -> list[Any]:
+        """Return the path, from the first pose to the latest."""
+        if not self._kept or self._kept[-1] is self._latest:
+            return list(self._kept)
+        return [*self._kept, self._latest]

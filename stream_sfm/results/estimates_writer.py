@@ -1,20 +1,7 @@
 """Writes `estimates.mcap`: everything a run estimates, as a bag that ROS 2, Foxglove, Rerun and PlotJuggler open.
 
-| topic | message | content |
-|---|---|---|
-| /stream_sfm/odometry | nav_msgs/msg/Odometry | the path that never jumps, and the velocity, with covariances |
-| /stream_sfm/pose | geometry_msgs/msg/PoseWithCovarianceStamped | the best estimate of the pose in the world |
-| /tf | tf2_msgs/msg/TFMessage | the odom frame in the world, and the camera or robot in the odom frame |
-| /tf_static | tf2_msgs/msg/TFMessage | the camera on the robot, once, if there is a base frame |
-| /stream_sfm/path | nav_msgs/msg/Path | the positions so far, less often as it grows |
-| /stream_sfm/points | sensor_msgs/msg/PointCloud2 | CC local structure in the camera frame, one message per frame |
-| /stream_sfm/map | sensor_msgs/msg/PointCloud2 | WC structure: points that left the estimator, each once |
-| /stream_sfm/scalars | stream_sfm_msgs/msg/Scalars | numbers to plot |
-| /stream_sfm/estimate | stream_sfm_msgs/msg/Estimate | status, pose, covariance, window, counts |
-| /stream_sfm/timing | stream_sfm_msgs/msg/Timing | milliseconds per stage |
-
-All are CDR, because ROS 2 plays no bag that mixes serialisations. Frames and axes follow the settings `[ros]`;
-/stream_sfm/estimate does not: its pose is always that of the left camera, in the first one.
+`docs/formats.md` lists the topics. All are CDR, because ROS 2 plays no bag that mixes serialisations. Frames and axes
+follow the settings `[ros]`; /stream_sfm/estimate does not: there the pose is of the left camera, in the first one.
 
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
 `calibration.toml`. All times of a message are the frame's stamp, its sequence the frame index; two runs differ

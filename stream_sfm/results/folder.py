@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
-from ..outputs import MAP_TRAJECTORY, RESULTS, lock_folder, only_writer
+from ..outputs import MAP_TRAJECTORY, RESULTS, only_writer
 from ..types import Frame, FrameEstimate, Sink, Trajectory
 from . import bag_metadata
 from .estimates_writer import EstimatesWriter
@@ -33,12 +33,11 @@ class ResultFolder:
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
         self.path = Path(path)
         self._rig, self._config = rig, config
-        self.map_from_world: Callable[[], Array] | None = (
-            None  # where a map of places has the world of the estimates
-        )
+        # Where a map of places has the world of the estimates.
+        self.map_from_world: Callable[[], Array] | None = None
         self._files: list[Sink] = []
         self._estimates: EstimatesWriter | None = None
-        self._lock: int | None = None
+        self._lock = ExitStack()  # that of the folder, while it is written to
         self._closed = False
 
     def __enter__(self) -> "ResultFolder":
@@ -83,13 +82,11 @@ class ResultFolder:
             if self._estimates is not None and bag_metadata.may_be_written(path, "estimates.mcap"):
                 write_whole(path, self._estimates.metadata())
         finally:
-            if self._lock is not None:
-                os.close(self._lock)
-                self._lock = None
+            self._lock.close()
 
     def _open(self) -> None:
         make_folder(self.path)
-        self._lock = lock_folder(self.path)
+        self._lock.enter_context(only_writer(self.path))
         if self.path / "config.toml" in changed_results(self.path, self._config):
             write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
         estimates = self.path / "estimates.mcap"

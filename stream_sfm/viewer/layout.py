@@ -8,7 +8,6 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
-from ..types import FrameEstimate
 
 CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
@@ -88,17 +87,6 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
-
-
-def set_time(stream: rr.RecordingStream, estimate: FrameEstimate) -> None:
-    """Log what follows at the time of an estimate."""
-    stream.set_time("frame", sequence=estimate.frame_index)
-    stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
-
-
-def series_names(names: tuple[str, ...], colours: list[tuple[int, int, int]] | None = None) -> rr.SeriesLines:
-    """The legend of an entity with several series."""
-    return rr.SeriesLines(names=list(names), colors=colours)
 
 
 def styles() -> dict[str, rr.AsComponents]:

@@ -77,8 +77,8 @@ class RerunSink:
         drift, colours = ["estimated σ"], [layout.ELLIPSOID_COLOUR]
         if self._truth is not None:
             drift, colours = ["estimated σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
-        log(layout.DRIFT, layout.series_names(tuple(drift), colours), static=True)
-        log(layout.TRACKS, layout.series_names(layout.TRACK_SERIES, layout.SERIES_COLOURS), static=True)
+        log(layout.DRIFT, rr.SeriesLines(names=drift, colors=colours), static=True)
+        log(layout.TRACKS, rr.SeriesLines(names=layout.TRACK_SERIES, colors=layout.SERIES_COLOURS), static=True)
         for path, style in layout.styles().items():
             log(path, style, static=True)
 
@@ -87,7 +87,8 @@ class RerunSink:
         if not self._recording.watched:
             return
         stream = self._stream
-        layout.set_time(stream, estimate)
+        stream.set_time("frame", sequence=estimate.frame_index)
+        stream.set_time("time", timestamp=np.datetime64(estimate.stamp_ns, "ns"))
         pictures: tuple[Picture, ...] = () if frame is None else frame.pictures or frame.images
         for side, picture in zip(self._sides, pictures, strict=False):
             stream.log(f"{side}/image", _picture(picture))
@@ -156,7 +157,11 @@ class RerunSink:
         stages = tuple(estimate.timings_ms)
         if stages != self._stages:
             self._stages = stages
-            log(layout.TIMING, layout.series_names(stages, layout.SERIES_COLOURS[: len(stages)]), static=True)
+            log(
+                layout.TIMING,
+                rr.SeriesLines(names=stages, colors=layout.SERIES_COLOURS[: len(stages)]),
+                static=True,
+            )
         log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
 
     def _error_m(self, estimate: FrameEstimate) -> float:

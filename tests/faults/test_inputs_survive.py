@@ -141,8 +141,8 @@ def test_a_folder_has_one_writer(tmp_path):
 
 
 def test_a_process_that_dies_gives_its_folder_back(tmp_path):
-    code = "import sys, time; from pathlib import Path; from stream_sfm.outputs import lock_folder\n"
-    code += "lock_folder(Path(sys.argv[1])); print('locked', flush=True); time.sleep(60)"
+    code = "import sys, time; from pathlib import Path; from stream_sfm.outputs import only_writer\n"
+    code += "with only_writer(Path(sys.argv[1])): print('locked', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stdout.readline() == b"locked\n"
         with pytest.raises(sfm.OutputError, match="another run"), only_writer(tmp_path):

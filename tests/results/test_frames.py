@@ -14,10 +14,10 @@ from stream_sfm.config import Config, RosConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
 from stream_sfm.motion import Odometry
+from stream_sfm.results.estimate_messages import PathSoFar
 from stream_sfm.results.estimates_reader import read_clouds
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import RosFrames
-from stream_sfm.results.path import PathSoFar
 from stream_sfm.results.ros_messages import POINT_DTYPE
 from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
