@@ -48,9 +48,12 @@ def test_in_another_thread_signals_are_left_alone() -> None:
     assert handlers == [(signal.getsignal(signal.SIGINT), False)]
 
 
-def test_a_frame_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def short_grace(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
 
+
+def test_a_frame_that_does_not_come_is_not_waited_for(short_grace: None) -> None:
     def frames() -> Iterator[int]:
         yield 1
         os.kill(os.getpid(), signal.SIGTERM)
@@ -63,9 +66,7 @@ def test_a_frame_that_does_not_come_is_not_waited_for(monkeypatch: pytest.Monkey
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
 
 
-def test_where_not_even_the_first_frame_comes_the_run_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
-
+def test_where_not_even_the_first_frame_comes_the_run_is_interrupted(short_grace: None) -> None:
     def frames() -> Iterator[int]:
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(60)
@@ -75,8 +76,7 @@ def test_where_not_even_the_first_frame_comes_the_run_is_interrupted(monkeypatch
         list(interruption.until_requested(frames()))
 
 
-def test_the_frame_in_hand_is_finished_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+def test_the_frame_in_hand_is_finished_however_long_it_takes(short_grace: None) -> None:
     taken = []
     with deferred_interrupts() as interruption:
         for item in interruption.until_requested([1, 2]):

@@ -70,8 +70,9 @@ def estimate(i: int, points: int = 5) -> FrameEstimate:
     )
 
 
-def write(path: Path, estimates) -> Path:
-    writer = EstimatesWriter(path, rig(), Config())
+def write(path: Path, estimates, *settings) -> Path:
+    """A file of estimates; `settings`: those of `EstimatesWriter`, else the default ones."""
+    writer = EstimatesWriter(path, rig(), *(settings or [Config()]))
     for e in estimates:
         writer.write(e)
     writer.close()

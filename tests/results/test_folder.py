@@ -20,6 +20,14 @@ def steps() -> list[tuple[sfm.FrameEstimate, sfm.StereoFrame]]:
     return [(engine.step(frame), frame) for frame in frames]
 
 
+def write(
+    path: Path, steps: list[tuple[sfm.FrameEstimate, sfm.StereoFrame]], config: sfm.Config | None = None
+) -> None:
+    with ResultFolder(path, rig(), config or sfm.Config()) as folder:
+        for step in steps:
+            folder.write(*step)
+
+
 def test_a_program_that_fails_keeps_what_it_has_written(steps, tmp_path: Path) -> None:
     with pytest.raises(ConnectionError), ResultFolder(tmp_path / "run", rig(), sfm.Config()) as folder:
         for step in steps:
@@ -77,11 +85,9 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
 @pytest.mark.parametrize("base_frame", ["", "base_link"])
 def test_the_folder_is_a_bag(steps, tmp_path: Path, base_frame: str) -> None:
     """Read by rosbags, and by evo as users call it."""
-    folder = ResultFolder(tmp_path / "run", rig(), sfm.Config(ros=sfm.RosConfig(base_frame=base_frame)))
-    for step in steps:
-        folder.write(*step)
-    folder.close()
-    with Reader(folder.path) as bag, Reader(folder.path / "estimates.mcap") as file:
+    path = tmp_path / "run"
+    write(path, steps, sfm.Config(ros=sfm.RosConfig(base_frame=base_frame)))
+    with Reader(path) as bag, Reader(path / "estimates.mcap") as file:
         assert bag.message_count == file.message_count == len(list(bag.messages()))
         assert (bag.start_time, bag.end_time) == (file.start_time, file.end_time)
         assert {c.topic: (c.msgtype, c.msgcount) for c in bag.connections} == {
@@ -92,21 +98,16 @@ def test_the_folder_is_a_bag(steps, tmp_path: Path, base_frame: str) -> None:
         read = file_interface.read_bag_trajectory(bag, "/stream_sfm/pose")
     if not base_frame:
         assert np.allclose(read.poses_se3, [e.world_from_cam for e, _ in steps], atol=1e-12)
-    assert not is_recording(folder.path)  # a batch over a folder with results does not replay them
+    assert not is_recording(path)  # a batch over a folder with results does not replay them
 
 
 def test_the_metadata_of_another_bag_is_left_as_it_is(steps, tmp_path: Path) -> None:
     for text in ("rosbag2_bagfile_information:\n  relative_file_paths: [mine.db3]\n", "not yaml", "{}"):
         (tmp_path / "metadata.yaml").write_text(text)
-        folder = ResultFolder(tmp_path, rig(), sfm.Config())
-        folder.write(*steps[0])
-        folder.close()
+        write(tmp_path, steps[:1])
         assert (tmp_path / "metadata.yaml").read_text() == text
     (tmp_path / "metadata.yaml").unlink()
     for frames in (1, 2):  # that of an earlier run is replaced
-        folder = ResultFolder(tmp_path, rig(), sfm.Config())
-        for step in steps[:frames]:
-            folder.write(*step)
-        folder.close()
+        write(tmp_path, steps[:frames])
         with Reader(tmp_path) as bag:
             assert next(c.msgcount for c in bag.connections if c.topic == "/tf") == frames

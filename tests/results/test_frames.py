@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from stream_sfm.config import Config, RosConfig
 from stream_sfm.errors import ConfigError
@@ -16,12 +14,11 @@ from stream_sfm.geometry import se3
 from stream_sfm.motion import Odometry
 from stream_sfm.results.estimate_messages import PathSoFar
 from stream_sfm.results.estimates_reader import read_clouds
-from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import RosFrames
 from stream_sfm.results.ros_messages import POINT_DTYPE
 from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
-from tests.results.test_estimates import estimate, rig
+from tests.results.test_estimates import estimate, write
 
 ROBOT = RosConfig(
     world_frame="earth",
@@ -35,10 +32,9 @@ ROBOT = RosConfig(
 
 
 def messages(path: Path, topic: str) -> list:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with Reader(path) as reader:
-        chosen = [c for c in reader.connections if c.topic == topic]
-        return [store.deserialize_cdr(data, c.msgtype) for c, _, data in reader.messages(chosen)]
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [said for _, _, _, said in reader.iter_decoded_messages([topic])]
 
 
 def matrix(translation, rotation) -> np.ndarray:
@@ -46,6 +42,10 @@ def matrix(translation, rotation) -> np.ndarray:
     return se3.from_rotation_translation(
         se3.matrix_from_quat_xyzw(quat), [translation.x, translation.y, translation.z]
     )
+
+
+def transform(stamped) -> np.ndarray:
+    return matrix(stamped.transform.translation, stamped.transform.rotation)
 
 
 def moving(i: int) -> FrameEstimate:
@@ -59,27 +59,17 @@ def moving(i: int) -> FrameEstimate:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("robot") / "estimates.mcap"
-    writer = EstimatesWriter(path, rig(), Config(ros=ROBOT))
-    for i in range(5):
-        writer.write(moving(i))
-    writer.close()
-    return path
+    return write(path, map(moving, range(5)), Config(ros=ROBOT))
 
 
 def test_where_a_map_of_places_corrects_the_world_the_transforms_follow(tmp_path: Path) -> None:
     """Map from odom, the pose, and the points; odom and our own message stay as they are."""
     here = se3.exp([0.5, -0.2, 0.1, 0.1, 0.3, -0.2])
     for name, where in (("plain", None), ("corrected", lambda: here)):
-        writer = EstimatesWriter(tmp_path / name, rig(), Config(), where)
-        for i in range(3):
-            writer.write(moving(i))
-        writer.close()
+        write(tmp_path / name, map(moving, range(3)), Config(), where)
 
     def both(topic: str) -> list:
-        return [messages_in_file(tmp_path / name, topic)[-1] for name in ("plain", "corrected")]
-
-    def transform(stamped) -> np.ndarray:
-        return matrix(stamped.transform.translation, stamped.transform.rotation)
+        return [messages(tmp_path / name, topic)[-1] for name in ("plain", "corrected")]
 
     plain, corrected = both("/tf")
     assert np.allclose(transform(corrected.transforms[0]), here @ transform(plain.transforms[0]), atol=1e-12)
@@ -94,17 +84,11 @@ def test_where_a_map_of_places_corrects_the_world_the_transforms_follow(tmp_path
     assert list(plain.world_from_cam) == list(corrected.world_from_cam)
 
 
-def messages_in_file(path: Path, topic: str) -> list:
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        return [said for _, channel, _, said in reader.iter_decoded_messages([topic])]
-
-
 def test_the_camera_stands_on_the_robot_as_the_settings_say(robot: Path) -> None:
     (sent,) = messages(robot, "/tf_static")
-    (transform,) = sent.transforms
-    assert (transform.header.frame_id, transform.child_frame_id) == ("base_link", "cam0")
-    base_from_cam = matrix(transform.transform.translation, transform.transform.rotation)
+    (mounted,) = sent.transforms
+    assert (mounted.header.frame_id, mounted.child_frame_id) == ("base_link", "cam0")
+    base_from_cam = transform(mounted)
     # It looks straight down: its z axis is the robot's −z, its x axis the robot's −y (right), its y axis −x.
     assert np.allclose(base_from_cam[:3, :3], [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=1e-12)
     assert np.allclose(base_from_cam[:3, 3], [0.3, 0, 0.5])
@@ -112,14 +96,14 @@ def test_the_camera_stands_on_the_robot_as_the_settings_say(robot: Path) -> None
 
 def test_the_chain_of_transforms_is_the_motion_of_the_camera(robot: Path) -> None:
     (mounted,) = messages(robot, "/tf_static")[0].transforms
-    base_from_cam = matrix(mounted.transform.translation, mounted.transform.rotation)
+    base_from_cam = transform(mounted)
     for i, sent in enumerate(messages(robot, "/tf")):
         corrected, moved = sent.transforms
         assert (corrected.header.frame_id, corrected.child_frame_id) == ("earth", "start")
         assert (moved.header.frame_id, moved.child_frame_id) == ("start", "base_link")
-        odom_from_cam = matrix(moved.transform.translation, moved.transform.rotation) @ base_from_cam
+        odom_from_cam = transform(moved) @ base_from_cam
         assert np.allclose(odom_from_cam, base_from_cam @ estimate(i).world_from_cam, atol=1e-12)  # never corrected
-        world_from_cam = matrix(corrected.transform.translation, corrected.transform.rotation) @ odom_from_cam
+        world_from_cam = transform(corrected) @ odom_from_cam
         assert np.allclose(world_from_cam, base_from_cam @ moving(i).world_from_cam, atol=1e-12)
     assert {cloud.frame_id for cloud in read_clouds(robot)} == {"cam0"}
     assert {cloud.frame_id for cloud in read_clouds(robot, "/stream_sfm/map")} == {"earth"}
