@@ -7,7 +7,6 @@ aliases. The limits are far above what a person or a tool writes.
 import os
 import re
 import stat
-import tomllib
 from errno import EFBIG, EINVAL
 from pathlib import Path
 from typing import IO, Any
@@ -70,6 +69,8 @@ def read_small(path: str | Path, max_bytes: int) -> bytes:
 
 def parse_toml(text: str) -> dict[str, Any]:
     """The content of TOML. Raises ValueError or RecursionError where it is none, or none that a person would write."""
+    import tomllib
+
     check_text(text)
     data = tomllib.loads(text)
     check_values(data)

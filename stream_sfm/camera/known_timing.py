@@ -7,14 +7,14 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 
-_LONGEST_S = 1.0  # more is milliseconds given as seconds
+_LONGEST_S = 1.0  # larger values are milliseconds given as seconds
 
 
 @dataclass(frozen=True, slots=True)
 class KnownTiming:
     """Delay of the right camera, and time in which both shutters read out an image from the top down; each with its σ.
 
-    Seconds. Raises ConfigError for numbers that are none, and for a σ that is not above 0.
+    Seconds. Raises ConfigError for values that are not finite, and for a σ that is not positive.
     """
 
     delay_s: float

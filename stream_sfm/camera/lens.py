@@ -27,7 +27,7 @@ def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
 
 
 def rays_of(camera: Camera, pixels: Array) -> Array:
-    """The rays (n, 3), Z = 1, of pixels (n, 2); what a lens model has no answer for is not finite."""
+    """The rays (n, 3), Z = 1, of pixels (n, 2); not finite where the lens model has no solution."""
     fisheye, d = distortion(camera)
     rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
     return np.concatenate([rays, np.ones((len(pixels), 1))], axis=1)

@@ -9,7 +9,7 @@ from ..geometry.se3 import Array
 
 MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte
 MANY_PIXELS = 2**22  # of an image: nothing is done ahead of larger ones, for which there would be no memory
-_MIN_EDGE_PX = 16  # of an image: less holds no patch
+_MIN_EDGE_PX = 16  # of an image: smaller ones hold no patch
 _MAX_EDGE_PX = 2**15 - 1  # of an image: OpenCV's maps count in 16 bits
 _MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a tenth of it
 _MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole sees 168° then, and a fisheye more than there is
@@ -21,7 +21,7 @@ DISTORTION_COEFFICIENTS = {
     "rational_polynomial": (8,),
     "equidistant": (4,),
 }
-# What these models are called by others.
+# Other names of these models.
 DISTORTION_MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",
     "rational_polynomial": "rational_polynomial", "none": "none",
@@ -34,8 +34,8 @@ class Camera:
     """One pinhole camera as delivered, before rectification.
 
     `K` (3, 3) pixels; `D` distortion coefficients in OpenCV's order; `distortion_model` one of none, plumb_bob
-    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. Raises ConfigError for the
-    impossible.
+    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. Raises ConfigError for impossible
+    values.
     """
 
     width: int

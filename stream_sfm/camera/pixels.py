@@ -14,7 +14,7 @@ _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
 
 def bits_used(*images: Grey) -> int:
-    """How many bits of their 16 images (h, w) use, but for a few brightest pixels; of 8-bit images the fewest."""
+    """How many of their 16 bits images (h, w) use, apart from their brightest pixels; `FEWEST_BITS` if they have 8."""
     bits = FEWEST_BITS
     for image in images:
         if image.dtype == np.uint16:

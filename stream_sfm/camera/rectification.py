@@ -28,17 +28,17 @@ VIRTUAL_BASELINE = 10.0
 # least this fraction of the lens's own, chosen by hand: a wider view is bought with resolution in the middle.
 _MIN_FOCAL_FRACTION = 0.9
 _SAME_FOCAL_FRACTION = 0.999  # of the lens's own, which is kept then: rectified images stay as they are
-_MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: below, a third of the views' noise floor, it is left out
+_MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: smaller ones, a third of the views' noise floor, are left out
 # Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the
 # rectified camera, as with a lens of 180°.
 _MIN_RAY_DEPTH = 0.2
-_EXCHANGED = -0.5  # x of the direction from left to right camera: within 60° of exactly left, no such pair is meant
-_BESIDE = 0.7  # the same: less, and the right camera is above, below, in front or behind rather than beside
-_PARALLEL = 1e-3  # sine of the angle between baseline and view: less, and both cameras see along one line
+_EXCHANGED = -0.5  # x of the direction from left to right camera: below, within 60° of left, they are exchanged
+_BESIDE = 0.7  # the same: below, the right camera is above, below, in front or behind rather than beside
+_PARALLEL = 1e-3  # sine of the angle between baseline and view: below, both cameras look along one line
 _ROW_DEGREE = 7  # of the polynomial in each coordinate for rows of the camera's image, and how many places it fits
 _ROW_NODES = 21
 _ROW_REACH = 0.6  # shares of the image from its middle: what lies further out was not seen
-_MIN_VALID = 0.02  # of the rectified image's area: with less picture there is nothing to track
+_MIN_VALID = 0.02  # of the rectified image's area: with less image content there is nothing to track
 
 
 class Rectifier:
@@ -69,11 +69,11 @@ class Rectifier:
 
     @cached_property
     def _maps(self) -> list[tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None]:
-        return [_maps(*side) for side in self._sides]  # late: who asks for the projection alone needs none
+        return [_maps(*side) for side in self._sides]  # late: the projection alone needs none
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of the rectified left image hold picture. Raises RigError where hardly any does."""
+        """Which pixels (h, w) of the rectified left image hold image content. Raises RigError where hardly any does."""
         white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
         valid = np.asarray(self._rectified(white, 0) == 255)
         if valid.mean() < _MIN_VALID:
@@ -184,7 +184,7 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
     w, h = camera.width - 1.0, camera.height - 1.0
     pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
-    with np.errstate(invalid="ignore"):  # where the lens model has no answer, the caller says so
+    with np.errstate(invalid="ignore"):  # where the lens model has no solution, the caller says so
         rays = rays_of(camera, pixels) @ rotation.T
     # a lens of 180° and more reaches behind the rectified plane; the focal length bounds what is kept of it
     rays = rays[:, :2] / np.maximum(rays[:, 2:], _MIN_RAY_DEPTH)

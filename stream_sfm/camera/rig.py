@@ -128,7 +128,7 @@ class MonoRig:
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
-    """Ask about a baseline that is hardly in metres, as all lengths are; a list of one, or of none."""
+    """Return questions about a baseline that is probably not in metres: one, or none."""
     low_m, high_m = _USUAL_BASELINE_M
     if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
         return []
@@ -162,7 +162,7 @@ def _short(value: object) -> str:
 
 
 def checked_paths(calibration: read.Where) -> list[Path]:
-    """The absolute paths of a calibration, for other processes, which has been read once. Raises ConfigError.
+    """Return the absolute paths of a calibration for other processes, after reading it once. Raises ConfigError.
 
     A mistake in it is thus reported once, before any log is opened; each log knows the size of its images.
     """

@@ -70,7 +70,7 @@ def build_app(words: Sequence[str] = ()) -> App:
         help_format="plaintext",
         help_epilogue=_EXIT_CODES,
         version=f"stream-sfm {__version__}",
-        # of an option that is given twice the last one holds, so that scripts can add theirs at the end
+        # the last of two equal options wins, so that scripts can append theirs
         default_parameter=Parameter(negative=(), show_default=False, allow_repeating=True),
         result_action="return_value",
         exit_on_error=False,

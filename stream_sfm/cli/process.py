@@ -24,6 +24,6 @@ def settle() -> None:
     if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
         del os.environ["SOURCE_DATE_EPOCH"]
     gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
-    atexit.register(gc.freeze)  # or Python looks through all that is left for cycles, twice, before it exits
+    atexit.register(gc.freeze)  # otherwise Python searches all that is left for cycles, twice, before it exits
     with suppress(OSError, TypeError, AttributeError):  # another C library, which has no such thing
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)

@@ -26,7 +26,7 @@ from .trials import Measured, Report, mean, ratio
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
 _FRAMES = (10, 15, 20, 25, 30)
-_STEPS = 4  # to where a view is seen with errors of the rig, each a hundredth of the one before
+_STEPS = 4  # towards where a view is seen with the rig's errors; each is a hundredth of the one before
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ WINDOWS = (
     Window("rig as exact", rig=False, lasting=True),
     Window("rig as exact, errors as white", rig=False, lasting=False),
 )
-_OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # which they are right to take for exact
+_OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # where assuming an exact rig is right
 
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
