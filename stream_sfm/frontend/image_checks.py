@@ -5,9 +5,8 @@ import numpy as np
 
 from .prepared import Image, PreparedImages
 
-_BLACK_GREY = (
-    8  # of 255: an image without one brighter pixel shows at most the sensor's noise; white as far below 255
-)
+# Of 255: an image without one brighter pixel shows at most the sensor's noise; white is as far below 255.
+_BLACK_GREY = 8
 # Contrast and sharpness, as shares of each other. Blur by 9 px leaves .2 to .47 of the sharpness, dark images little of
 # the contrast; of views of one log that are one or two seconds apart nearly all have more.
 _ALIKE = 0.5

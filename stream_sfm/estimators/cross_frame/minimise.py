@@ -6,10 +6,9 @@ from ...geometry.gates import chi2_gates
 from .inverse_depth import WhitenedViews, whitened_residuals
 from .map import Map
 
-# Decreases of the sum of squares that a step promises, in squared standard deviations.
-_DIVERGED = (
-    1e3  # a step that promises more than this, and more than the step before it, leads away from the minimum
-)
+# Decreases of the sum of squares that a step promises, in squared standard deviations. One that promises more than
+# this, and more than the step before it, leads away from the minimum.
+_DIVERGED = 1e3
 # Measured on simulated and real views: a step leaves less than a ten-thousandth of the decrease it promised. After one
 # that promised this much, a standard deviation at most is left, all variables together; the next frame goes on from
 # there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more time.

@@ -64,9 +64,8 @@ class System:
         # of the errors' own covariance; and the other way round
         self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]
         self._rig_whitening = np.linalg.inv(self._rig_root)
-        self.root = (
-            self.chol.root
-        )  # of the covariance of poses and amplitudes; its last columns are of the rig's errors
+        # of the covariance of poses and amplitudes; its last columns are of the rig's errors
+        self.root = self.chol.root
 
     def step(self, blocks: NormalBlocks, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
         """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
