@@ -250,7 +250,7 @@ def peak_mib(work: Callable[[], object]) -> float:
 
 def test_ground_truth_takes_little_a_pose(tmp_path):
     path = tmp_path / "log.mcap"
-    count = 8_000
+    count = 3_000
     said = schema(999, "foxglove.PoseInFrame", "protobuf", definition(PoseInFrame))
     said += channel(1000, 999, "/gt/pose", "protobuf")
     pose = PoseInFrame(frame_id="world")
