@@ -58,7 +58,9 @@ def damped_solve(information: Array, gradient: Array) -> Array:
 
 
 class Cholesky:
-    """Factor of a symmetric positive definite matrix A (n, n): `root` is R with R Rᵀ = A⁻¹.
+    """Factor of a symmetric positive definite matrix A (n, n): `root` is R, upper triangular, with R Rᵀ = A⁻¹.
+
+    Only the lower triangle of A is read.
 
     With `repair`, a matrix that has lost definiteness to rounding gets the smallest diagonal increase that restores it.
     Raises LinAlgError where A is not positive definite.
@@ -67,13 +69,14 @@ class Cholesky:
     def __init__(self, matrix: Array, repair: bool = True) -> None:
         diagonal = np.diag(matrix)
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * scale[:, None] * scale
+        scaled = matrix * scale[:, None]
+        scaled *= scale
         for damping in (0.0, *_REPAIRS) if repair else (0.0,):
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
             with suppress(np.linalg.LinAlgError):
                 factor = np.asarray(np.linalg.cholesky(scaled), np.float64)
-                self.root = scale[:, None] * core.invert_triangle(factor).T
+                self.root = (core.invert_triangle(factor) * scale).T
                 return
         raise np.linalg.LinAlgError("information matrix is not positive definite")
 

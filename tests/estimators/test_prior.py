@@ -180,10 +180,9 @@ def test_errors_of_another_size_are_more_or_less_information_about_them(prior) -
     size = np.array([0.2, 2.0])
     prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
     known = measured(prior, [0, 1], size**-2.0 - prior.rig.size**-2.0, np.zeros(M))
-    rig, u = prior.rig.resized(size)
+    rig, u = prior.rig.informed(size**-2.0 - prior.rig.size**-2.0, np.zeros(M))
     after = prior.with_rig(rig, u)
     assert_known(after, *known)
-    assert (after.rig.size == size).all()
     amplitudes = np.array([0.4, 1.1])  # of what the window has now
     assert np.allclose(prior.rig.at(u @ amplitudes), after.rig.at(amplitudes), rtol=0, atol=1e-12)
 
@@ -193,7 +192,8 @@ def test_what_rows_say_is_a_measurement_of_one_error(prior, more) -> None:
     """And where they say less than before, of negative information."""
     prior = replace(prior, rig=replace(prior.rig, offset=np.array([0.3, -0.8])))
     known = measured(prior, [1], np.array([more]), np.array([0.7]))
-    assert_known(prior.with_rig(*prior.rig.informed(1, more, 0.7 * more)), *known)
+    of_one = np.array([0.0, more])
+    assert_known(prior.with_rig(*prior.rig.informed(of_one, 0.7 * of_one)), *known)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.8)])
@@ -212,6 +212,7 @@ def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, offset) -> None:
     assert np.abs((dense(after) - expected - np.outer(lost, lost)) / np.outer(scale, scale)).max() < 1e-12
     assert np.abs(lost[-M:]).max() < 1e-12  # the errors themselves keep their estimate
     assert (np.abs(lost).max() > 0) == any(offset)
+    assert (np.tril(after.rig.root, -1) == 0).all()
     assert (after.mean == prior.mean).all() and (after.world_from_ref == prior.world_from_ref).all()
     assert not after.rig.steady
 
@@ -261,7 +262,9 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     cov = np.linalg.inv(h)
     delta = cov @ g
     gain = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
-    mean, of_views = system.rig_errors(held)
+    mean, of_views = prior.rig.errors(
+        *system.rig_amplitudes(np.linalg.solve(prior.rig.root, held - prior.rig.mean))
+    )
     assert mean == pytest.approx(prior.rig.mean + delta[-M:], rel=1e-6)
     assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
     delta = delta + gain @ (held - mean)
@@ -307,17 +310,18 @@ def _blocks(cov: np.ndarray) -> np.ndarray:
 def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_result(size: float) -> None:
     """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), and says the same as before."""
     rng, m = np.random.default_rng(3), 5
-    root = np.tril(rng.normal(size=(m, m))) + 2 * np.eye(m)
-    rig = replace(RigKnowledge.unknown(np.ones(m)), mean=rng.normal(size=m), root=root, offset=rng.normal(size=m))
+    rig = replace(RigKnowledge.unknown(np.ones(m)), offset=rng.normal(size=m))
     axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
     said = rng.normal(size=m)  # by the window, along the axes
     before = axes.T @ rig.offset
 
     def after(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         mean = before + information / (1 + information) * (said - before)
-        return rig.mean + root @ axes @ mean, root @ axes @ np.diag(1 / (1 + information)) @ (root @ axes).T
+        return axes @ mean, axes @ np.diag(1 / (1 + information)) @ axes.T
 
-    mean, cov = rig.tempered(*after(own))
+    mean, cov = after(own)
+    mean, root = rig.tempered(mean, np.linalg.inv(np.linalg.cholesky(np.linalg.inv(cov))).T)
     expected_mean, expected_cov = after(own**2 / (1 + own))
-    assert cov == pytest.approx(expected_cov, rel=1e-6, abs=1e-12)
+    assert root @ root.T == pytest.approx(expected_cov, rel=1e-6, abs=1e-12)
     assert mean == pytest.approx(expected_mean, rel=1e-6, abs=1e-9)
+    assert (np.tril(root, -1) == 0).all()

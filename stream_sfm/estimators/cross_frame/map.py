@@ -81,7 +81,12 @@ class Map:
     @property
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
-        return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
+        return self.prior.rig.at(self.rig_amplitudes)
+
+    @property
+    def rig_amplitudes(self) -> Array:
+        """The present amplitudes (m,) of the rig's errors: those of the last modes."""
+        return self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :]
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -342,29 +347,32 @@ class Map:
         """
         if not len(self.prior.rig):
             return None
-        mean, cov = self.system.rig_errors(self.rig_error)
         rig, model = self.prior.rig, self.frames[-1].rig
+        by_all = self.system.rig_amplitudes(self.rig_amplitudes)
+        mean, cov = rig.errors(*by_all)
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
-        rig, found = rig.judged(*((mean, cov) if changes else rig.tempered(mean, cov)), misfit)
+        counted = (mean, cov) if changes else rig.errors(*rig.tempered(*by_all))
+        rig, found = rig.judged(*counted, misfit)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
         age = self.age_s(self.frames[-1].stamp_ns)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 
-    def resize_rig(self, estimate: RigEstimate | None, field_std_px: float) -> None:
-        """From now on give the prior of the rig's errors the sizes that their estimate makes likely."""
-        rig = self.prior.rig
-        if estimate is None or not rig.steady:
-            return
-        size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
-        self.know_rig(*rig.resized(size))
+    def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
+        """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
 
-    def know_rig(self, rig: RigKnowledge, u: Array) -> None:
-        """Replace the knowledge about the rig; amplitudes a of its modes become a' with a = U a', U (m, m)."""
+        `by_rows`: information (m,) and weighted sums (m,).
+        """
+        rig, (more, weighted) = self.prior.rig, by_rows
+        if rig.steady:
+            size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
+            more = more + size**-2.0 - rig.size**-2.0
+            rig = replace(rig, size=size)
+        rig, u = rig.informed(more, weighted)
+        of_rig = core.invert_triangle(u.T).T @ self.rig_amplitudes  # a = U a'
         self.prior = self.prior.with_rig(rig, u)
-        own, of_rig = np.split(self.amplitudes, [len(self.amplitudes) - len(rig)])
-        self.amplitudes = np.concatenate([own, np.linalg.solve(u, of_rig)])
+        self.amplitudes = np.concatenate([self.amplitudes[: len(self.amplitudes) - len(rig)], of_rig])
 
     def begin_field(self, model: RigModel) -> None:
         """Add a field to the rig's errors, and what it does to the views of the window."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky, symmetric
+from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
 from ...geometry.se3 import Array
 from .inverse_depth import NormalBlocks
 from .prior import Prior
@@ -59,11 +59,11 @@ class System:
         h[: self.poses, self.rig] += rig_pose
         h[self.rig, : self.poses] += rig_pose.T
         h -= _flat(self.reach).T @ _flat(self.reach)
-        self.chol = Cholesky(symmetric(h))
+        self.chol = Cholesky(h)
         self.rig_offset = np.zeros(len(prior.rig))
         # of the errors' own covariance; and the other way round
         self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]
-        self._rig_whitening = np.linalg.inv(self._rig_root)
+        self._rig_whitening = core.invert_triangle(self._rig_root.T).T
         # of the covariance of poses and amplitudes; its last columns are of the rig's errors
         self.root = self.chol.root
 
@@ -89,10 +89,13 @@ class System:
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
-    def rig_errors(self, held: Array) -> tuple[Array, Array]:
-        """Return mean (m,) and covariance (m, m) of the rig's errors by all views, where they are `held` (m,)."""
-        root = self._rig_root
-        return held + root @ self.rig_offset, symmetric(root @ root.T)
+    def rig_amplitudes(self, held: Array) -> tuple[Array, Array]:
+        """Return mean (m,) and root (m, m) of the rig's amplitudes by all views, where they are held at `held` (m,).
+
+        The root is upper triangular.
+        """
+        root = self.chol.root[self.rig, self.rig]
+        return held + root @ self.rig_offset, root
 
     def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
         """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky, symmetric
+from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import record
 from .inverse_depth import NormalBlocks, homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
@@ -146,7 +146,7 @@ class Prior:
         right = -flat_half.T @ given.ravel() - flat_pull.T @ away.ravel()
         right[known] -= amplitudes
         right[rig] += self.rig.root.T @ blocks.g_rig + self.rig.offset
-        chol = Cholesky(symmetric(s))
+        chol = Cholesky(s)
         whitened = chol.root.T @ right
         updated_rig = self.rig.after(amplitudes[k:], chol.root[rig, rig], whitened[rig].copy())
         whitened[rig] = 0.0  # held, and moved by the window

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.linear import Cholesky, symmetric
+from ... import core
+from ...geometry.linear import Cholesky
 from ...geometry.se3 import Array
 from ...record import record
 from ...rig_model.estimate import RigEstimate
@@ -26,7 +27,7 @@ _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 @record
 class RigKnowledge:
-    """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I).
+    """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I); `root` is upper triangular.
 
     `mean` is taken out of all views. `held` (m,): where the window holds c, the mean of the mixture, and `cov_held`
     (m, m): its covariance. `size` (m,): σ of each error before any view, which is learnt where `sizes_unknown`.
@@ -66,21 +67,23 @@ class RigKnowledge:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
 
-    def tempered(self, mean: Array, cov: Array) -> tuple[Array, Array]:
-        """Return what all views say of c, N(`mean`, `cov`), with those of the window counted by their share, eq. (72h).
+    def errors(self, amplitudes: Array, root: Array) -> tuple[Array, Array]:
+        """Return mean (m,) and covariance (m, m) of c, of amplitudes a ~ N(`amplitudes`, `root` rootᵀ)."""
+        root = self.root @ root
+        return self.at(amplitudes), root @ root.T
+
+    def tempered(self, amplitudes: Array, root: Array) -> tuple[Array, Array]:
+        """Return what all views say of a, N(`amplitudes`, `root` rootᵀ), with the window by its share, eq. (72h).
 
         What lasts of the views' errors is counted where frames leave the window, not inside, and all of it goes into
         what its views have in common. So the window's information counts by the share that it has in the result.
+        `root` (m, m) is upper triangular, and so is that of the result.
         """
-        m = len(self)
-        whitened = np.linalg.solve(self.root, cov)
-        c = symmetric(np.linalg.solve(self.root, whitened.T))
-        information = np.linalg.inv(c)
-        root = Cholesky(symmetric(information - np.eye(m) + c)).root
-        before = self.mean + self.root @ self.offset
-        away = np.linalg.solve(self.root, mean - before)
-        own = self.root @ root
-        return before + own @ (root.T @ ((information @ away) - away)), symmetric(own @ own.T)
+        whitening = core.invert_triangle(root.T)
+        information = whitening @ whitening.T
+        counted = Cholesky(information + root @ root.T - np.eye(len(self))).root
+        away = amplitudes - self.offset
+        return self.offset + counted @ (counted.T @ (information @ away - away)), counted
 
     def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
@@ -98,22 +101,14 @@ class RigKnowledge:
         size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
         return size
 
-    def resized(self, size: Array) -> tuple["RigKnowledge", Array]:
-        """Return the knowledge with a prior of other sizes, and U (m, m): amplitudes a are now a', with a = U a'."""
-        added = (size**-2.0 - self.size**-2.0)[:, None] * self.root
-        u = Cholesky(symmetric(np.eye(len(self)) + self.root.T @ added)).root
-        offset = u.T @ (self.offset - added.T @ self.mean)
-        return replace(self, root=self.root @ u, offset=offset, size=size), u
+    def informed(self, more: Array, weighted: Array) -> tuple["RigKnowledge", Array]:
+        """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).
 
-    def informed(self, at: int, more: float, weighted: float) -> tuple["RigKnowledge", Array]:
-        """Return the knowledge with so much `more` information about one error, and its weighted sum; it may be less.
-
-        And U (m, m): as in `resized`, the symmetric root of (I + more v vᵀ)⁻¹ with v that error's row.
+        And U (m, m), upper triangular: amplitudes a are now a', with a = U a'. Information may be negative, eq. (72b).
         """
-        v = self.root[at]
-        along = 1 / np.sqrt(1 + more * (v @ v))
-        u = np.eye(len(self)) - more * along**2 / (1 + along) * np.outer(v, v)
-        offset = u @ (self.offset + v * (weighted - more * self.mean[at]))
+        added = more[:, None] * self.root
+        u = Cholesky(np.eye(len(self)) + self.root.T @ added).root
+        offset = u.T @ (self.offset + self.root.T @ weighted - added.T @ self.mean)
         return replace(self, root=self.root @ u, offset=offset), u
 
     def changed(self, root: Array) -> tuple["RigKnowledge", Array]:
@@ -123,11 +118,12 @@ class RigKnowledge:
         errors do not depend. An estimate of y that is held back makes y that much larger.
         """
         m = len(self)
-        q, r = np.linalg.qr(np.concatenate([self.root, root], axis=1).T, mode="complete")
+        q, r = np.linalg.qr(np.concatenate([self.root, root], axis=1)[::-1].T, mode="complete")
+        q[:, :m] = q[:, :m][:, ::-1]
         offset = q[:m].T @ self.offset
         u = q[:m].copy()
         u[:, m:] = u[:, m:] @ np.linalg.cholesky(np.eye(root.shape[1]) + np.outer(offset[m:], offset[m:]))
-        return replace(self, root=r[:m].T, offset=offset[:m], steady=False), u
+        return replace(self, root=r[:m].T[::-1, ::-1], offset=offset[:m], steady=False), u
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""

@@ -75,7 +75,6 @@ class CrossFrame:
         frame = WindowFrame.from_observations(observations, self.projection)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
-        self._listen_to_rows(observations)
         if self.map is None:
             return self._start(observations, frame)
         try:
@@ -91,10 +90,11 @@ class CrossFrame:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
         rig = _unknown_rig(observations) if self.rig is None else self.rig
-        corrected = _corrected(observations, frame, rig.mean)
+        self.rig, _ = rig.informed(*self._since_by_rows(observations, len(rig)))
+        corrected = _corrected(observations, frame, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, solution, rig)
+            self.map = Map(self.projection, frame, solution, self.rig)
         return solution
 
     def _advance(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
@@ -138,20 +138,17 @@ class CrossFrame:
         root = None if view.change_root is None else view.change_root[: len(TERMS)]
         return replace(observations, rig=replace(view, model=view.model.without_field(), change_root=root))
 
-    def _listen_to_rows(self, observations: Observations) -> None:
-        """Use what the rows say about the delay: they depend on neither depth nor motion, and serve nothing else."""
-        view = observations.rig
-        if view is None:
-            return
-        if self.map is None and self.rig is None:
-            self.rig = _unknown_rig(observations)
-        said = view.model.amplitudes(DELAY, *view.delay_by_rows)
-        more, weighted = said - self._said_by_rows
-        self._said_by_rows = said
-        if self.map is not None:
-            self.map.know_rig(*self.map.prior.rig.informed(TERMS.index(DELAY), more, weighted))
-        elif self.rig is not None:
-            self.rig, _ = self.rig.informed(TERMS.index(DELAY), more, weighted)
+    def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
+        """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
+
+        They tell of the delay, whatever depth and motion are, and serve nothing else.
+        """
+        more, weighted = np.zeros((2, m))
+        if (view := observations.rig) is not None:
+            at, said = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
+            more[at], weighted[at] = said - self._said_by_rows
+            self._said_by_rows = said
+        return more, weighted
 
     def _pass_over(self, observations: Observations, reason: str) -> Solution:
         """Predict the pose of a frame without any view; the map goes on where its tracks return."""
@@ -248,7 +245,9 @@ class CrossFrame:
             relative=relative_motions(current, cov_timing),
             common=common_errors(current, rig),
         )
-        current.resize_rig(rig, 0.0 if observations.rig is None else observations.rig.field_std_px)
+        if rig is not None and observations.rig is not None:
+            by_rows = self._since_by_rows(observations, len(rig.mean))
+            current.learn_rig(rig, observations.rig.field_std_px, by_rows)
         return recorded(self.motion, observations, solution, before.ended(current.ids))
 
 
