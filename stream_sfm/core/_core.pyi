@@ -136,6 +136,54 @@ def motions_of_halves(
     share. Near and far, left and right, upper and lower ones. Arrays as in `fit_motion`.
     """
 
+def search_motion(
+    pinholes: Pinholes,
+    points: Array,
+    cov_points: Array,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    gate: Array,
+    cam_from_ref: Array,
+    weights: Array,
+    width: float,
+    height: float,
+    agreeing: int,
+) -> Array:
+    """Return the motion (4, 4) with the largest `motion_support`, whatever the start (4, 4): the global search.
+
+    The start is one of two beginnings of each sample, the other one is taken from its rays. `agreeing`: with how many
+    of the views the motion agrees at least, 0 if that is not known: among few views few samples then find it. Samples
+    depend on the number of views only. Arrays as in `fit_motion`; shared errors are left out.
+    """
+
+def motion_support(
+    pinholes: Pinholes,
+    points: Array,
+    cov_points: Array,
+    z_px: Array,
+    cov_px: Array,
+    shared: Array,
+    gate: Array,
+    cam_from_ref: Array,
+    amplitudes: Array,
+    weights: Array,
+    width: float,
+    height: float,
+) -> float:
+    """Return the support of a motion (4, 4) by views with `weights` (n,), which are at least 0.
+
+    Each view gives its weight, less the share of the gate that its squared residual uses up; the extent that the
+    agreeing views have in the image adds a little. Arrays as in `fit_motion`.
+    """
+
+def evidence(pinholes: Pinholes, z_px: Array, weights: Array, width: float, height: float) -> float:
+    """Return how strongly views (n, 4) with these weights (n,) look like the background.
+
+    Each place of the image has one vote, as large as its largest weight; their sum counts times their extent. A body
+    may have as many corners as it likes.
+    """
+
 def fit_turn(
     pinholes: Pinholes,
     points: Array,
@@ -190,13 +238,38 @@ def rig_mixture(
     have errors. Raises LinAlgError where the arguments are not finite.
     """
 
-def velocities_by_twist(pinholes: tuple[float, float, float, float, float], points_in_cam: Array) -> Array:
-    """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
+def velocities(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> Array:
+    """Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all."""
 
-def moving_views(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> tuple[Array, Array]:
-    """Return where homogeneous points (n, 4) are seen (n, 4), and how these views move (n, 4), px/s.
+def timed_views(pinholes: Pinholes, points_in_cam: Array, twist: Array, row: Array) -> Array:
+    """Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eq. (70a).
 
-    `twists` (n, 6), or (1, 6) for all: of the points in the camera.
+    `twist` (6,) of the points; `row` (n, 4): in which rows they were exposed, as shares of the height; NaN is 0.
+    """
+
+def timing_errors(
+    pinholes: Pinholes,
+    before: Array,
+    twist_before: Array,
+    row_before: Array,
+    now: Array,
+    twist: Array,
+    row: Array,
+    cov: Array,
+    size: Array,
+    std_twist: Array,
+) -> Array:
+    """Return the errors (n, 4, 14) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
+
+    Of homogeneous points (n, 4) before and now, as in `timed_views`. Delay and readout have the covariance `cov`
+    (2, 2), s², and the root mean squares `size` (2,), s; the twist now has `std_twist` (6,). Raises LinAlgError where
+    `cov` is not definite.
+    """
+
+def pose_by_twist(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array) -> tuple[Array, Array]:
+    """Return the information (6, 6) that views of homogeneous points (n, 4) have on a pose, of noise 1 px each.
+
+    And what a twist (6, 12) does to it by a delay and by a readout of `size` (2,), s; `row` as in `timed_views`.
     """
 
 def principal_errors(errors: Array, least: float) -> Array:

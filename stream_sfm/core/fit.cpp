@@ -19,8 +19,6 @@ constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the fina
 constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
 constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
 constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
-constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // as in geometry/se3.py
-constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
 
 // The median of squared residuals over its expected value, at least 1, of those below a limit.
 double spread_of(const double* squares, const double* gate, std::size_t n) {

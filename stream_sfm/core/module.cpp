@@ -190,6 +190,9 @@ NB_MODULE(_core, m) {
     def_of_views<View<double, 3>, View<double, 1>, View<double, 3>>(m, "view_residuals", &view_residuals);
     def_of_views<View<double, 2>, View<double, 1>, bool>(m, "fit_motion", &fit_motion);
     def_of_views<View<double, 2>, View<double, 1>, View<bool, 1>, double>(m, "motions_of_halves", &motions_of_halves);
+    def_of_views<View<double, 2>, View<double, 1>, double, double, std::size_t>(m, "search_motion", &search_motion);
+    def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, double, double>(m, "motion_support", &motion_support);
+    m.def("evidence", &Bound<&evidence>::call);
     def_of_views<View<double, 2>, int>(m, "fit_turn", &fit_turn);
     def_of_window(m, "window_residuals", &window_residuals);
     def_of_window(m, "normal_blocks", &normal_blocks);
@@ -201,8 +204,10 @@ NB_MODULE(_core, m) {
     m.def("disparity_slopes", &Bound<&disparity_slopes>::call);
     m.def("field_basis", &Bound<&field_basis>::call);
     m.def("rig_mixture", &Bound<&rig_mixture>::call);
-    m.def("velocities_by_twist", &Bound<&velocities_by_twist>::call);
-    m.def("moving_views", &Bound<&moving_views>::call);
+    m.def("velocities", &Bound<&velocities>::call);
+    m.def("timed_views", &Bound<&timed_views>::call);
+    m.def("timing_errors", &Bound<&timing_errors>::call);
+    m.def("pose_by_twist", &Bound<&pose_by_twist>::call);
     m.def("principal_errors", &Bound<&principal_errors>::call);
     m.def("pose_exp", &Bound<&pose_exp>::call);
     m.def("pose_log", &Bound<&pose_log>::call);

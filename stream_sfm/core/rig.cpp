@@ -25,6 +25,26 @@ void lens_columns(const double* ray, const double* left_ray, double corner, doub
     }
 }
 
+constexpr int LATE = 2;  // the coordinate that a delay moves: u on the right, as it is told from other rows that v is not moved
+
+// ∂ż/∂ξ̇ (4, 6) of a homogeneous point, px/s per unit of the points' twist.
+void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) {
+    double point[4], a[16];
+    std::copy(of, of + 4, point);
+    clamp_depth(point);
+    jacobian(pinholes, point, a);
+    for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, out + 6 * row);
+}
+
+void velocity_of(const double* by_twist, const double* twist, double* out) {
+    for (int c = 0; c < 4; c++) {
+        out[c] = 0;
+        for (int k = 0; k < 6; k++) out[c] += by_twist[6 * c + k] * twist[k];
+    }
+}
+
+double share(double row) { return std::isnan(row) ? 0.0 : row; }  // of a side that was not seen
+
 }  // namespace
 
 Array<double, 3> rig_columns(const Pinholes& p, const std::array<double, 2>& size, const View<double, 2>& z,
@@ -111,36 +131,84 @@ Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<d
     return result;
 }
 
-Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points) {
-    std::size_t n = points.shape[0];
+Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists) {
+    std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
     require_shape(points, {n, 4}, "points");
-    Array<double, 3> result({n, 4, 6});
+    require_shape(twists, {of_all ? 1 : n, 6}, "twists");
+    Array<double, 2> result({n, 4});
     for (std::size_t i = 0; i < n; i++) {
-        double point[4], a[16];
-        std::copy(points[i], points[i] + 4, point);
-        clamp_depth(point);
-        jacobian(pinholes, point, a);
-        for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, result[i] + 6 * row);
+        double by_twist[24];
+        velocity_by_twist(pinholes, points[i], by_twist);
+        velocity_of(by_twist, twists[of_all ? 0 : i], result[i]);
     }
     return result;
 }
 
-MovingViews moving_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists) {
-    std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
+Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist,
+                             const View<double, 2>& row) {
+    std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
-    require_shape(twists, {of_all ? 1 : n, 6}, "twists");
-    MovingViews result{Array<double, 2>({n, 4}), Array<double, 2>({n, 4})};
+    require_shape(twist, {6}, "twist");
+    require_shape(row, {n, 4}, "row");
+    Array<double, 3> result({n, 4, 2});
     for (std::size_t i = 0; i < n; i++) {
-        double point[4], a[16], by_twist[6];
-        const double* twist = twists[of_all ? 0 : i];
-        std::copy(points[i], points[i] + 4, point);
-        clamp_depth(point);
-        project(pinholes, point, result.z[i]);
-        jacobian(pinholes, point, a);
-        for (int row = 0; row < 4; row++) {
-            by_motion(a + 4 * row, point, by_twist);
-            for (int k = 0; k < 6; k++) result.velocity[i][row] += by_twist[k] * twist[k];
+        double by_twist[24], velocity[4];
+        velocity_by_twist(pinholes, points[i], by_twist);
+        velocity_of(by_twist, twist.data, velocity);
+        result[i][2 * LATE] = velocity[LATE];
+        for (int c = 0; c < 4; c++) result[i][2 * c + 1] = velocity[c] * share(row[i][c]);
+    }
+    return result;
+}
+
+Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 1>& twist_before,
+                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 1>& twist,
+                               const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
+                               const View<double, 1>& std_twist) {
+    Array<double, 3> then = timed_views(pinholes, before, twist_before, row_before), moved = timed_views(pinholes, now, twist, row);
+    std::size_t n = now.shape[0];
+    require(before.shape[0] == n, "there are not as many points before as now");
+    require_shape(cov, {2, 2}, "cov");
+    require_shape(size, {2}, "size");
+    require_shape(std_twist, {6}, "std_twist");
+    double root[4];
+    require_definite(cholesky<2>(cov.data, root), "the covariance of delay and readout is not positive definite");
+    Array<double, 3> result({n, 4, 14});
+    for (std::size_t i = 0; i < n; i++) {
+        double by_twist[24];
+        velocity_by_twist(pinholes, now[i], by_twist);
+        for (int c = 0; c < 4; c++) {
+            double* out = result[i] + 14 * c;
+            for (int k = 0; k < 2; k++)
+                for (int l = k; l < 2; l++) out[k] += (moved[i][2 * c + l] - then[i][2 * c + l]) * root[2 * l + k];
+            for (int k = 0; k < 6; k++) {
+                double by_time = std_twist.data[k] * by_twist[6 * c + k];
+                if (c == LATE) out[2 + k] = size.data[0] * by_time;
+                out[8 + k] = size.data[1] * by_time * share(row[i][c]);
+            }
         }
+    }
+    return result;
+}
+
+PoseByTwist pose_by_twist(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+                          const View<double, 1>& size) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    require_shape(row, {n, 4}, "row");
+    require_shape(size, {2}, "size");
+    PoseByTwist result{Array<double, 2>({6, 6}), Array<double, 2>({6, 12})};
+    for (std::size_t i = 0; i < n; i++) {
+        double by_twist[24];
+        velocity_by_twist(pinholes, points[i], by_twist);
+        for (int c = 0; c < 4; c++)
+            for (int a = 0; a < 6; a++)
+                for (int b = 0; b < 6; b++) {
+                    double squared = by_twist[6 * c + a] * by_twist[6 * c + b];
+                    result.information[a][b] += squared;
+                    if (c == LATE) result.moved[a][b] += size.data[0] * squared;
+                    result.moved[a][6 + b] += size.data[1] * share(row[i][c]) * squared;
+                }
     }
     return result;
 }

@@ -102,6 +102,13 @@ struct Halves {
 Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
                          const View<bool, 1>& accepted, double shared_noise);
 
+// search.cpp
+Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights, double width,
+                               double height, std::size_t agreeing);
+double motion_support(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
+                      const View<double, 1>& weights, double width, double height);
+double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights, double width, double height);
+
 // turn.cpp
 struct FittedTurn {
     Array<double, 1> rad;
@@ -117,12 +124,19 @@ Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 
 Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
                              const View<double, 2>& root);
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
-Array<double, 3> velocities_by_twist(const Pinholes& pinholes, const View<double, 2>& points);
-struct MovingViews {
-    Array<double, 2> z, velocity;
-    auto parts() { return std::tie(z, velocity); }
+Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
+Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist,
+                             const View<double, 2>& row);
+Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 1>& twist_before,
+                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 1>& twist,
+                               const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
+                               const View<double, 1>& std_twist);
+struct PoseByTwist {
+    Array<double, 2> information, moved;
+    auto parts() { return std::tie(information, moved); }
 };
-MovingViews moving_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
+PoseByTwist pose_by_twist(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+                          const View<double, 1>& size);
 Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
 
 // poses.cpp

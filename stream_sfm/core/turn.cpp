@@ -10,7 +10,6 @@
 namespace core {
 namespace {
 
-constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
 constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;           // motion and turn; with the residual
 
 // What a turn does at (u, v) of the right image: (2, 3) px per radian.

@@ -77,7 +77,7 @@ class PairFit:
             left_px[:, 2:] = np.nan
             views = PointViews(projection, found.points, found.cov_points, left_px, found.cov_px, gate_probability)
             root, _ = views.linearise(motion.cam_from_ref)
-            left |= views.squared_residuals(motion.cam_from_ref[None], root)[0] < motion.spread * views.gate
+            left |= views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate
         return cls(found.ids[inside], left[inside], both[inside])
 
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from .. import core
-from ..geometry.motion_search import evidence
 from ..geometry.point_views import PointViews
 from ..geometry.resection import BEYOND, MIN_SECOND_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
 from ..geometry.se3 import Array
@@ -36,11 +35,11 @@ def rigid_motion(views: PointViews, weights: Array, found: Resection, predicted:
     for cam_from_ref in [predicted, *halves]:
         other = refine(views, weights, cam_from_ref, found.amplitudes)
         left_out = found.accepted & (other.squared_residuals > BEYOND * views.gate)
-        says = evidence(views, weights * other.accepted)
+        says = views.evidence(weights * other.accepted)
         if not other.ok or left_out.sum() < MIN_SECOND_VIEWS or says <= most:
             continue
         if _halves(views, other)[0] < _APART:
-            odds = evidence(views, weights * left_out) / says
+            odds = views.evidence(weights * left_out) / says
             if odds > _MAX_ODDS:
                 continue
             second = SecondMotion(found.cam_from_ref, found.cov_pose, left_out, odds)

@@ -3,7 +3,7 @@
 Every estimator starts a frame from it, and the front-end takes its outlier test from it. Cauchy weights come first,
 wide and then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
 Gaussian noise. Where too few views agree with what a start led to, the whole space of motions is searched
-(`motion_search.py`), and it is looked whether the views that disagree have another motion in common.
+(`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
 """
 
 from dataclasses import field, replace
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..record import record
-from .motion_search import evidence, search_motion, support
 from .point_views import PointViews
 from .se3 import Array
 from .stereo import StereoProjection
@@ -133,8 +132,9 @@ def resect(
     found = refine(views, weights, start, amplitudes, anneal=True)
     if found.share < _CALM_SHARE:
         # no annealing: among many views that move together even small weights would lead away from what is found
-        other = refine(views, weights, search_motion(views, start, weights), amplitudes)
-        if other.ok and _support(views, other, weights) > _support(views, found, weights):
+        other = refine(views, weights, views.search(start, weights), amplitudes)
+        support, of_other = (views.support(m.cam_from_ref, m.amplitudes, weights) for m in (found, other))
+        if other.ok and of_other > support:
             found = other
     return _with_second_motion(views, found, weights) if find_second else found
 
@@ -170,12 +170,6 @@ def refine(
     )
 
 
-def _support(views: PointViews, found: Resection, weights: Array) -> float:
-    """Return the support of one motion, whitened where it is."""
-    root, _ = views.linearise(found.cam_from_ref)
-    return float(support(views.without_shared(found.amplitudes), found.cam_from_ref[None], root, weights)[0])
-
-
 def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> Resection:
     """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
 
@@ -185,15 +179,15 @@ def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> 
     off = found.squared_residuals > BEYOND * views.gate
     if not found.ok or off.sum() < MIN_SECOND_VIEWS:
         return found
-    seen = views.without_shared(found.amplitudes)
-    start = search_motion(seen.select(off), found.cam_from_ref, weights[off], MIN_SECOND_VIEWS)
+    seen = views.without_shared(found.amplitudes).select(off)
+    start = seen.search(found.cam_from_ref, weights[off], MIN_SECOND_VIEWS)
     other = refine(views, weights, start, found.amplitudes)
     only_other = off & other.accepted
     determined = len(other.amplitudes) - float(np.trace(other.cov_amplitudes))
     if not other.ok or only_other.sum() < MIN_SECOND_VIEWS + determined / 3:
         return found
     only_found = found.accepted & (other.squared_residuals > BEYOND * views.gate)
-    odds = evidence(views, weights * only_other) / max(evidence(views, weights * only_found), 1e-12)
+    odds = views.evidence(weights * only_other) / max(views.evidence(weights * only_found), 1e-12)
     if odds > 1 / _AMBIGUOUS_SHARE:
         second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
         return replace(other, second=second)

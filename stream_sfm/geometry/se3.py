@@ -12,8 +12,6 @@ from .. import core
 Array = NDArray[np.float64]
 
 _EYE = np.eye(3)
-# A linearised rotation is off by a few per cent there; longer steps of an iteration keep their direction.
-MAX_ROTATION_STEP_RAD = 0.3
 
 
 def skew(v: ArrayLike) -> Array:

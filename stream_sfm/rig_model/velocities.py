@@ -1,20 +1,19 @@
 """How views move while the camera does: what a late camera and a rolling shutter turn into errors, eq. (70a)."""
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import se3
+from ..geometry.linear import damped_solve
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
 # Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
 _REACH = 2
 _NODES = 4  # frames at least, as far as there are any
-_RIGHT_U = np.array([0.0, 0.0, 1.0, 0.0])  # what a delay moves of a view
 _LEAST_PX2 = 1e-2  # of a component, summed over all views: the variance of one good view
 
 
@@ -51,21 +50,15 @@ def _slopes(t: Array, used: NDArray[np.bool_]) -> Array:
     return np.where(others, ratio / np.where(others, t, 1.0), 0.0)
 
 
-def velocities_by_twist(projection: StereoProjection, points_in_cam: Array) -> Array:
-    """Return ∂ż/∂ξ̇ (n, 4, 6) of homogeneous points (n, 4) in the camera: px/s per unit of the points' twist."""
-    return core.velocities_by_twist(projection.pinholes, points_in_cam)
-
-
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
     """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
-    return core.moving_views(projection.pinholes, points_in_cam, twist.reshape(-1, 6))[1]
+    return core.velocities(projection.pinholes, points_in_cam, twist.reshape(-1, 6))
 
 
 class TimedViews:
     """Views of homogeneous points (n, 4) that move with a twist (6,), as delay and readout see them.
 
-    `row_of`: as in `RigModel`; None: the readout does nothing. `columns` (n, 4, 2): px per second of delay and of
-    readout.
+    `row_of`: as in `RigModel`; None: the readout does nothing. `row` (n, 4): what it says.
     """
 
     def __init__(
@@ -75,26 +68,20 @@ class TimedViews:
         twist: Array,
         row_of: Callable[[Array], Array] | None,
     ) -> None:
-        self._projection, self._points = projection, points_in_cam
-        z_px, velocity = core.moving_views(projection.pinholes, points_in_cam, twist[None])
-        self._row = np.zeros(z_px.shape) if row_of is None else row_of(z_px)
-        self._row[np.isnan(self._row)] = 0.0  # of sides that were not seen
-        self.columns = np.stack([velocity * _RIGHT_U, velocity * self._row], axis=2)
-
-    @cached_property
-    def by_twist(self) -> Array:
-        """Px per second and unit of the twist (n, 4, 6)."""
-        return velocities_by_twist(self._projection, self._points)
+        z_px = projection.project_homogeneous(points_in_cam)
+        self.row = np.zeros(z_px.shape) if row_of is None else row_of(z_px)
+        self.pinholes, self.points, self.twist = projection.pinholes, points_in_cam, twist
 
     @property
-    def by_delay(self) -> Array:
-        """Px per second of delay and unit of the twist (n, 4, 6)."""
-        return self.by_twist * _RIGHT_U[:, None]
+    def columns(self) -> Array:
+        """Px per second of delay and of readout (n, 4, 2)."""
+        return core.timed_views(self.pinholes, self.points, self.twist, self.row)
 
-    @property
-    def by_readout(self) -> Array:
-        """Px per second of readout and unit of the twist (n, 4, 6)."""
-        return self.by_twist * self._row[:, :, None]
+    def pose_by_twist(self, size: Array) -> tuple[Array, Array]:
+        """Return by how much the pose of views moves with the twist (6, 6), by delay and by readout `size` (2,)."""
+        information, moved = core.pose_by_twist(self.pinholes, self.points, self.row, size)
+        by_delay, by_readout = np.hsplit(damped_solve(information, moved.T).T, 2)
+        return by_delay, by_readout
 
 
 def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array, std_twist: Array) -> Array:
@@ -103,12 +90,9 @@ def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array
     (n, 4, j) px, each of σ = 1: a constant delay or readout shows where the velocity has changed; and what either of
     them does shows where the velocity is not known, by `std_twist` (6,). Their `principal` components.
     """
-    of_time = (now.columns - before.columns) @ np.linalg.cholesky(cov)
+    then, at_last = (before.points, before.twist, before.row), (now.points, now.twist, now.row)
     size = np.sqrt(mean**2 + np.diag(cov))
-    unknown = np.concatenate(
-        [of_time, size[0] * std_twist * now.by_delay, size[1] * std_twist * now.by_readout], axis=2
-    )
-    return principal(unknown)
+    return principal(core.timing_errors(now.pinholes, *then, *at_last, cov, size, std_twist))
 
 
 def principal(unknown: Array) -> Array:

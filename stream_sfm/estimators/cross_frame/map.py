@@ -319,7 +319,7 @@ class Map:
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         size = np.sqrt(mean**2 + np.diag(cov))
-        return cov_of_pose(views, views.by_twist, size, cov_twist)
+        return cov_of_pose(views, size, cov_twist)
 
     def _renew_first(self, frame: WindowFrame, rig: RigModel, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.

@@ -6,7 +6,6 @@ during the run; what that does to the views, by delay and readout as they are kn
 
 import numpy as np
 
-from ...geometry.linear import damped_solve
 from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.se3 import Array
 from ...rig_model.velocities import TimedViews
@@ -40,12 +39,9 @@ class TwistError:
         return weight * self._cov + (1 - weight) * assumed
 
 
-def cov_of_pose(views: TimedViews, by_pose: Array, size: Array, cov_twist: Array) -> Array:
+def cov_of_pose(views: TimedViews, size: Array, cov_twist: Array) -> Array:
     """Return the covariance (6, 6) of a pose by a twist of covariance (6, 6), eq. (70b).
 
-    `by_pose` (n, 4, 6): how views move with the pose; `size` (2,): delay and readout, root mean squares, seconds.
+    `size` (2,): delay and readout, root mean squares, seconds.
     """
-    by_pose, by_delay, by_readout = (j.reshape(-1, 6) for j in (by_pose, views.by_delay, views.by_readout))
-    moved = by_pose.T @ np.concatenate([size[0] * by_delay, size[1] * by_readout], axis=1)
-    gains = np.hsplit(damped_solve(by_pose.T @ by_pose, moved.T).T, 2)
-    return np.asarray(sum(g @ cov_twist @ g.T for g in gains))
+    return np.asarray(sum(gain @ cov_twist @ gain.T for gain in views.pose_by_twist(size)))

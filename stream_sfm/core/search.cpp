@@ -1,0 +1,242 @@
+// The global search of the resection: the motion that most of the weight agrees with, whatever the start.
+//
+// Motions are fitted to many small random samples of views, each from two beginnings; all are scored by all views at the
+// views' own noise, with truncated costs, so that an outlier counts the same however far off it is; the best ones are
+// refined by all views near them.
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+// Closed form: with 60 % outliers, P(no clean sample) is (1 - 0.4**3)**256 < 1e-7 for stereo views and
+// (1 - 0.4**4)**256 = 0.0013 for views of one side.
+constexpr double MAX_SAMPLES = 256;
+constexpr double CLEAN_SAMPLES = 20;  // among them, on average, where it is known how many views agree: some noise makes useless
+constexpr std::size_t STEREO_SAMPLE = 3;     // two views determine a motion; a third keeps its noise from being levered up
+constexpr std::size_t ONE_SIDED_SAMPLE = 4;  // three have up to four solutions
+constexpr int SAMPLE_STEPS = 4;       // Gauss-Newton from a rough beginning: the fifth changes nothing that the ranking sees
+constexpr std::size_t REFINED = 12;   // of the best samples: their order is rough, because few noisy views fix a motion only roughly
+constexpr double REFINING_WIDTHS[] = {16.0, 4.0};  // gates: first the neighbourhood of a rough motion, then its own views
+constexpr int REFINING_STEPS = 2;
+constexpr double LEAST_WEIGHT = 1e-9;
+// The extent decides where history does not: it makes a factor of .56 at the least, since a background may be seen
+// through a gap between bodies.
+constexpr double EXTENT_POWER = 0.25, MIN_EXTENT = 0.1;
+constexpr int PLACES = 8;  // per side of the image: as many places as can be told apart by a hundred tracks
+
+using Motion = std::array<double, 16>;
+struct Scored {
+    Motion motion;
+    double support;
+};
+
+// The area over which agreement (n,) spreads, but not less than `MIN_EXTENT`: 1 where it is uniform over the image.
+double extent(const Pinholes& p, const View<double, 2>& z, const std::array<double, 2>& size, const std::vector<double>& agreement) {
+    double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
+    for (std::size_t i = 0; i < z.shape[0]; i++) {
+        double a = agreement[i], u = (z[i][0] - p.cx_left) / size[0], v = (z[i][1] - p.cy) / size[1];
+        m += a, mu += a * u, mv += a * v, uu += a * u * u, uv += a * u * v, vv += a * v * v;
+    }
+    m = std::max(m, 1e-12);
+    mu /= m, mv /= m, uu /= m, uv /= m, vv /= m;
+    double determinant = (uu - mu * mu) * (vv - mv * mv) - (uv - mu * mv) * (uv - mu * mv);
+    return std::max(12 * std::sqrt(std::max(determinant, 0.0)), MIN_EXTENT);  // a uniform square has variances of 1/12
+}
+
+// The support of a motion by squared residuals (n,): each view gives its weight, less the share of the gate that its residual
+// uses up; the extent that the agreeing views have in the image adds a little. A background surrounds what moves in front of
+// it, and a body is compact.
+double support(const PointViews& views, const std::array<double, 2>& size, const double* weights, const double* squares) {
+    std::size_t n = views.points.shape[0];
+    std::vector<double> agreement(n);
+    double total = 0;
+    for (std::size_t i = 0; i < n; i++) total += agreement[i] = weights[i] * (1 - std::min(squares[i] / views.gate.data[i], 1.0));
+    return total * std::pow(extent(views.pinholes, views.z, size, agreement), EXTENT_POWER);
+}
+
+// `samples` of `size` different rows of n each, drawn by weight (Efraimidis and Spirakis 2006). They depend on n only.
+std::vector<std::size_t> drawn(const double* weights, std::size_t n, std::size_t size, std::size_t samples) {
+    std::mt19937_64 random(n);
+    std::vector<double> keys(n);
+    std::vector<std::size_t> order(n), rows;
+    for (std::size_t s = 0; s < samples; s++) {
+        for (std::size_t i = 0; i < n; i++) {
+            double uniform = (static_cast<double>(random() >> 11) + 0.5) * 0x1p-53;
+            keys[i] = -std::log(uniform) / std::max(LEAST_WEIGHT, weights[i]);
+        }
+        std::iota(order.begin(), order.end(), std::size_t{0});
+        auto end = order.begin() + static_cast<std::ptrdiff_t>(size);
+        std::partial_sort(order.begin(), end, order.end(), [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
+        rows.insert(rows.end(), order.begin(), end);
+    }
+    return rows;
+}
+
+class Search {
+   public:
+    Search(const PointViews& views, const View<double, 2>& start)
+        : views(views), linear(linearise_views(views, start)), amplitudes(views.shared.shape[2]) {}
+
+    // The rotation that turns points best towards the rays of their left views (Davenport's q-method).
+    Motion by_rays(const std::size_t* rows, std::size_t k) const {
+        const auto& [p, points, cov_points, z, cov, shared, gate] = views;
+        double b[9] = {};
+        for (const std::size_t* row = rows; row < rows + k; row++) {
+            const double* at = points[*row];
+            double ray[3] = {(z[*row][0] - p.cx_left) / p.f, (z[*row][1] - p.cy) / p.f, 1.0}, lengths = 0;
+            lengths = std::sqrt((at[0] * at[0] + at[1] * at[1] + at[2] * at[2]) * (ray[0] * ray[0] + ray[1] * ray[1] + 1));
+            for (int i = 0; i < 9; i++) b[i] += ray[i / 3] * at[i % 3] / lengths;
+        }
+        double trace = b[0] + b[4] + b[8], axes[16];
+        double q[16] = {2 * b[0] - trace, b[1] + b[3],      b[2] + b[6],      b[7] - b[5],  //
+                        b[1] + b[3],      2 * b[4] - trace, b[5] + b[7],      b[2] - b[6],  //
+                        b[2] + b[6],      b[5] + b[7],      2 * b[8] - trace, b[3] - b[1],  //
+                        b[7] - b[5],      b[2] - b[6],      b[3] - b[1],      trace};
+        diagonalise(q, axes, 4);
+        int most = 0;
+        for (int i = 1; i < 4; i++)
+            if (q[5 * i] > q[5 * most]) most = i;
+        double x = axes[most], y = axes[4 + most], v = axes[8 + most], w = axes[12 + most];
+        return {1 - 2 * (y * y + v * v), 2 * (x * y - v * w),     2 * (x * v + y * w),     0,
+                2 * (x * y + v * w),     1 - 2 * (x * x + v * v), 2 * (y * v - x * w),     0,
+                2 * (x * v - y * w),     2 * (y * v + x * w),     1 - 2 * (x * x + y * y), 0,
+                0,                       0,                       0,                       1};
+    }
+
+    // Gauss-Newton over k views `rows` with `weights` (k,).
+    void fit(Motion& motion, const std::size_t* rows, const double* weights, std::size_t k, int steps) const {
+        for (int step = 0; step < steps; step++) {
+            std::vector<double> h(36);
+            double delta[6] = {};
+            for (std::size_t i = 0; i < k; i++)
+                if (weights[i] != 0) add(motion, rows[i], weights[i], h.data(), delta);
+            for (int a = 0; a < 6; a++)
+                for (int b = a + 1; b < 6; b++) h[6 * b + a] = h[6 * a + b];
+            solve_damped(h, delta, 6);
+            if (!std::isfinite(delta[0])) return;
+            double angle = std::sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5]);
+            for (double& d : delta) d *= std::min(1.0, MAX_ROTATION_STEP_RAD / std::max(angle, 1e-12));
+            Array<double, 3> by = pose_exp({delta, {1, 6}});
+            Motion before = motion;
+            multiply(by[0], before.data(), motion.data());
+        }
+    }
+
+    // Squared residuals (n,) under a motion.
+    std::vector<double> squares(const Motion& motion) const {
+        std::size_t n = views.points.shape[0];
+        ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {amplitudes.data(), {amplitudes.size()}},
+                                            {motion.data(), {1, 4, 4}});
+        return {seen.squares[0], seen.squares[0] + n};
+    }
+
+   private:
+    // One view's part of the information (6, 6), whose upper triangle is filled, and of the gradient (6,).
+    void add(const Motion& motion, std::size_t row, double weight, double* h, double* g) const {
+        const double* root = linear.root.data.get() + 16 * row;
+        double p[4], a[16], by_cam[16], expected[4], j[6];
+        move(motion.data(), views.points[row], p);
+        clamp_depth(p);
+        jacobian(views.pinholes, p, a);
+        project(views.pinholes, p, expected);
+        multiply(root, a, by_cam);
+        for (int c = 0; c < 4; c++) {
+            double residual = 0, z;
+            for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z[row][k]) ? z : 0.0) - expected[k]);
+            by_motion(by_cam + 4 * c, p, j);
+            for (int b = 0; b < 6; b++) {
+                g[b] += weight * j[b] * residual;
+                for (int d = b; d < 6; d++) h[6 * b + d] += weight * j[b] * j[d];
+            }
+        }
+    }
+
+    const PointViews& views;
+    LinearisedViews linear;
+    std::vector<double> amplitudes;  // of shared errors: none
+};
+
+double choose(std::size_t n, std::size_t k) {
+    double result = 1;
+    for (std::size_t i = 0; i < k; i++) result *= static_cast<double>(n - i) / static_cast<double>(i + 1);
+    return result;
+}
+
+}  // namespace
+
+Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights, double width,
+                               double height, std::size_t agreeing) {
+    std::size_t n = views.points.shape[0], stereo = 0;
+    require_shape(weights, {n}, "weights");
+    require_shape(start, {4, 4}, "cam_from_ref");
+    Search search(views, start);
+    for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z[i][2]) && std::isfinite(views.z[i][3]);
+    std::size_t size = 2 * stereo > n ? STEREO_SAMPLE : ONE_SIDED_SAMPLE;
+    require(n > size && (agreeing == 0 || agreeing >= size), "there are too few views");
+    double samples = agreeing ? std::ceil(CLEAN_SAMPLES * choose(n, size) / choose(agreeing, size)) : MAX_SAMPLES;
+    std::vector<std::size_t> rows = drawn(weights.data, n, size, static_cast<std::size_t>(std::min(samples, MAX_SAMPLES))), all(n);
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    std::vector<double> ones(size, 1.0), near(n);
+    std::vector<Scored> found;
+    auto score = [&](Scored& of) {
+        double value = support(views, {width, height}, weights.data, search.squares(of.motion).data());
+        of.support = std::isfinite(value) ? value : -1.0;
+    };
+    Motion given;
+    std::copy(start.data, start.data + 16, given.begin());
+    for (std::size_t s = 0; s < rows.size(); s += size)
+        for (const Motion& beginning : {given, search.by_rays(&rows[s], size)}) {
+            found.push_back({beginning, 0.0});
+            search.fit(found.back().motion, &rows[s], ones.data(), size, SAMPLE_STEPS);
+            score(found.back());
+        }
+    auto better = [](const Scored& a, const Scored& b) { return a.support > b.support; };
+    std::stable_sort(found.begin(), found.end(), better);
+    found.resize(std::min(found.size(), REFINED));
+    for (double refining : REFINING_WIDTHS)
+        for (Scored& of : found) {
+            std::vector<double> squares = search.squares(of.motion);
+            for (std::size_t i = 0; i < n; i++)
+                near[i] = squares[i] < refining * views.gate.data[i]
+                              ? weights.data[i] / (1 + squares[i] / (CAUCHY_WIDTH * CAUCHY_WIDTH)) : 0.0;
+            search.fit(of.motion, all.data(), near.data(), n, REFINING_STEPS);
+        }
+    for (Scored& of : found) score(of);
+    Array<double, 2> result({4, 4});
+    const Motion& best = std::min_element(found.begin(), found.end(), better)->motion;
+    std::copy(best.begin(), best.end(), result.data.get());
+    return result;
+}
+
+double motion_support(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
+                      const View<double, 1>& weights, double width, double height) {
+    std::size_t n = views.points.shape[0];
+    require_shape(weights, {n}, "weights");
+    LinearisedViews linear = linearise_views(views, motion);
+    ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
+    return support(views, {width, height}, weights.data, seen.squares[0]);
+}
+
+double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights, double width, double height) {
+    std::size_t n = z.shape[0];
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(weights, {n}, "weights");
+    double votes[PLACES * PLACES] = {}, sum = 0;
+    for (std::size_t i = 0; i < n; i++) {
+        auto place = [](double share) { return static_cast<int>(std::min(std::max(0.0, share * PLACES), PLACES - 1.0)); };
+        double& vote = votes[PLACES * place(z[i][1] / height) + place(z[i][0] / width)];
+        vote = std::max(vote, weights.data[i]);
+    }
+    for (double vote : votes) sum += vote;
+    return sum * extent(pinholes, z, {width, height}, {weights.data, weights.data + n});
+}
+
+}  // namespace core
