@@ -241,10 +241,11 @@ def rig_mixture(
 def velocities(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> Array:
     """Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all."""
 
-def timed_views(pinholes: Pinholes, points_in_cam: Array, twist: Array, row: Array) -> Array:
+def timed_views(pinholes: Pinholes, points_in_cam: Array, twists: Array, row: Array) -> Array:
     """Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eq. (70a).
 
-    `twist` (6,) of the points; `row` (n, 4): in which rows they were exposed, as shares of the height; NaN is 0.
+    `twists` of the points (n, 6), or (1, 6) for all; `row` (n, 4): in which rows they were exposed, as shares of the
+    height, NaN for a side that was not seen, to which nothing is done.
     """
 
 def timing_errors(
@@ -261,9 +262,9 @@ def timing_errors(
 ) -> Array:
     """Return the errors (n, 4, 14) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
 
-    Of homogeneous points (n, 4) before and now, as in `timed_views`. Delay and readout have the covariance `cov`
-    (2, 2), s², and the root mean squares `size` (2,), s; the twist now has `std_twist` (6,). Raises LinAlgError where
-    `cov` is not definite.
+    Of homogeneous points (n, 4) before and now, with one twist (1, 6) each, as in `timed_views`. Delay and readout
+    have the covariance `cov` (2, 2), s², and the root mean squares `size` (2,), s; the twist now has `std_twist` (6,).
+    Raises LinAlgError where `cov` is not definite.
     """
 
 def pose_by_twist(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array) -> tuple[Array, Array]:

@@ -144,25 +144,25 @@ Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& poi
     return result;
 }
 
-Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist,
+Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row) {
-    std::size_t n = points.shape[0];
+    std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
     require_shape(points, {n, 4}, "points");
-    require_shape(twist, {6}, "twist");
+    require_shape(twists, {of_all ? 1 : n, 6}, "twists");
     require_shape(row, {n, 4}, "row");
     Array<double, 3> result({n, 4, 2});
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], velocity[4];
         velocity_by_twist(pinholes, points[i], by_twist);
-        velocity_of(by_twist, twist.data, velocity);
-        result[i][2 * LATE] = velocity[LATE];
+        velocity_of(by_twist, twists[of_all ? 0 : i], velocity);
+        if (!std::isnan(row[i][LATE])) result[i][2 * LATE] = velocity[LATE];
         for (int c = 0; c < 4; c++) result[i][2 * c + 1] = velocity[c] * share(row[i][c]);
     }
     return result;
 }
 
-Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 1>& twist_before,
-                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 1>& twist,
+Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 2>& twist_before,
+                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 2>& twist,
                                const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
                                const View<double, 1>& std_twist) {
     Array<double, 3> then = timed_views(pinholes, before, twist_before, row_before), moved = timed_views(pinholes, now, twist, row);

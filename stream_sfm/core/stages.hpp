@@ -125,10 +125,10 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
                              const View<double, 2>& root);
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
-Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist,
+Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row);
-Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 1>& twist_before,
-                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 1>& twist,
+Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 2>& twist_before,
+                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 2>& twist,
                                const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
                                const View<double, 1>& std_twist);
 struct PoseByTwist {

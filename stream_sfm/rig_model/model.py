@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
@@ -56,6 +57,12 @@ class RigEffects:
         terms, field = self.terms.copy(), self.field.copy()
         terms[rows], field[rows] = others.terms, others.field
         return RigEffects(terms, field)
+
+    def timed(self, rows: NDArray[np.intp], by_timing: Array) -> "RigEffects":
+        """Return the same with other effects (k, 4, 2) of delay and readout in some rows (k,)."""
+        terms = self.terms.copy()
+        terms[rows, :, AT_TIMING] = by_timing
+        return RigEffects(terms, self.field)
 
     def at(self, amplitudes: Array) -> Array:
         """Return what amplitudes (m,) do (n, 4)."""
@@ -133,6 +140,16 @@ class RigModel:
         row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
         terms = product(columns(self.projection, z_px, velocity_px_s, row, age_s), self.root)
         return RigEffects(terms, self.field_at(z_px))
+
+    def by_timing(self, points_in_cam: Array, twists: Array, z_px: Array) -> Array:
+        """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
+
+        `twists` of the points (n, 6), or (1, 6) for all.
+        """
+        if self.row_of is None:
+            return np.zeros((len(z_px), 4, 2))
+        moved = core.timed_views(self.projection.pinholes, points_in_cam, twists, self.row_of(z_px))
+        return product(moved, self.root[AT_TIMING, AT_TIMING])
 
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:
         """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""

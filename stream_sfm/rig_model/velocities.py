@@ -70,7 +70,7 @@ class TimedViews:
     ) -> None:
         z_px = projection.project_homogeneous(points_in_cam)
         self.row = np.zeros(z_px.shape) if row_of is None else row_of(z_px)
-        self.pinholes, self.points, self.twist = projection.pinholes, points_in_cam, twist
+        self.pinholes, self.points, self.twist = projection.pinholes, points_in_cam, twist[None]
 
     @property
     def columns(self) -> Array:

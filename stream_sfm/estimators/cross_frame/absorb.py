@@ -46,7 +46,7 @@ def _refocused(prior: Prior, current: Map, frame: WindowFrame) -> Prior:
     if frame.rig is None or not current.frames:
         return prior
     passed_s = (current.frames[0].stamp_ns - frame.stamp_ns) / 1e9
-    age_s = current.age_s(frame.stamp_ns)
+    age_s = prior.rig.age_s(frame.stamp_ns)
     root = frame.rig.root_of_focusing(prior.rig.held, prior.rig.cov_held, age_s, passed_s)
     return prior.with_rig_change(root) if root.any() else prior
 

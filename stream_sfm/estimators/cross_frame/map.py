@@ -258,9 +258,8 @@ class Map:
             np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
         )
         moved = clamp_depth(points @ cam_from_previous.T)
-        speed = velocities(self.projection, moved, now)
-        effects = frame.rig.effects_by_parts(frame.seen_px(rows), speed, self.age_s(frame.stamp_ns))
-        frame.rig_effects = frame.rig_effects.take(rows, effects)
+        by_timing = frame.rig.by_timing(moved, now[None], frame.seen_px(rows))
+        frame.rig_effects = frame.rig_effects.timed(rows, by_timing)
         then = TimedViews(self.projection, points, before, frame.rig.row_of)
         views = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
@@ -285,16 +284,14 @@ class Map:
         newest, at = self.frames[-1], views.frame == len(self.frames) - 1
         stereo = newest.stereo[newest.used]
         newest.expected_px[newest.used] = self._expected_px(in_cam[at], stereo, views.rig_effects[at])
-        expected_px = np.concatenate([f.expected_px for f in self.frames])[rows]
-        speed = velocities(self.projection, in_cam, self._twists[1:][views.frame])
-        age = np.array([self.age_s(f.stamp_ns) for f in self.frames])
-        effects = rig.effects_by_parts(expected_px, speed, age[views.frame])
-        everywhere = self._all_views.rig_effects.take(rows, effects)
-        self._all_views = replace(self._all_views, rig_effects=everywhere)
+        at_rest = rig.effects_by_parts(newest.expected_px[newest.used], age_s=self.prior.rig.age_s(newest.stamp_ns))
+        effects = self._all_views.rig_effects.take(rows[at], at_rest)
+        by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame], self._everywhere_expected_px()[rows])
+        self._all_views = replace(self._all_views, rig_effects=effects.timed(rows, by_timing))
 
-    def age_s(self, stamp_ns: int) -> float:
-        """Return for how long errors of the rig may have grown."""
-        return (stamp_ns - self.prior.rig.since_ns) / 1e9
+    def _everywhere_expected_px(self) -> Array:
+        """Return where all views of the window were expected (V, 4)."""
+        return np.concatenate([np.empty((0, 4)), *(f.expected_px for f in self.frames)])
 
     def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
         """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
@@ -330,7 +327,7 @@ class Map:
         frame.used = among(frame.ids, self.prior.ids)
         q, anchors = self.q[at], self.ref_from_anchor[at]
         rows = np.flatnonzero(frame.used)
-        age = self.age_s(frame.stamp_ns)
+        age = self.prior.rig.age_s(frame.stamp_ns)
         in_cam = homogeneous_from_q(q)
         expected_px = self._expected_px(in_cam, frame.stereo[rows], frame.rig_effects[rows])
         effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age)
@@ -356,7 +353,7 @@ class Map:
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
-        age = self.age_s(self.frames[-1].stamp_ns)
+        age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
@@ -378,7 +375,7 @@ class Map:
         """Add a field to the rig's errors, and what it does to the views of the window."""
         for frame in self.frames:
             frame.rig = model
-        effects = RigEffects(self._all_views.rig_effects.terms, model.field_at(self._all_views.z_px))
+        effects = RigEffects(self._all_views.rig_effects.terms, model.field_at(self._everywhere_expected_px()))
         self._all_views = replace(self._all_views, rig_effects=effects)
         if self._first is not None:
             self._first.rig = model

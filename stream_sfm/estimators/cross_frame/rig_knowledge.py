@@ -67,6 +67,10 @@ class RigKnowledge:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
         return self.mean + self.root @ amplitudes
 
+    def age_s(self, stamp_ns: int) -> float:
+        """Return for how long errors may have grown."""
+        return (stamp_ns - self.since_ns) / 1e9
+
     def errors(self, amplitudes: Array, root: Array) -> tuple[Array, Array]:
         """Return mean (m,) and covariance (m, m) of c, of amplitudes a ~ N(`amplitudes`, `root` rootᵀ)."""
         root = self.root @ root

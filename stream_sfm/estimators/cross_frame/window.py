@@ -72,7 +72,8 @@ class CrossFrame:
     def _take(self, observations: Observations) -> Solution:
         """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
         observations = self._with_errors_in_use(observations)
-        frame = WindowFrame.from_observations(observations, self.projection)
+        age_s = 0.0 if self.map is None else self.map.prior.rig.age_s(observations.stamp_ns)
+        frame = WindowFrame.from_observations(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
         if self.map is None:

@@ -41,8 +41,13 @@ class WindowFrame:
     expected_px: Array
 
     @classmethod
-    def from_observations(cls, observations: Observations, projection: StereoProjection) -> "WindowFrame":
-        """Return the frame with all its views in use and its pose still to be found."""
+    def from_observations(
+        cls, observations: Observations, projection: StereoProjection, age_s: float = 0.0
+    ) -> "WindowFrame":
+        """Return the frame with all its views in use and its pose still to be found.
+
+        `age_s`: for how long errors of the rig have grown.
+        """
         weight = _weights(observations)
         return cls(
             index=observations.frame_index,
@@ -50,7 +55,7 @@ class WindowFrame:
             z_px=np.nan_to_num(observations.z_px),
             root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
-            rig_effects=effects_of(observations),
+            rig_effects=_effects_at_rest(observations, age_s),
             rig=None if observations.rig is None else observations.rig.model,
             stamp_ns=observations.stamp_ns,
             stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
@@ -81,11 +86,11 @@ class WindowFrame:
         return self.all_views(0)[np.flatnonzero(self.used)].of_map(ids)
 
 
-def effects_of(observations: Observations) -> RigEffects:
+def _effects_at_rest(observations: Observations, age_s: float) -> RigEffects:
     """Return what errors of the rig do to the views, at rest; none where none are possible."""
     if observations.rig is None:
         return RigEffects.none(len(observations.track_ids))
-    return observations.rig.model.effects_by_parts(observations.z_px)
+    return observations.rig.model.effects_by_parts(observations.z_px, age_s=age_s)
 
 
 def _weights(observations: Observations) -> Array:
