@@ -52,6 +52,40 @@ def align_patches(
     in grey values of the template, inf where it was not found; eq. (15).
     """
 
+def anchor_from_now(
+    pinholes: Pinholes, points: Array, slopes: Array, anchor_from_start: Array, cam_from_start: Array
+) -> tuple[Array, Array]:
+    """Return warps (n, 3, 2) of pixel offsets, now to anchor, for the left and for the right image.
+
+    Of homogeneous points (n, 4) in a camera (4, 4), with `slopes` (n, 2) of inverse depth in their anchor cameras
+    (n, 4, 4); `frontend.warps.anchor_from_now` says how.
+    """
+
+def templates_fit(warps: Array, radius: float, half: float, least_area: float) -> Mask:
+    """Return which warps (n, 3, 2) keep a window inside a stored patch, and show no detail that the patch lacks.
+
+    Half widths of the window, with what its derivatives take, and of the patch, in pixels of the template; the area
+    that a pixel of the image covers of it at least.
+    """
+
+def inside_area(area: Mask, at_px: Array) -> Mask:
+    """Return which positions (n, 2) lie in an area (h, w); those that are not finite do not."""
+
+def view_covariances(
+    gradients: Array, error_left: Array, error_right: Array, shared_pixels: float, scale: float, factor: float
+) -> Array:
+    """Return the covariances (n, 4, 4) px² of views, eq. (15), times a `factor`.
+
+    Gradient matrices (n, 2, 2) of templates, and deviations (n,) of grey differences on either side, inf where it was
+    not found. `shared_pixels` have one noise value; a template's pixel is `scale` image pixels wide.
+    """
+
+def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Array:
+    """Return σ (n,) px of how far templates of homogeneous points (n, 4) slid during a motion (4, 4), eq. (17).
+
+    `radius`: half their width, px.
+    """
+
 def disparity_slopes(
     left: Grey, right: Grey, points_px: Pixels, right_px: Array, radius_px: int, std_grey: float
 ) -> Array:

@@ -200,6 +200,11 @@ NB_MODULE(_core, m) {
     m.def("sample_weights", &Bound<&sample_weights>::call);
     m.def("warp_patches", &Bound<&warp_patches>::call);
     m.def("align_patches", &Bound<&align_patches>::call);
+    m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
+    m.def("templates_fit", &Bound<&templates_fit>::call);
+    m.def("inside_area", &Bound<&inside_area>::call);
+    m.def("view_covariances", &Bound<&view_covariances>::call);
+    m.def("template_drift", &Bound<&template_drift>::call);
     m.def("unfilter_png", &Bound<&unfilter_png>::call);
     m.def("disparity_slopes", &Bound<&disparity_slopes>::call);
     m.def("field_basis", &Bound<&field_basis>::call);

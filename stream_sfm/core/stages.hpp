@@ -42,6 +42,19 @@ Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const V
 AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
 
+// tracks.cpp
+struct Warps {
+    Array<double, 3> left, right;
+    auto parts() { return std::tie(left, right); }
+};
+Warps anchor_from_now(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& slopes,
+                      const View<double, 3>& anchor_from_start, const View<double, 2>& cam_from_start);
+Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half, double least_area);
+Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at);
+Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
+                                  const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
+Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
+
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);
 

@@ -19,6 +19,8 @@ Grey = NDArray[np.float32]
 _SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
+
+
 # Least area of the template that a pixel of the image may cover: below it the patch has grown by more than √5 and
 # shows detail that the template lacks.
 _MIN_AREA = 0.2
@@ -92,11 +94,7 @@ class TemplateAtlas:
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
-        # of W u, and of h·u, over the window
-        reach = np.abs(anchor_from_now).sum(axis=2) * (self.radius_px + _BEYOND)
-        inside: NDArray[np.bool_] = reach[:, :2].max(axis=1) < _half(self.radius_px) * (1 - reach[:, 2])
-        inside &= np.abs(np.linalg.det(anchor_from_now[:, :2])) > _MIN_AREA
-        return inside
+        return core.templates_fit(anchor_from_now, self.radius_px + _BEYOND, _half(self.radius_px), _MIN_AREA)
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 
 
@@ -17,8 +18,4 @@ def valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
 
 def contains(area: NDArray[np.bool_], at_px: Array) -> NDArray[np.bool_]:
     """Whether each position (n, 2) lies in an area (h, w)."""
-    h, w = area.shape
-    u, v = np.rint(at_px.clip(-1, max(h, w))).astype(int).T
-    inside: NDArray[np.bool_] = (u >= 0) & (u < w) & (v >= 0) & (v < h)
-    inside &= area[v.clip(0, h - 1), u.clip(0, w - 1)]
-    return inside
+    return core.inside_area(area, at_px)

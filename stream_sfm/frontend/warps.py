@@ -6,12 +6,12 @@ an estimator takes for motion: docs/mathematics.md, section 3.
 
 import numpy as np
 
-from ..geometry import se3
+from .. import core
 from ..geometry.se3 import Array
-from ..geometry.stereo import MIN_DEPTH, StereoProjection
+from ..geometry.stereo import StereoProjection
 from .tracks import Tracks
 
-_MIN_DETERMINANT = 1e-3  # a surface seen edge-on gets a finite warp that no template fits (`TemplateAtlas.fits`)
+_MIN_DETERMINANT = 1e-3  # a surface seen edge-on gets a finite warp that no template fits
 
 
 def anchor_from_now(tracks: Tracks, cam_from_start: Array, projection: StereoProjection) -> tuple[Array, Array]:
@@ -21,18 +21,9 @@ def anchor_from_now(tracks: Tracks, cam_from_start: Array, projection: StereoPro
     is P(δ) = (x + δ₁, y + δ₂, 1, ρ + slopes·δ), and its image now is u = A δ / (1 + n·δ) with n the relative change of
     depth: exact for a plane. Inverted, δ = W u / (1 + h·u) with W = A⁻¹ and h = −Wᵀn; a warp is W above h.
     """
-    now_from_anchor = cam_from_start @ se3.inverse(tracks.anchor_from_start)
-    there = (se3.inverse(now_from_anchor) @ tracks.points[..., None])[..., 0]
-    there = there / np.maximum(there[:, 2:3], MIN_DEPTH)
-    here = (now_from_anchor @ there[..., None])[..., 0]
-    depth = np.maximum(here[:, 2], MIN_DEPTH)[:, None, None]
-    moved = now_from_anchor[:, :3, :2] + now_from_anchor[:, :3, 3:] * tracks.slopes[:, None, :]
-    left = (moved[:, :2] - here[:, :2, None] / depth * moved[:, 2:]) / depth
-    right = left.copy()
-    shift = tracks.slopes - here[:, 3:] / depth[:, 0] * moved[:, 2]
-    right[:, 0] -= projection.baseline_m * shift / depth[:, 0]
-    by_depth = moved[:, 2:] / depth / projection.f_px
-    return _warps(left, by_depth), _warps(right, by_depth)
+    return core.anchor_from_now(
+        projection.pinholes, tracks.points, tracks.slopes, tracks.anchor_from_start, cam_from_start
+    )
 
 
 def facing(n: int) -> Array:
@@ -43,20 +34,7 @@ def facing(n: int) -> Array:
 def sheared(slopes: Array) -> Array:
     """Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2): affine."""
     warps = facing(len(slopes)).copy()
-    warps[:, 0] -= slopes
-    warps[:, :2] = _inverse(warps[:, :2])
+    warps[:, 0, 1] = slopes[:, 1]
+    warps[:, 1, 1] = 1 - slopes[:, 0]
+    warps[:, :2] /= np.maximum(1 - slopes[:, 0], _MIN_DETERMINANT)[:, None, None]
     return warps
-
-
-def _warps(a: Array, by_depth: Array) -> Array:
-    """Warps (n, 3, 2) of the maps A (n, 2, 2) and n (n, 1, 2)."""
-    w = _inverse(a)
-    return np.concatenate([w, -by_depth @ w], axis=1)
-
-
-def _inverse(m: Array) -> Array:
-    """Inverses of (n, 2, 2), finite also of singular ones."""
-    det = np.linalg.det(m)
-    safe = np.where(np.abs(det) < _MIN_DETERMINANT, _MIN_DETERMINANT, det)
-    adjugate = np.stack([m[:, 1, 1], -m[:, 0, 1], -m[:, 1, 0], m[:, 0, 0]], axis=1).reshape(-1, 2, 2)
-    return adjugate / safe[:, None, None]

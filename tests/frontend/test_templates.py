@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.frontend.noise import _FLOOR_PX, ViewNoise
+from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 
 RADIUS_PX, STD_GREY = 10, 3.0
 CONVERGED_PX = 0.05  # of the alignment (core/patches.cpp)
+FLOOR_PX = 0.03  # σ₀ of eq. (15) (core/tracks.cpp)
 FACING = np.eye(3, 2)
 
 
@@ -60,7 +61,7 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
         cov = ViewNoise.unknown(1.0, RADIUS_PX).covariance(patches.gradients, error, error)[found, :2, :2]
-        cov = 2 * cov - _FLOOR_PX**2 * np.eye(2)  # half of the grey difference is the template's noise
+        cov = 2 * cov - FLOOR_PX**2 * np.eye(2)  # half of the grey difference is the template's noise
         errors.append(away)
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
     away, squares = np.concatenate(errors), np.concatenate(squares)

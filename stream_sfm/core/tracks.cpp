@@ -1,0 +1,133 @@
+// Tracks in a new frame: how their patches look there, whether templates can be warped so, and how exactly they are found.
+
+#include <cmath>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double MIN_DETERMINANT = 1e-3;  // a surface seen edge-on gets a finite warp that no template fits
+// σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect match.
+constexpr double FLOOR_PX = 0.03;
+constexpr double MIN_ERROR_GREY = 0.5;  // rounding to whole grey values alone leaves 0.4 between two images
+constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: its covariance is large, and counts for nothing
+// Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position stays within 32
+// times the σ across it, and that of a patch without texture finite.
+constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
+// s of eq. (17), for the part of the motion across the line of sight and along it. A change of direction shears a patch, which
+// its slope mostly describes; a change of distance also changes its detail and what is beside it. With 0.3 for both the mean
+// NEES of the pose, 6 expected, is 1.8 driving sideways and 12 to 15 driving forward; with these 2.3 and 7 to 11. Smaller ones
+// make poses more accurate and claim too much.
+constexpr double ACROSS = 0.2, ALONG = 0.42;
+
+// The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
+void warp(const double* a, const double* by_depth, double* out) {
+    double det = a[0] * a[3] - a[1] * a[2], safe = std::abs(det) < MIN_DETERMINANT ? MIN_DETERMINANT : det;
+    out[0] = a[3] / safe;
+    out[1] = -a[1] / safe;
+    out[2] = -a[2] / safe;
+    out[3] = a[0] / safe;
+    for (int k = 0; k < 2; k++) out[4 + k] = -(by_depth[0] * out[k] + by_depth[1] * out[2 + k]);
+}
+
+}  // namespace
+
+Warps anchor_from_now(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& slopes,
+                      const View<double, 3>& anchor_from_start, const View<double, 2>& cam_from_start) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    require_shape(slopes, {n, 2}, "slopes");
+    require_shape(anchor_from_start, {n, 4, 4}, "anchor_from_start");
+    require_shape(cam_from_start, {4, 4}, "cam_from_start");
+    Array<double, 3> start_from_anchor = pose_inverse(anchor_from_start);
+    Warps result{Array<double, 3>({n, 3, 2}), Array<double, 3>({n, 3, 2})};
+    for (std::size_t i = 0; i < n; i++) {
+        double m[16], there[4], here[4], moved[6], left[4], right[4], by_depth[2];
+        multiply(cam_from_start.data, start_from_anchor[i], m);  // now from anchor
+        Array<double, 3> anchor = pose_inverse({m, {1, 4, 4}});
+        move(anchor[0], points[i], there);
+        double scale = 1 / std::max(there[2], MIN_DEPTH);
+        for (double& x : there) x *= scale;
+        move(m, there, here);
+        double depth = std::max(here[2], MIN_DEPTH);
+        for (int row = 0; row < 3; row++)
+            for (int k = 0; k < 2; k++) moved[2 * row + k] = m[4 * row + k] + m[4 * row + 3] * slopes[i][k];
+        for (int k = 0; k < 2; k++) {
+            for (int row = 0; row < 2; row++) left[2 * row + k] = (moved[2 * row + k] - here[row] / depth * moved[4 + k]) / depth;
+            right[k] = left[k] - pinholes.baseline * (slopes[i][k] - here[3] / depth * moved[4 + k]) / depth;
+            right[2 + k] = left[2 + k];
+            by_depth[k] = moved[4 + k] / depth / pinholes.f;
+        }
+        warp(left, by_depth, result.left[i]);
+        warp(right, by_depth, result.right[i]);
+    }
+    return result;
+}
+
+Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half, double least_area) {
+    std::size_t n = warps.shape[0];
+    require_shape(warps, {n, 3, 2}, "warps");
+    Array<bool, 1> result({n});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* w = warps[i];
+        double across = std::max(std::abs(w[0]) + std::abs(w[1]), std::abs(w[2]) + std::abs(w[3])) * radius;
+        double by_depth = (std::abs(w[4]) + std::abs(w[5])) * radius, area = std::abs(w[0] * w[3] - w[1] * w[2]);
+        result.data[i] = across < half * (1 - by_depth) && area > least_area;
+    }
+    return result;
+}
+
+Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at) {
+    std::size_t n = at.shape[0];
+    require_shape(at, {n, 2}, "at_px");
+    double height = static_cast<double>(area.shape[0]), width = static_cast<double>(area.shape[1]);
+    Array<bool, 1> result({n});
+    for (std::size_t i = 0; i < n; i++) {
+        double u = std::nearbyint(at[i][0]), v = std::nearbyint(at[i][1]);
+        if (u >= 0 && u < width && v >= 0 && v < height) result.data[i] = area[static_cast<std::size_t>(v)][static_cast<std::size_t>(u)];
+    }
+    return result;
+}
+
+Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
+                                  const View<double, 1>& error_right, double shared_pixels, double scale, double factor) {
+    std::size_t n = gradients.shape[0];
+    require_shape(gradients, {n, 2, 2}, "gradients");
+    require_shape(error_left, {n}, "error_left");
+    require_shape(error_right, {n}, "error_right");
+    Array<double, 3> result({n, 4, 4});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* g = gradients[i];
+        double damping = EDGE_DAMPING * (g[0] + g[3]) + MIN_GRADIENT, a = g[0] + damping, b = g[3] + damping;
+        double det = a * b - g[1] * g[2], shape[4] = {b / det, -g[1] / det, -g[2] / det, a / det};
+        for (int side = 0; side < 2; side++) {
+            double grey = (side ? error_right : error_left).data[i];
+            grey = std::max(std::isfinite(grey) ? grey : UNKNOWN_ERROR_GREY, MIN_ERROR_GREY / scale);  // of a mean over pixels less
+            double variance = 0.5 * shared_pixels * grey * grey;  // half of the variance is the template's
+            double* out = result[i] + 10 * side;
+            for (int k = 0; k < 4; k++)
+                out[4 * (k / 2) + k % 2] = scale * scale * factor * (variance * shape[k] + (k % 3 ? 0.0 : FLOOR_PX * FLOOR_PX));
+        }
+    }
+    return result;
+}
+
+Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
+    double t[3] = {cam_from_previous[0][3], cam_from_previous[1][3], cam_from_previous[2][3]};
+    double squared = t[0] * t[0] + t[1] * t[1] + t[2] * t[2];
+    Array<double, 1> result({n});
+    for (std::size_t i = 0; i < n; i++) {
+        const double* p = points[i];
+        double along = (p[0] * t[0] + p[1] * t[1] + p[2] * t[2]) / std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+        double across2 = std::max(squared - along * along, 0.0);
+        result.data[i] = radius * std::max(p[3], 0.0) * std::sqrt(ACROSS * ACROSS * across2 + ALONG * ALONG * along * along);
+    }
+    return result;
+}
+
+}  // namespace core
