@@ -159,9 +159,10 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
         turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, 1))
-        if self._odds(turn, cov_expected)[0] > 0:
-            turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, _STEPS))
         log_factor, chi2 = self._odds(turn, cov_expected)
+        if log_factor > 0:
+            turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, _STEPS))
+            log_factor, chi2 = self._odds(turn, cov_expected)
         possible = self.projection.f_px * np.linalg.norm(turn.rad) < _MAX_TURN_PX and turn.agree.mean() > _AGREE
         stands_out = bool(log_factor > -np.log(_KNOCKS) and possible)
         if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:

@@ -8,6 +8,7 @@ Only new matches count: a point's later views repeat its first error.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,9 +68,7 @@ class Rows:
     @property
     def largest_px(self) -> float:
         """The largest v_left − v_right of correct matches at rest, anywhere in the image."""
-        p = self.projection
-        u, v = np.meshgrid(np.linspace(0, p.width - 1, 5), np.linspace(0, p.height - 1, 5))
-        return float(np.abs(self.at(np.stack([u.ravel(), v.ravel()], axis=1))).max())
+        return float(np.abs(_terms_over_image(self.projection.width, self.projection.height) @ self.mean).max())
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -156,8 +155,19 @@ class Rows:
 
     def _terms(self, left_px: Array, row_speed_px_s: Array) -> Array:
         """Return what amplitudes of 1 do to v_left − v_right (n, k)."""
-        p = self.projection
-        centre = np.array([(p.width - 1) / 2, (p.height - 1) / 2])
-        x, y = ((left_px - centre) / centre.max()).T
-        polynomial = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, -row_speed_px_s], axis=1)
-        return np.concatenate([polynomial, field_over(p.width, p.height).at(left_px)], axis=1)
+        return _terms(self.projection.width, self.projection.height, left_px, row_speed_px_s)
+
+
+def _terms(width: int, height: int, left_px: Array, row_speed_px_s: Array) -> Array:
+    """Return what amplitudes of 1 do to v_left − v_right (n, k) in images of this size."""
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    x, y = ((left_px - centre) / centre.max()).T
+    polynomial = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, -row_speed_px_s], axis=1)
+    return np.concatenate([polynomial, field_over(width, height).at(left_px)], axis=1)
+
+
+@lru_cache
+def _terms_over_image(width: int, height: int) -> Array:
+    """Return the terms of views at rest all over the image (25, k)."""
+    u, v = np.meshgrid(np.linspace(0, width - 1, 5), np.linspace(0, height - 1, 5))
+    return _terms(width, height, np.stack([u.ravel(), v.ravel()], axis=1), np.zeros(u.size))

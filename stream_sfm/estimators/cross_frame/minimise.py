@@ -40,9 +40,9 @@ def _gate(current: Map, views: WhitenedViews, gate_probability: float) -> None:
     r = whitened_residuals(
         current.projection, current.cams_from_ref(), current.ref_from_anchor, current.q, current.rig_error, views
     )
-    measured = np.count_nonzero(np.diagonal(views.root, axis1=1, axis2=2), axis=1)  # one side, or both
-    r = r / views.weight
-    bad = (r * r).sum(1) > chi2_gates(measured, gate_probability)
+    r /= views.weight
+    both_sides = views.root[:, 2, 2] != 0
+    bad = (r * r).sum(axis=1) > chi2_gates(np.where(both_sides, 4, 2), gate_probability)
     for row, track_id in zip(views.frame[bad].tolist(), current.ids[views.point[bad]].tolist(), strict=True):
         frame = current.frames[row]
         frame.used[np.searchsorted(frame.ids, track_id)] = False
