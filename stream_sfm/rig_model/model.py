@@ -202,16 +202,24 @@ class RigModel:
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
         """Return an estimate of amplitudes as the whole error of the calibration now, in units of its terms and px."""
-        m, t = len(estimate.mean), len(TERMS)
-        root = np.eye(m)
-        root[:t, :t] = growth(self.projection, estimate.age_s) @ self.root
-        known = np.concatenate([self.known, np.zeros(m - t)])
+        t = len(TERMS)
+        root = growth(self.projection, estimate.age_s) @ self.root
+        known = np.concatenate([self.known, np.zeros(len(estimate.mean) - t)])
+
+        def in_units(mean: Array, cov: Array) -> tuple[Array, Array]:
+            mean, cov = mean.copy(), cov.copy()
+            mean[:t], cov[:t] = root @ mean[:t], root @ cov[:t]
+            cov[:, :t] = cov[:, :t] @ root.T
+            return known + mean, cov
+
+        mean, cov = in_units(estimate.mean, estimate.cov)
+        mean_if_wrong, cov_if_wrong = in_units(estimate.mean_if_wrong, estimate.cov_if_wrong)
         return replace(
             estimate,
-            mean=known + root @ estimate.mean,
-            cov=root @ estimate.cov @ root.T,
-            mean_if_wrong=known + root @ estimate.mean_if_wrong,
-            cov_if_wrong=root @ estimate.cov_if_wrong @ root.T,
+            mean=mean,
+            cov=cov,
+            mean_if_wrong=mean_if_wrong,
+            cov_if_wrong=cov_if_wrong,
             prior_std=np.r_[np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]],
             refined=known if self.refined else None,
         )
