@@ -316,6 +316,12 @@ def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame:
     `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3); `frame` and `point` (V,): indices of these.
     """
 
+def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
+    """Return ∂q/∂ξ (n, 3, 6) where points P in the reference camera become Exp(ξ)·P and their anchors stay, eq. (31).
+
+    q (n, 3) in anchors (n, 4, 4).
+    """
+
 def window_residuals(
     pinholes: Pinholes,
     cams_from_ref: Array,

@@ -224,5 +224,6 @@ NB_MODULE(_core, m) {
     m.def("multiply_blocks", &Bound<&multiply_blocks>::call);
     m.def("invert_triangle", &Bound<&invert_triangle>::call);
     m.def("window_points", &Bound<&window_points>::call);
+    m.def("q_by_reference", &Bound<&q_by_reference>::call);
     m.def("eliminate_points", &Bound<&eliminate_points>::call);
 }

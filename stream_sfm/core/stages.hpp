@@ -196,6 +196,7 @@ struct NormalBlocks {
 };
 Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<double, 3>& ref_from_anchor,
                                const View<double, 2>& q, const Indices& frame, const Indices& point);
+Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
 Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 struct WindowPoints {

@@ -89,6 +89,23 @@ Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<
     return result;
 }
 
+Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q) {
+    std::size_t n = q.shape[0];
+    require_shape(q, {n, 3}, "q");
+    require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
+    Array<double, 3> anchor_from_ref = pose_inverse(ref_from_anchor), result({n, 3, 6});
+    for (std::size_t i = 0; i < n; i++) {
+        double point[4] = {q[i][0], q[i][1], 1.0, q[i][2]}, in_ref[4], by_ref[4];
+        move(ref_from_anchor[i], point, in_ref);
+        for (int row = 0; row < 3; row++) {  // ∂q/∂P in the anchor has the rows e − q e₃
+            const double* inverse = anchor_from_ref[i];
+            for (int k = 0; k < 4; k++) by_ref[k] = inverse[4 * (row < 2 ? row : 3) + k] - q[i][row] * inverse[8 + k];
+            by_motion(by_ref, in_ref, result[i] + 6 * row);
+        }
+    }
+    return result;
+}
+
 Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
     check(state, views);
     Array<double, 2> result({views.frame.shape[0], 4});

@@ -66,6 +66,7 @@ CALLS = {
         *(np.eye(6), np.eye(6), SHARED[:, :3], np.ones((6, 2)), np.eye(4), np.eye(4)),
     ),
     "window_points": (*STATE[:3], *SEEN[:2]),
+    "q_by_reference": (MOTIONS, POINTS[:, :3]),
     "window_residuals": (PINHOLES, *STATE, *SEEN),
     "normal_blocks": (PINHOLES, *STATE, *SEEN),
     "eliminate_points": (

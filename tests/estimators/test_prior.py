@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import (
     NormalBlocks,
     WhitenedViews,
-    homogeneous_from_q,
     in_reference,
     linearise,
-    pose_jacobian,
     q_from_homogeneous,
-    q_jacobian,
 )
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.prior import Prior
@@ -91,7 +89,7 @@ def blocks_of(rng) -> NormalBlocks:
 def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: NormalBlocks) -> tuple:
     """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
     anchors = se3.orthonormalise(x @ prior.ref_from_anchor)
-    by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(anchors) @ pose_jacobian(in_reference(anchors, q))
+    by_pose = core.q_by_reference(anchors, q)
     n = 3 * N
     # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
     carry = np.zeros((n + 6 + M, n + 12 + M))

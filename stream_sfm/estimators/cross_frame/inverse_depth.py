@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry import se3
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
@@ -55,14 +54,6 @@ def q_jacobian(points: Array) -> Array:
     k[..., 0, 0] = k[..., 1, 1] = k[..., 2, 3] = inv
     k[..., :, 2] = -points[..., Q_COLUMNS] * (inv * inv)[..., None]
     return k
-
-
-def pose_jacobian(points: Array) -> Array:
-    """Return G = ∂P/∂ξ (…, 4, 6) of Exp(ξ)·P at homogeneous points P (…, 4), eq. (21)."""
-    g = np.zeros((*points.shape[:-1], 4, 6))
-    g[..., 0, 0] = g[..., 1, 1] = g[..., 2, 2] = points[..., 3]
-    g[..., :3, 3:] = -se3.skew(points[..., :3])
-    return g
 
 
 def metric_jacobian(points: Array) -> Array:

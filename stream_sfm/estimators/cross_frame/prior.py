@@ -27,7 +27,7 @@ from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import record
-from .inverse_depth import NormalBlocks, homogeneous_from_q, in_reference, pose_jacobian, q_jacobian
+from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
@@ -124,7 +124,7 @@ class Prior:
         n, m = len(self.ids), len(self.rig)
         k = len(amplitudes) - m
         anchors = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
-        by_pose = q_jacobian(homogeneous_from_q(q)) @ se3.inverse(anchors) @ pose_jacobian(in_reference(anchors, q))
+        by_pose = core.q_by_reference(anchors, q)
         modes = np.concatenate([self.modes[..., :k], by_pose, self.modes[..., k:]], axis=2)
         of_world = se3.adjoint(cam_from_ref) @ self.world_modes
         world_modes = np.concatenate([of_world[:, :k], -np.eye(6), of_world[:, k:]], axis=1)
