@@ -1,7 +1,10 @@
 """Records: what stages hand to each other, and the states that they take and return."""
 
 from dataclasses import dataclass, field
-from typing import TypeVar, dataclass_transform
+from typing import Any, TypeVar, dataclass_transform
+
+import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -14,3 +17,13 @@ def record(cls: type[T]) -> type[T]:
     long to define. Records hold arrays, so they are neither compared nor printed. What users are given is frozen.
     """
     return dataclass(slots=True, eq=False, repr=False)(cls)
+
+
+def rows_of(column: NDArray[Any], rows: NDArray[Any] | slice) -> NDArray[Any]:
+    """Return some rows (indices, mask or slice) of an array (n, …).
+
+    Indexing takes four times as long as NumPy's `take` where a row is more than a number.
+    """
+    if isinstance(rows, slice):
+        return column[rows]
+    return column.take(np.flatnonzero(rows) if rows.dtype == bool else rows, axis=0)

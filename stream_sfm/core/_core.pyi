@@ -24,6 +24,15 @@ def unfilter_png(filtered: NDArray[np.uint8], pixel: int) -> NDArray[np.uint8]:
     Raises ValueError for a filter that does not exist.
     """
 
+def order_of_corners(
+    found_px: Pixels, strength: Grey, taken_px: Array, cell_px: float, width: float
+) -> NDArray[np.int64]:
+    """Return the order (n,) in which corners (n, 2) with this strength (n,) are taken.
+
+    The image is cut into cells. A cell's corners are ranked by strength, after the points (m, 2) that are there
+    already; all first ranks come before all second ranks.
+    """
+
 def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
     """Return which of `ids` (n,) are in `known`, which is ascending."""
 
@@ -95,6 +104,9 @@ def disparity_slopes(
     share one noise value counted in.
     """
 
+def project_points(pinholes: Pinholes, points: Array) -> Array:
+    """Return the views (n, 4) of homogeneous points (n, 4), eq. (8)."""
+
 def linearise_views(
     pinholes: Pinholes,
     points: Array,
@@ -142,13 +154,16 @@ def fit_motion(
     gate: Array,
     cam_from_ref: Array,
     amplitudes: Array,
+    votes: Array,
     anneal: bool,
-) -> tuple[Array, Array, Array, Mask, Array, float, bool]:
+) -> tuple[Array, Array, Array, Mask, Array, float, bool, float, float, int, int]:
     """Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
     Arrays as in `linearise_views`; start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first.
     Returns motion (1, 4, 4), amplitudes (j,), their covariance (6 + j, 6 + j), accepted views (n,), squared residuals
-    (n,), the spread of those, and whether the views determine the motion. Raises LinAlgError as `linearise_views`.
+    (n,), the spread of those, and whether the views determine the motion. And of the accepted views: their χ², their
+    share of the `votes` (n,), how many coordinates they have, and how many they are. Raises LinAlgError as
+    `linearise_views`.
     """
 
 def motions_of_halves(
@@ -272,6 +287,13 @@ def rig_mixture(
     have errors. Raises LinAlgError where the arguments are not finite.
     """
 
+def twists(poses: Array, seconds: Array) -> Array:
+    """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
+
+    Poses (n, 4, 4), camera from reference, at ascending `seconds` (n,); from polynomials through the poses of the
+    frames around each. Zero for a single one.
+    """
+
 def velocities(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> Array:
     """Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all."""
 
@@ -361,6 +383,13 @@ def normal_blocks(
     Arguments as of `window_residuals`.
     """
 
+def row_terms(width: float, height: float, left_px: Array, row_speed_px_s: Array, field: Array) -> Array:
+    """Return what amplitudes of 1 do to v_left − v_right (n, 7 + K) of views at (n, 2), eq. (19).
+
+    A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
+    the field (n, K).
+    """
+
 def polynomial_rows(width: float, height: float, z_px: Array, coefficients: Array) -> Array:
     """Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), x and y from −1 to 1 over an image.
 
@@ -391,8 +420,11 @@ def orthonormalise(poses: Array) -> Array:
 def multiply_blocks(a: Array, b: Array) -> Array:
     """Return the products (n, 3, k) of matrices (n, 3, 3) and (n, 3, k)."""
 
-def invert_triangle(lower: Array) -> Array:
-    """Return the inverse (n, n) of a lower triangle."""
+def invert_triangle(lower: Array, scale: Array) -> Array:
+    """Return the inverse (n, n) of a lower triangle, its columns multiplied by `scale` (n,)."""
+
+def scaled_by_diagonal(matrix: Array) -> tuple[Array, Array]:
+    """Return S A S (n, n) with a diagonal of ones, and that of S (n,), which is 1 where A's is not positive."""
 
 def eliminate_points(
     v: Array, w: Array, by_rig: Array, known: Pixels, cov: Array, modes: Array

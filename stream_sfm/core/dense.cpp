@@ -1,6 +1,7 @@
 // Products and factors that NumPy has no single call for.
 
 #include <algorithm>
+#include <cmath>
 
 #include "stages.hpp"
 
@@ -20,9 +21,10 @@ Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>
     return result;
 }
 
-Array<double, 2> invert_triangle(const View<double, 2>& lower) {
+Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double, 1>& scale) {
     std::size_t n = lower.shape[0];
     require_shape(lower, {n, n}, "lower");
+    require_shape(scale, {n}, "scale");
     Array<double, 2> result({n, n});
     for (std::size_t i = 0; i < n; i++) {
         const double* of = lower[i];
@@ -37,6 +39,19 @@ Array<double, 2> invert_triangle(const View<double, 2>& lower) {
         for (std::size_t c = 0; c < i; c++) out[c] /= of[i];
         out[i] = 1 / of[i];
     }
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t c = 0; c <= i; c++) result[i][c] *= scale.data[c];
+    return result;
+}
+
+Scaled scaled_by_diagonal(const View<double, 2>& matrix) {
+    std::size_t n = matrix.shape[0];
+    require_shape(matrix, {n, n}, "matrix");
+    Scaled result{Array<double, 2>({n, n}), Array<double, 1>({n})};
+    double* scale = result.scale.data.get();
+    for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(matrix[i][i] > 0 ? matrix[i][i] : 1.0);
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t c = 0; c < n; c++) result.matrix[i][c] = matrix[i][c] * scale[i] * scale[c];
     return result;
 }
 

@@ -18,6 +18,7 @@ constexpr int RELINEARISE_EVERY = 3;  // steps: between them the pose moves too 
 constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the final least squares does the rest
 constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
 constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
+constexpr double LEAST_VOTES = 1e-12;     // of all views together
 constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
 
 // The median of squared residuals over its expected value, at least 1, of those below a limit.
@@ -53,9 +54,9 @@ class Fit {
     }
 
     // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
-    Fitted finish() {
+    Fitted finish(const double* votes) {
         Fitted result{Array<double, 3>({1, 4, 4}), Array<double, 1>({size - 6}), Array<double, 2>({size, size}),
-                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false};
+                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false, 0.0, 0.0, 0, 0};
         bool* accepted = result.accepted.data.get();
         look();
         auto judge = [&] {
@@ -80,6 +81,16 @@ class Fit {
         result.determined = invert_information(information, size, result.cov.data.get());
         std::copy(squares(), squares() + n, result.squares.data.get());
         result.spread = spread_of(squares(), views.gate.data, n);
+        double all = 0;
+        for (std::size_t i = 0; i < n; i++) {
+            all += votes[i];
+            if (!accepted[i]) continue;
+            result.chi2 += squares()[i];
+            result.share += votes[i];
+            result.views++;
+            for (int k = 0; k < 4; k++) result.sides += std::isfinite(views.z[i][k]);
+        }
+        result.share /= std::max(all, LEAST_VOTES);
         return result;
     }
 
@@ -123,14 +134,16 @@ class Fit {
 
 }  // namespace
 
-Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal) {
+Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes,
+                  const View<double, 1>& votes, bool anneal) {
     require_shape(start, {4, 4}, "cam_from_ref");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
+    require_shape(votes, {views.points.shape[0]}, "votes");
     require(amplitudes.shape[0] <= 1000, "there are too many shared errors");
     Fit fit(views, start, amplitudes);
     if (anneal) fit.anneal();
     else fit.linearise();
-    return fit.finish();
+    return fit.finish(votes.data);
 }
 
 // The motions of halves of the views: those of near points, and those on one side or in the upper part of the image.

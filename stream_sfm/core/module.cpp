@@ -188,7 +188,7 @@ NB_MODULE(_core, m) {
     });
     def_of_views<View<double, 2>>(m, "linearise_views", &linearise_views);
     def_of_views<View<double, 3>, View<double, 1>, View<double, 3>>(m, "view_residuals", &view_residuals);
-    def_of_views<View<double, 2>, View<double, 1>, bool>(m, "fit_motion", &fit_motion);
+    def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, bool>(m, "fit_motion", &fit_motion);
     def_of_views<View<double, 2>, View<double, 1>, View<bool, 1>, double>(m, "motions_of_halves", &motions_of_halves);
     def_of_views<View<double, 2>, View<double, 1>, double, double, std::size_t>(m, "search_motion", &search_motion);
     def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, double, double>(m, "motion_support", &motion_support);
@@ -196,6 +196,11 @@ NB_MODULE(_core, m) {
     def_of_views<View<double, 2>, int>(m, "fit_turn", &fit_turn);
     def_of_window(m, "window_residuals", &window_residuals);
     def_of_window(m, "normal_blocks", &normal_blocks);
+    m.def("order_of_corners", &Bound<&order_of_corners>::call);
+    m.def("project_points", &Bound<&project_points>::call);
+    m.def("row_terms", &Bound<&row_terms>::call);
+    m.def("twists", &Bound<&twists>::call);
+    m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);
     m.def("sample_weights", &Bound<&sample_weights>::call);
     m.def("warp_patches", &Bound<&warp_patches>::call);

@@ -10,6 +10,8 @@ namespace core {
 namespace {
 
 constexpr double LEAST_ANGLE = 1e-150;  // rad, in place of 0 where an angle divides: its square is still a normal double
+constexpr std::size_t REACH = 2;  // frames on either side that tell a velocity: a polynomial of fourth order, of third at the ends
+constexpr std::size_t NODES = 4;  // frames at least, as far as there are any
 constexpr double SMALL = 1e-4;  // sine of half an angle; closed form: the next term of the series, n⁴/5, is below rounding
 
 // out (3, 3) = a b.
@@ -123,6 +125,28 @@ Array<double, 3> pose_adjoint(const View<double, 3>& poses) {
             out[3 + k] = y * c - z * b;
             out[9 + k] = z * a - x * c;
             out[15 + k] = x * b - y * a;
+        }
+    }
+    return result;
+}
+
+// By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
+Array<double, 2> twists(const View<double, 3>& poses, const View<double, 1>& seconds) {
+    std::size_t n = poses.shape[0], nodes = std::min(NODES, n);
+    require_shape(seconds, {n}, "seconds");
+    Array<double, 3> inverse = pose_inverse(poses);
+    Array<double, 2> result({n, 6});
+    for (std::size_t i = 0; n > 1 && i < n; i++) {
+        std::size_t first = std::min(i < REACH ? 0 : i - REACH, n - nodes), end = std::max(std::min(i + REACH + 1, n), first + nodes);
+        auto apart = [&](std::size_t a, std::size_t b) { return seconds.data[a] - seconds.data[b]; };
+        for (std::size_t a = first; a < end; a++) {
+            if (apart(a, i) == 0) continue;
+            double slope = 1 / apart(a, i), moved[16];
+            for (std::size_t b = first; b < end; b++)
+                if (apart(b, i) != 0 && apart(a, b) != 0) slope *= apart(i, b) / apart(a, b);
+            multiply(poses[a], inverse[i], moved);
+            Array<double, 2> xi = pose_log({moved, {1, 4, 4}});
+            for (int k = 0; k < 6; k++) result[i][k] += slope * xi[0][k];
         }
     }
     return result;

@@ -112,6 +112,22 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
     return result;
 }
 
+Array<double, 2> row_terms(double width, double height, const View<double, 2>& at, const View<double, 1>& speed,
+                           const View<double, 2>& field) {
+    std::size_t n = at.shape[0], k = field.shape[1];
+    require_shape(at, {n, 2}, "left_px");
+    if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
+    require_shape(field, {n, k}, "field");
+    double centre[2] = {(width - 1) / 2, (height - 1) / 2}, unit = std::max(centre[0], centre[1]);
+    Array<double, 2> result({n, 7 + k});
+    for (std::size_t i = 0; i < n; i++) {
+        double x = (at[i][0] - centre[0]) / unit, y = (at[i][1] - centre[1]) / unit, *out = result[i];
+        double own[7] = {1, x, y, x * x, x * y, y * y, -speed.data[speed.shape[0] == 1 ? 0 : i]};
+        std::copy(field[i], field[i] + k, std::copy(own, own + 7, out));
+    }
+    return result;
+}
+
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients) {
     std::size_t n = z.shape[0], sides = coefficients.shape[0], k = coefficients.shape[1];
     require_shape(z, {n, 4}, "z_px");

@@ -55,6 +55,10 @@ Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<d
                                   const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
 
+// corners.cpp
+Array<std::int64_t, 1> order_of_corners(const Pixels& found, const View<float, 1>& strength, const View<double, 2>& taken,
+                                        double cell, double width);
+
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);
 
@@ -85,6 +89,7 @@ struct PointViews {
     View<double, 3> cov, shared;
     View<double, 1> gate;
 };
+Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points);
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref);
 ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
                              const View<double, 3>& cams_from_ref);
@@ -104,9 +109,12 @@ struct Fitted {
     Array<double, 1> squares;
     double spread;
     bool determined;
-    auto parts() { return std::tie(cam_from_ref, amplitudes, cov, accepted, squares, spread, determined); }
+    double chi2, share;
+    std::int64_t sides, views;
+    auto parts() { return std::tie(cam_from_ref, amplitudes, cov, accepted, squares, spread, determined, chi2, share, sides, views); }
 };
-Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal);
+Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes,
+                  const View<double, 1>& votes, bool anneal);
 struct Halves {
     double apart;
     Array<double, 3> motions;
@@ -136,6 +144,8 @@ Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 
                              const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
 Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
                              const View<double, 2>& root);
+Array<double, 2> row_terms(double width, double height, const View<double, 2>& at, const View<double, 1>& speed,
+                           const View<double, 2>& field);
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
@@ -157,6 +167,7 @@ Array<double, 3> pose_exp(const View<double, 2>& xi);
 Array<double, 2> pose_log(const View<double, 3>& poses);
 Array<double, 3> pose_inverse(const View<double, 3>& poses);
 Array<double, 3> pose_adjoint(const View<double, 3>& poses);
+Array<double, 2> twists(const View<double, 3>& poses, const View<double, 1>& seconds);
 Array<double, 2> rotation_vectors(const View<double, 3>& rotations);
 Array<double, 2> quaternions(const View<double, 3>& rotations);
 Array<double, 3> orthonormalise(const View<double, 3>& poses);
@@ -173,7 +184,13 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
 
 // dense.cpp
 Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);
-Array<double, 2> invert_triangle(const View<double, 2>& lower);
+Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double, 1>& scale);
+struct Scaled {
+    Array<double, 2> matrix;
+    Array<double, 1> scale;
+    auto parts() { return std::tie(matrix, scale); }
+};
+Scaled scaled_by_diagonal(const View<double, 2>& matrix);
 
 // window.cpp
 struct WindowState {

@@ -36,6 +36,14 @@ void check(const View<double, 2>& points, const View<double, 2>& z) {
 
 }  // namespace
 
+Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    Array<double, 2> result({n, 4});
+    for (std::size_t i = 0; i < n; i++) project(pinholes, points[i], result[i]);
+    return result;
+}
+
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);

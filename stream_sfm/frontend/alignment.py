@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..config import FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import record, rows_of
 from .noise import ViewNoise
 from .prepared import PreparedImages
 from .templates import Patches, TemplateAtlas
@@ -48,10 +48,10 @@ class Candidates:
         return Candidates(
             self.before.keep(rows),
             self.now.keep(rows),
-            self.left_px[rows],
-            self.right_u_px[rows],
-            self.left_warps[rows],
-            self.right_warps[rows],
+            rows_of(self.left_px, rows),
+            rows_of(self.right_u_px, rows),
+            rows_of(self.left_warps, rows),
+            rows_of(self.right_warps, rows),
             self.twist,
         )
 

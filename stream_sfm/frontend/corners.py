@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 
 _BLOCK_PX = 5  # window of the gradient matrix, a usual small one; its derivatives have OpenCV's, 3
@@ -41,14 +42,8 @@ def detect(
     if not len(found):
         return found
     u, v = found.T
-    rank = _rank_in_cells(
-        found,
-        strength[v, u],
-        taken_px,
-        _cell_px(strength.shape, wanted + len(taken_px), distance_px),
-        strength.shape[1],
-    )
-    order = np.lexsort((u, v, -strength[v, u], rank))
+    cell_px = _cell_px(strength.shape, wanted + len(taken_px), distance_px)
+    order = core.order_of_corners(found, strength[v, u], taken_px, cell_px, strength.shape[1])
     chosen: list[int] = []
     for i in order[: _CANDIDATES * wanted].tolist():
         if free[v[i], u[i]]:
@@ -82,20 +77,3 @@ def _peaks(
 def _cell_px(shape: tuple[int, ...], points: int, distance_px: float) -> float:
     """Edge of cells of about one point each."""
     return float(max(_MIN_CELL * distance_px, np.sqrt(shape[0] * shape[1] / max(1, points))))
-
-
-def _rank_in_cells(
-    found: NDArray[np.intp], strength: NDArray[np.float32], taken_px: Array, cell_px: float, width: int
-) -> NDArray[np.intp]:
-    """Rank (k,) of each corner within its cell by strength (k,), after the points that are there already."""
-    columns = int(width // cell_px) + 1
-    (u, v), (u_taken, v_taken) = found.T, taken_px.T
-    cell_of = (v // cell_px).astype(int) * columns + (u // cell_px).astype(int)
-    cell_taken = (v_taken // cell_px).astype(int).clip(0) * columns + (u_taken // cell_px).astype(int).clip(0)
-    occupied = np.bincount(cell_taken, minlength=int(cell_of.max()) + 1)
-    order = np.lexsort((u, v, -strength, cell_of))
-    first = np.searchsorted(cell_of[order], cell_of[order])
-    rank = np.empty(len(order), np.intp)
-    rank[order] = np.arange(len(order)) - first
-    rank += occupied[cell_of]
-    return np.asarray(rank, np.intp)

@@ -44,7 +44,7 @@ def image_note(
         return problem
     if n_in_both >= enough:
         return ""
-    if n_tracked >= enough and previous is not None and np.array_equal(images.right, previous.right):
+    if n_tracked >= enough and previous is not None and _same(images.right, previous.right):
         return "the right image is that of the frame before, to the bit: is the right camera frozen?"
     if n_tracked < enough:
         return f"{n_tracked} points can be matched in the images: too little texture, or blurred"
@@ -56,9 +56,9 @@ def image_note(
 
 def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
     """Say that the left image, or both, are those of the frame before; empty where that is not so."""
-    if previous is None or not np.array_equal(images.left, previous.left):
+    if previous is None or not _same(images.left, previous.left):
         return ""
-    if np.array_equal(images.right, previous.right):
+    if _same(images.right, previous.right):
         return "the images are those of the frame before, to the bit: are the cameras frozen?"
     return "the left image is that of the frame before, to the bit: is the left camera frozen?"
 
@@ -67,3 +67,9 @@ def _without_contrast(image: Image) -> str:
     if image.max() < _BLACK_GREY:
         return "black"
     return "white" if image.min() > 255 - _BLACK_GREY else ""
+
+
+def _same(image: Image, other: Image) -> bool:
+    """Whether two images are equal; one row tells nearly all that are not."""
+    middle = len(image) // 2
+    return np.array_equal(image[middle : middle + 1], other[middle : middle + 1]) and np.array_equal(image, other)

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config import Config
 from ..geometry.linear import symmetric, symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
@@ -83,7 +84,7 @@ class Rows:
 
         `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference.
         """
-        return self._terms(left_px, np.broadcast_to(row_speed_px_s, len(left_px))) @ self.mean
+        return self._terms(left_px, np.atleast_1d(row_speed_px_s)) @ self.mean
 
     def root(self, left_px: Array, row_speed_px_s: Array) -> Array:
         """Return a root (n, k) of the covariance of `at`, px."""
@@ -160,10 +161,7 @@ class Rows:
 
 def _terms(width: int, height: int, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, k) in images of this size."""
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    x, y = ((left_px - centre) / centre.max()).T
-    polynomial = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, -row_speed_px_s], axis=1)
-    return np.concatenate([polynomial, field_over(width, height).at(left_px)], axis=1)
+    return core.row_terms(width, height, left_px, row_speed_px_s, field_over(width, height).at(left_px))
 
 
 @lru_cache

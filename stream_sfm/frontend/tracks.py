@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
-from ..record import record
+from ..record import record, rows_of
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
@@ -71,7 +71,7 @@ class Tracks:
             return self
         if not isinstance(rows, slice) and rows.dtype == bool:
             rows = np.flatnonzero(rows)  # once, not once per column
-        return Tracks(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return Tracks(*(rows_of(getattr(self, f.name), rows) for f in fields(self)))
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""

@@ -67,16 +67,13 @@ class Cholesky:
     """
 
     def __init__(self, matrix: Array, repair: bool = True) -> None:
-        diagonal = np.diag(matrix)
-        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * scale[:, None]
-        scaled *= scale
+        scaled, scale = core.scaled_by_diagonal(matrix)
         for damping in (0.0, *_REPAIRS) if repair else (0.0,):
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
             with suppress(np.linalg.LinAlgError):
                 factor = np.asarray(np.linalg.cholesky(scaled), np.float64)
-                self.root = (core.invert_triangle(factor) * scale).T
+                self.root = core.invert_triangle(factor, scale).T
                 return
         raise np.linalg.LinAlgError("information matrix is not positive definite")
 

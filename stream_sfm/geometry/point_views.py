@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..record import rows_of
 from .gates import chi2_gates
 from .se3 import Array
 from .stereo import StereoProjection
@@ -44,15 +45,15 @@ class PointViews:
 
     def select(self, rows: NDArray[Any]) -> "PointViews":
         """The given rows (mask or indices)."""
-        cov = None if self.cov_points is None else self.cov_points[rows]
+        cov = None if self.cov_points is None else rows_of(self.cov_points, rows)
         return PointViews(
             self.projection,
-            self.points[rows],
+            rows_of(self.points, rows),
             cov,
-            self.z_px[rows],
-            self.cov_px[rows],
+            rows_of(self.z_px, rows),
+            rows_of(self.cov_px, rows),
             self.gate_probability,
-            self.shared[rows],
+            rows_of(self.shared, rows),
         )
 
     def without_shared(self, amplitudes: Array) -> "PointViews":

@@ -152,19 +152,19 @@ def refine(
 
     `anneal`: it need not be close; Cauchy weights come first, eq. (22).
     """
-    motion, amplitudes, cov, accepted, s2, spread, determined = core.fit_motion(
-        *views.of_core, cam_from_ref, amplitudes, anneal
+    motion, amplitudes, cov, accepted, s2, spread, determined, chi2, share, coordinates, n = core.fit_motion(
+        *views.of_core, cam_from_ref, amplitudes, weights, anneal
     )
     return Resection(
         cam_from_ref=motion[0],
         cov_pose=cov[:6, :6] if determined else np.full((6, 6), np.inf),
         accepted=accepted,
-        chi2=float(s2[accepted].sum()),
-        dof=int(views.sides[accepted].sum()) - 6,
+        chi2=chi2,
+        dof=coordinates - 6,
         spread=spread,
-        ok=determined and bool(accepted.sum() >= MIN_VIEWS),
+        ok=determined and n >= MIN_VIEWS,
         squared_residuals=s2,
-        share=float(weights[accepted].sum() / max(weights.sum(), 1e-12)),
+        share=share,
         amplitudes=amplitudes,
         cov_amplitudes=cov[6:, 6:] if determined else np.eye(len(amplitudes)),
     )

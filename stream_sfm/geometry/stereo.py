@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import core
 from .se3 import Array
 
 # Points are kept at least this far in front of the camera plane before they are projected: metres for a Euclidean
@@ -64,13 +65,7 @@ class StereoProjection:
 
     def project_homogeneous(self, points: Array) -> Array:
         """Return z (…, 4) of homogeneous points (X, Y, Z, ρ) in the camera, (…, 4); ρ = 0 is a point at infinity."""
-        s = self.f_px / points[..., 2]
-        u = s * points[..., 0]
-        z = np.empty((*points.shape[:-1], 4))  # NumPy's stack of so few numbers takes three times as long
-        z[..., 0] = u + self.cx_left_px
-        z[..., 1] = z[..., 3] = s * points[..., 1] + self.cy_px
-        z[..., 2] = u - s * self.baseline_m * points[..., 3] + self.cx_right_px
-        return z
+        return core.project_points(self.pinholes, points.reshape(-1, 4)).reshape(points.shape)
 
     def jacobian_homogeneous(self, points: Array) -> Array:
         """Return ∂z/∂(X, Y, Z, ρ) (…, 4, 4) at homogeneous points (…, 4)."""

@@ -13,7 +13,7 @@ from ..config import RigConfig
 from ..geometry.linear import product
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..record import record
+from ..record import record, rows_of
 from .estimate import CERTAIN, RigEstimate
 from .field import Field, field_over
 from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
@@ -50,7 +50,7 @@ class RigEffects:
         return len(self.terms)
 
     def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "RigEffects":
-        return RigEffects(self.terms[rows], self.field[rows])
+        return RigEffects(rows_of(self.terms, rows), rows_of(self.field, rows))
 
     def take(self, rows: NDArray[np.intp], others: "RigEffects") -> "RigEffects":
         """Return the same with others in some rows (k,)."""

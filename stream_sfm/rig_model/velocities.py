@@ -3,51 +3,21 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import core
-from ..geometry import se3
 from ..geometry.linear import damped_solve
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
-# Frames on either side from which a velocity is taken: a polynomial of fourth order inside, of third at the ends.
-_REACH = 2
-_NODES = 4  # frames at least, as far as there are any
 _LEAST_PX2 = 1e-2  # of a component, summed over all views: the variance of one good view
 
 
 def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
     """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
 
-    `cams_from_ref` (n, 4, 4) at ascending stamps; from polynomials through the poses of the frames around each.
-    Zero for a single one.
+    `cams_from_ref` (n, 4, 4) at ascending stamps; see `core.twists`.
     """
-    n = len(stamps_ns)
-    nodes = min(_NODES, n)
-    if n < 2:
-        return np.zeros((n, 6))
-    t = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
-    at = np.arange(n)
-    first = np.minimum(np.maximum(at - _REACH, 0), n - nodes)
-    count = np.maximum(np.minimum(at + _REACH + 1, n) - first, nodes)
-    offset = np.arange(2 * _REACH + 1)
-    used = offset < count[:, None]
-    near = np.where(used, first[:, None] + offset, at[:, None])
-    moved = se3.log(cams_from_ref[near] @ se3.inverse(cams_from_ref)[:, None])
-    return np.asarray((_slopes(t[near] - t[:, None], used)[..., None] * moved).sum(axis=1))
-
-
-def _slopes(t: Array, used: NDArray[np.bool_]) -> Array:
-    """Return weights (n, k) of values at the times `used`, that give the slope at 0 of the polynomial through them.
-
-    One of the times (n, k) is 0, where the value is 0 and needs no weight: derivatives of Lagrange's polynomials.
-    """
-    others = used & (t != 0)
-    apart = t[:, :, None] - t[:, None, :]
-    factors = others[:, None, :] & (apart != 0)
-    ratio = np.where(factors, -t[:, None, :] / np.where(factors, apart, 1.0), 1.0).prod(axis=2)
-    return np.where(others, ratio / np.where(others, t, 1.0), 0.0)
+    return core.twists(cams_from_ref, np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns]))
 
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:

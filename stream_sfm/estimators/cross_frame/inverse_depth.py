@@ -19,7 +19,7 @@ from ... import core
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...record import record
+from ...record import record, rows_of
 from ...rig_model.model import RigEffects
 
 Q_COLUMNS = np.array([0, 1, 3])  # of a homogeneous point: what q moves
@@ -99,7 +99,14 @@ class WhitenedViews:
         return cls(**joined)
 
     def __getitem__(self, rows: NDArray[np.intp] | slice) -> "WhitenedViews":
-        return WhitenedViews(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return WhitenedViews(
+            frame=rows_of(self.frame, rows),
+            point=rows_of(self.point, rows),
+            z_px=rows_of(self.z_px, rows),
+            root=rows_of(self.root, rows),
+            weight=rows_of(self.weight, rows),
+            rig_effects=self.rig_effects[rows],
+        )
 
     def of_map(self, ids: NDArray[np.int64]) -> "WhitenedViews":
         """Return the same views, whose points were given by ids, with indices in `ids` (ascending)."""

@@ -15,6 +15,7 @@ from ...geometry.linear import matvec, scaled_cholesky
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
+from ...record import rows_of
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigEffects, RigModel
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
@@ -115,7 +116,8 @@ class Map:
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
-        self.ids, self.q, self.ref_from_anchor = self.ids[rows], self.q[rows], self.ref_from_anchor[rows]
+        self.ids, self.q = rows_of(self.ids, rows), rows_of(self.q, rows)
+        self.ref_from_anchor = rows_of(self.ref_from_anchor, rows)
 
     def enter(self, frame: WindowFrame, rejected: NDArray[np.int64], ambiguous: bool) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
@@ -367,7 +369,7 @@ class Map:
             more = more + size**-2.0 - rig.size**-2.0
             rig = replace(rig, size=size)
         rig, u = rig.informed(more, weighted)
-        of_rig = core.invert_triangle(u.T).T @ self.rig_amplitudes  # a = U a'
+        of_rig = core.invert_triangle(u.T, np.ones(len(rig))).T @ self.rig_amplitudes  # a = U a'
         self.prior = self.prior.with_rig(rig, u)
         self.amplitudes = np.concatenate([self.amplitudes[: len(self.amplitudes) - len(rig)], of_rig])
 

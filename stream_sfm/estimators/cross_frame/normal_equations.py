@@ -63,7 +63,7 @@ class System:
         self.rig_offset = np.zeros(len(prior.rig))
         # of the errors' own covariance; and the other way round
         self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]
-        self._rig_whitening = core.invert_triangle(self._rig_root.T).T
+        self._rig_whitening = core.invert_triangle(self._rig_root.T, np.ones(len(prior.rig))).T
         # of the covariance of poses and amplitudes; its last columns are of the rig's errors
         self.root = self.chol.root
 

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..ids import among
+
 # Rejections, in any frame, after which a track is never used again. Trades the views of a good track that was unlucky
 # (a gate of 99.9 % makes six of them unlikely) against those of one on a slowly moving thing.
 _MAX_REJECTIONS = 6
@@ -20,8 +22,8 @@ class RejectionCounts:
 
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
-        often = [i for i, n in self._counts.items() if n >= _MAX_REJECTIONS]
-        return np.isin(ids, often) if often else np.zeros(len(ids), bool)
+        often = sorted(i for i, n in self._counts.items() if n >= _MAX_REJECTIONS)
+        return among(ids, np.array(often, np.int64))
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:
         """Drop the counts of tracks that have ended; `ids` are alive."""

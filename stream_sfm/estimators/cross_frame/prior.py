@@ -26,7 +26,7 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
 from ...geometry.se3 import Array
-from ...record import record
+from ...record import record, rows_of
 from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
@@ -97,13 +97,15 @@ class Prior:
 
     def select(self, rows: NDArray[np.bool_]) -> "Prior":
         """Return the prior of the points where the mask is true; the others are marginalised."""
+        if rows.all():
+            return self
         return replace(
             self,
-            ids=self.ids[rows],
-            ref_from_anchor=self.ref_from_anchor[rows],
-            mean=self.mean[rows],
-            cov=self.cov[rows],
-            modes=self.modes[rows],
+            ids=rows_of(self.ids, rows),
+            ref_from_anchor=rows_of(self.ref_from_anchor, rows),
+            mean=rows_of(self.mean, rows),
+            cov=rows_of(self.cov, rows),
+            modes=rows_of(self.modes, rows),
         )
 
     def with_drift(self, cov: Array) -> "Prior":

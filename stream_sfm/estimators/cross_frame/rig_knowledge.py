@@ -83,7 +83,7 @@ class RigKnowledge:
         what its views have in common. So the window's information counts by the share that it has in the result.
         `root` (m, m) is upper triangular, and so is that of the result.
         """
-        whitening = core.invert_triangle(root.T)
+        whitening = core.invert_triangle(root.T, np.ones(len(self)))
         information = whitening @ whitening.T
         counted = Cholesky(information + root @ root.T - np.eye(len(self))).root
         away = amplitudes - self.offset
