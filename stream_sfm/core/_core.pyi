@@ -6,13 +6,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
+Image = NDArray[np.float32] | NDArray[np.uint8]
 Pixels = NDArray[np.integer]
 Mask = NDArray[np.bool_]
 Pinholes = tuple[float, float, float, float, float]
 
-def match_along_rows(
-    left: Grey | NDArray[np.uint8], right: Grey | NDArray[np.uint8], points_px: Pixels, first: int, last: int
-) -> tuple[Array, Mask]:
+def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
     """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
 
     Images of one pyramid level, of one size; disparities from `first` to `last`, pixels of that level.
@@ -39,7 +38,7 @@ def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
 def sample_weights(radius_px: int, spacing_px: int) -> Grey:
     """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
 
-def store_patches(stored: Grey, image: Grey, points_px: Pixels, slots: Pixels) -> None:
+def store_patches(stored: Grey, image: Image, points_px: Pixels, slots: Pixels) -> None:
     """Cut patches around whole pixels (n, 2) into `stored` (slots, side, side), at `slots` (n,)."""
 
 def warp_patches(
@@ -53,7 +52,7 @@ def warp_patches(
     """
 
 def align_patches(
-    image: Grey, starts_px: Array, inverse: Grey, information: Array, level: Grey, radius_px: int, spacing_px: int
+    image: Image, starts_px: Array, inverse: Grey, information: Array, level: Grey, radius_px: int, spacing_px: int
 ) -> tuple[Array, Mask, Array]:
     """Find patches, as `warp_patches` returns them, in an image, from starts (n, 2).
 
@@ -96,7 +95,7 @@ def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Ar
     """
 
 def disparity_slopes(
-    left: Grey, right: Grey, points_px: Pixels, right_px: Array, radius_px: int, std_grey: float
+    left: Image, right: Image, points_px: Pixels, right_px: Array, radius_px: int, std_grey: float
 ) -> Array:
     """Slopes (n, 2) = (∂d/∂u, ∂d/∂v) at whole left pixels (n, 2) whose right positions (n, 2) are nearly known.
 

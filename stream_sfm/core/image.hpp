@@ -14,6 +14,9 @@ struct ImageOf {
 };
 using Image = ImageOf<float>;
 
+inline float as_float(float pixel) { return pixel; }
+inline float as_float(std::uint8_t pixel) { return static_cast<float>(pixel); }
+
 // A pixel's column or row that may be added to.
 inline std::int64_t bounded(std::int64_t at) { return std::clamp<std::int64_t>(at, -1'000'000'000, 1'000'000'000); }
 
@@ -31,27 +34,31 @@ struct Between {
     }
 };
 
-inline float bilinear(const float* upper, const float* lower, const Between& u, float share_below) {
-    const float *a = upper + u.before, *b = lower + u.before;
-    float above = a[0] + u.share * (a[u.step] - a[0]);
-    float below = b[0] + u.share * (b[u.step] - b[0]);
+template <class T>
+inline float bilinear(const T* upper, const T* lower, const Between& u, float share_below) {
+    const T *a = upper + u.before, *b = lower + u.before;
+    float above = as_float(a[0]) + u.share * (as_float(a[u.step]) - as_float(a[0]));
+    float below = as_float(b[0]) + u.share * (as_float(b[u.step]) - as_float(b[0]));
     return above + share_below * (below - above);
 }
 
-inline float sample(const Image& image, float x, float y) {
+template <class T>
+inline float sample(const ImageOf<T>& image, float x, float y) {
     Between u(x, image.width), v(y, image.height);
-    const float* upper = image.data + static_cast<std::size_t>(v.before) * image.width;
+    const T* upper = image.data + static_cast<std::size_t>(v.before) * image.width;
     return bilinear(upper, upper + v.step * image.width, u, v.share);
 }
 
 // Whether what is between the pixels around (x, y) needs no pixel beyond the border; not for NaN.
-inline bool is_inside(const Image& image, float x, float y) {
+template <class T>
+inline bool is_inside(const ImageOf<T>& image, float x, float y) {
     return x > 0.01f && y > 0.01f && x < static_cast<float>(image.width - 1) - 0.01f &&
            y < static_cast<float>(image.height - 1) - 0.01f;
 }
 
 // Samples at (x, y)[first], and at each `step` after it, of `end`. `inside`: all are.
-inline void sample_places(const Image& image, const float* x, const float* y, int first, int end, int step, bool inside,
+template <class T>
+inline void sample_places(const ImageOf<T>& image, const float* x, const float* y, int first, int end, int step, bool inside,
                           float* out) {
     if (!inside) {
         for (int i = first; i < end; i += step) out[i] = sample(image, x[i], y[i]);
@@ -60,15 +67,16 @@ inline void sample_places(const Image& image, const float* x, const float* y, in
     for (int i = first; i < end; i += step) {
         int column = static_cast<int>(x[i]), row = static_cast<int>(y[i]);
         float across = x[i] - static_cast<float>(column), down = y[i] - static_cast<float>(row);
-        const float* a = image.data + row * static_cast<std::ptrdiff_t>(image.width) + column;
-        const float* b = a + image.width;
-        float above = a[0] + across * (a[1] - a[0]), below = b[0] + across * (b[1] - b[0]);
+        const T* a = image.data + row * static_cast<std::ptrdiff_t>(image.width) + column;
+        const T* b = a + image.width;
+        float above = as_float(a[0]) + across * (as_float(a[1]) - as_float(a[0])), below = as_float(b[0]) + across * (as_float(b[1]) - as_float(b[0]));
         out[i] = above + down * (below - above);
     }
 }
 
 // The k × k samples `spacing` apart around (x, y), row by row.
-inline void sample_square(const Image& image, float x, float y, int radius, int spacing, int k, float* out) {
+template <class T>
+inline void sample_square(const ImageOf<T>& image, float x, float y, int radius, int spacing, int k, float* out) {
     float left = x - static_cast<float>(radius), top = y - static_cast<float>(radius);
     bool inside = left >= 0.0f && top >= 0.0f && x + static_cast<float>(radius) < static_cast<float>(image.width - 1) &&
                   y + static_cast<float>(radius) < static_cast<float>(image.height - 1);
@@ -80,12 +88,12 @@ inline void sample_square(const Image& image, float x, float y, int radius, int 
     }
     Between u(left, image.width), v(top, image.height);  // all samples lie alike between their pixels
     for (int i = 0; i < k; i++) {
-        const float* upper = image.data + static_cast<std::size_t>(v.before + i * spacing) * image.width + u.before;
-        const float* lower = upper + image.width;
+        const T* upper = image.data + static_cast<std::size_t>(v.before + i * spacing) * image.width + u.before;
+        const T* lower = upper + image.width;
         for (int j = 0; j < k; j++) {
-            const float *a = upper + j * spacing, *b = lower + j * spacing;
-            float above = a[0] + u.share * (a[1] - a[0]);
-            float below = b[0] + u.share * (b[1] - b[0]);
+            const T *a = upper + j * spacing, *b = lower + j * spacing;
+            float above = as_float(a[0]) + u.share * (as_float(a[1]) - as_float(a[0]));
+            float below = as_float(b[0]) + u.share * (as_float(b[1]) - as_float(b[0]));
             out[i * k + j] = above + v.share * (below - above);
         }
     }

@@ -141,6 +141,22 @@ void def_of_window(nb::module_& m, const char* name, Stage stage) {
     });
 }
 
+// Stages that take images of one type of pixels.
+template <class T, class OfImage>
+void def_of_images(nb::module_& m, const OfImage& of_image) {
+    nb::arg any;
+    m.def("match_along_rows", &Bound<&match_along_rows<T>>::call, of_image, of_image, any, any, any);
+    m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
+    m.def("disparity_slopes", &Bound<&disparity_slopes<T>>::call, of_image, of_image, any, any, any, any);
+    m.def("store_patches",
+          [](nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
+             const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
+              std::array<std::size_t, 3> shape{stored.shape(0), stored.shape(1), stored.shape(2)};
+              unlocked([&] { store_patches(stored.data(), shape, image(grey), view(points_px), view(slots)); });
+          },
+          nb::arg().noconvert(), of_image, any, any);
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -151,16 +167,8 @@ NB_MODULE(_core, m) {
             PyErr_SetString(nb::module_::import_("numpy.linalg").attr("LinAlgError").ptr(), error.what());
         }
     });
-    m.def("match_along_rows", &Bound<&match_along_rows<std::uint8_t>>::call, nb::arg().noconvert(), nb::arg().noconvert(), nb::arg(),
-          nb::arg(), nb::arg());
-    m.def("match_along_rows", &Bound<&match_along_rows<float>>::call);
-    m.def("store_patches",
-          [](nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const Grey& grey,
-             const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
-              std::array<std::size_t, 3> shape{stored.shape(0), stored.shape(1), stored.shape(2)};
-              unlocked([&] { store_patches(stored.data(), shape, image(grey), view(points_px), view(slots)); });
-          },
-          nb::arg().noconvert(), nb::arg(), nb::arg(), nb::arg());
+    def_of_images<std::uint8_t>(m, nb::arg().noconvert());  // before it would be converted to floats
+    def_of_images<float>(m, nb::arg());
     m.def("rig_columns",
           [](const nb::tuple& camera, double width, double height, const Floats& z, std::optional<Floats> velocity,
              std::optional<Floats> row, const Numbers& age) {
@@ -204,14 +212,12 @@ NB_MODULE(_core, m) {
     m.def("among", &Bound<&among>::call);
     m.def("sample_weights", &Bound<&sample_weights>::call);
     m.def("warp_patches", &Bound<&warp_patches>::call);
-    m.def("align_patches", &Bound<&align_patches>::call);
     m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);
     m.def("inside_area", &Bound<&inside_area>::call);
     m.def("view_covariances", &Bound<&view_covariances>::call);
     m.def("template_drift", &Bound<&template_drift>::call);
     m.def("unfilter_png", &Bound<&unfilter_png>::call);
-    m.def("disparity_slopes", &Bound<&disparity_slopes>::call);
     m.def("field_basis", &Bound<&field_basis>::call);
     m.def("rig_mixture", &Bound<&rig_mixture>::call);
     m.def("velocities", &Bound<&velocities>::call);

@@ -95,7 +95,9 @@ Array<float, 1> sample_weights(int radius, int spacing) {
     return weights;
 }
 
-void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const Image& image, const Pixels& points, const Indices& slots) {
+template <class T>
+void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points,
+                   const Indices& slots) {
     std::size_t n = slots.shape[0], side = shape[1];
     require(shape[2] == side && side % 2 == 1, "stored patches are not squares with a middle");
     require(points.shape[0] == n && points.shape[1] == 2, "points_px is not (n, 2) with a slot for each point");
@@ -109,7 +111,7 @@ void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const
         bool inside = left >= 0 && left + 2 * half < image.width;
         for (std::size_t row = 0; row < side; row++, patch += side) {
             std::int64_t v = std::clamp<std::int64_t>(top + static_cast<std::int64_t>(row), 0, image.height - 1);
-            const float* pixels = image.data + v * image.width;
+            const T* pixels = image.data + v * image.width;
             if (inside) {
                 std::copy(pixels + left, pixels + left + side, patch);
                 continue;
@@ -154,7 +156,8 @@ Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const V
 
 // A position is found with the patch's own gain and offset. What it is worth is judged with those that all patches have
 // in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
-AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
+template <class T>
+AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
@@ -215,5 +218,12 @@ AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, 
     }
     return result;
 }
+
+template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, const Pixels&, const Indices&);
+template AlignedPatches align_patches(const ImageOf<float>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
+                                      const View<float, 1>&, int, int);
+template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, const Pixels&, const Indices&);
+template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
+                                      const View<float, 1>&, int, int);
 
 }  // namespace core

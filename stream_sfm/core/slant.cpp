@@ -28,11 +28,12 @@ constexpr double RIDGE = 1e-9;        // relative to its trace, for the same
 constexpr double MIN_CONTRAST = 1.0;  // grey², keeps the gain of a patch of one grey finite
 
 // A left patch of k × k samples: grey values of mean zero, and their derivatives (4, k²) by disparity, slopes and row.
-void cut(const Image& image, std::int64_t u, std::int64_t v, int radius, int k, float* grey, float* by_parameter) {
+template <class T>
+void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, int k, float* grey, float* by_parameter) {
     int k2 = k * k;
     auto pixel = [&](std::int64_t column, std::int64_t row) {
         std::int64_t x = std::clamp<std::int64_t>(column, 0, image.width - 1), y = std::clamp<std::int64_t>(row, 0, image.height - 1);
-        return image.data[y * image.width + x];
+        return as_float(image.data[y * image.width + x]);
     };
     double mean = 0;
     for (int i = 0; i < k; i++)
@@ -52,7 +53,8 @@ void cut(const Image& image, std::int64_t u, std::int64_t v, int radius, int k, 
 
 }  // namespace
 
-Array<double, 2> disparity_slopes(const Image& left, const Image& right, const Pixels& points, const View<double, 2>& right_px,
+template <class T>
+Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, const View<double, 2>& right_px,
                                   int radius, double std_grey) {
     std::size_t n = points.shape[0];
     require(points.shape[1] == 2, "points_px is not (n, 2)");
@@ -115,5 +117,8 @@ Array<double, 2> disparity_slopes(const Image& left, const Image& right, const P
     }
     return slopes;
 }
+
+template Array<double, 2> disparity_slopes(const ImageOf<float>&, const ImageOf<float>&, const Pixels&, const View<double, 2>&, int, double);
+template Array<double, 2> disparity_slopes(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, const Pixels&, const View<double, 2>&, int, double);
 
 }  // namespace core

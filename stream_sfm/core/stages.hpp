@@ -37,9 +37,11 @@ struct AlignedPatches {
     auto parts() { return std::tie(at, found, error); }
 };
 Array<float, 1> sample_weights(int radius, int spacing);
-void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const Image& image, const Pixels& points, const Indices& slots);
+template <class T>  // float or std::uint8_t
+void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points, const Indices& slots);
 Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing);
-AlignedPatches align_patches(const Image& image, const View<double, 2>& starts, const View<float, 3>& inverse,
+template <class T>
+AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
 
 // tracks.cpp
@@ -66,7 +68,8 @@ Array<bool, 1> among(const Indices& ids, const Indices& known);
 Array<std::uint8_t, 2> unfilter_png(const View<std::uint8_t, 2>& filtered, std::size_t pixel);
 
 // slant.cpp
-Array<double, 2> disparity_slopes(const Image& left, const Image& right, const Pixels& points, const View<double, 2>& right_px,
+template <class T>
+Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, const View<double, 2>& right_px,
                                   int radius, double std_grey);
 
 // views.cpp

@@ -16,7 +16,7 @@ from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..record import record, rows_of
 from .noise import ViewNoise
-from .prepared import PreparedImages
+from .prepared import GreyImage, PreparedImages
 from .templates import Patches, TemplateAtlas
 from .tracks import Tracks, takes_all
 from .valid_area import contains, valid_area
@@ -119,9 +119,7 @@ class TemplateAligner:
         """Return the templates of `slots` (n,) warped by (n, 3, 2) to the appearance expected now."""
         return self.atlas.warped(slots, self._in_template_pixels(warps))
 
-    def find(
-        self, image: NDArray[np.float32], patches: Patches, start_px: Array
-    ) -> tuple[Array, NDArray[np.bool_], Array]:
+    def find(self, image: GreyImage, patches: Patches, start_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Positions (n, 2) of patches near starts (n, 2) in an image of `PreparedImages.grey`; see `Patches.align`."""
         at, found, error_grey = patches.align(image, start_px / self.scale)
         return self.scale * at, found, error_grey

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .corners import corner_strength
 
 Image = NDArray[np.uint8]
+GreyImage = NDArray[np.uint8] | NDArray[np.float32]
 # Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
 # short. Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
 _COARSE_COLUMNS = 800
@@ -53,12 +54,6 @@ class PreparedImages:
         return corner_strength(self.coarse_left())
 
     @cached_property
-    def full_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both images as float32: interpolated bytes are rounded, which is too coarse for dark images."""
-        left = self.left.astype(np.float32)
-        return left, left if self.left is self.right else self.right.astype(np.float32)
-
-    @cached_property
     def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Both images at a quarter of the size, from the rectified ones before any rounding.
 
@@ -80,9 +75,9 @@ class PreparedImages:
         some = self.left_half[::4, ::4]
         return float(some.mean()), float(some.std())
 
-    def grey(self, scale: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def grey(self, scale: int) -> tuple[GreyImage, GreyImage]:
         """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
-        return self.full_grey if scale == 1 else self.quarter_grey
+        return (self.left, self.right) if scale == 1 else self.quarter_grey
 
     def shrunk(self) -> "PreparedImages":
         """The same without the large forms that only the newest frame needs."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.se3 import Array
 from ..record import record
+from .prepared import GreyImage
 from .warps import facing
 
 Grey = NDArray[np.float32]
@@ -58,7 +59,7 @@ class Patches:
         inverse[rows], information[rows], level[rows] = other.inverse, other.information, other.level
         return replace(self, inverse=inverse, information=information, level=level)
 
-    def align(self, image: Grey, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    def align(self, image: GreyImage, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Find the patches in an image, from starts (n, 2).
 
         Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are
@@ -86,7 +87,7 @@ class TemplateAtlas:
         side = 2 * _half(radius_px) + 1
         return cls(radius_px, np.zeros((slots, side, side), np.float32))
 
-    def stored(self, image: Grey, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> "TemplateAtlas":
+    def stored(self, image: GreyImage, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> "TemplateAtlas":
         """Return the atlas with patches cut around whole pixels (n, 2) in these slots (n,)."""
         grey = self.grey.copy()
         core.store_patches(grey, image, points_px, slots)
