@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from . import core
 from .camera.axes import RectifiedAxes
 from .camera.models import Camera
 from .camera.pixels import FEWEST_BITS, bits_used, image_problem, to_grey, to_uint8
@@ -29,7 +30,7 @@ from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
-from .record import record
+from .record import record, rows_of
 from .rig_model.terms import TERMS
 from .types import (
     CommonErrors,
@@ -137,11 +138,11 @@ class Observer:
         """
         observations, axes, unseen = observed.observations, self._axes, self.unseen
         n_old = len(observations.track_ids) - observations.n_new
-        shown = ~np.isin(solution.track_ids, observations.track_ids[n_old:])
-        in_cam, in_world = solution.points_in_cam[shown], solution.points_in_world[shown]
-        cov_shared = self._cov_shared(in_cam, solution.track_ids[shown])
-        world_from_cam = solution.world_from_cam[:3, :3]
-        cov_shared_world = world_from_cam @ cov_shared @ world_from_cam.T
+        shown = np.flatnonzero(~core.among(solution.track_ids, observations.track_ids[n_old:]))
+        in_cam, in_world = rows_of(solution.points_in_cam, shown), rows_of(solution.points_in_world, shown)
+        cov, cov_in_world = rows_of(solution.cov_points, shown), rows_of(solution.cov_points_in_world, shown)
+        shared_m = self._shared_m(in_cam, solution.track_ids[shown])
+        shared_in_world_m = shared_m @ solution.world_from_cam[:3, :3].T
         return FrameEstimate(
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
@@ -151,18 +152,16 @@ class Observer:
             cov_pose=axes.cov_pose(solution.cov_pose + unseen.of_pose(solution.world_from_cam)),
             track_ids=solution.track_ids[shown],
             points_in_cam=axes.points(in_cam),
-            cov_points=axes.cov_points(solution.cov_points[shown] + cov_shared + unseen.of_points(in_cam)),
+            cov_points=unseen.in_points(cov, in_cam, shared_m, axes.rotation),
             points_in_world=axes.points(in_world),
-            cov_points_in_world=axes.cov_points(
-                solution.cov_points_in_world[shown] + cov_shared_world + unseen.of_points(in_world)
-            ),
+            cov_points_in_world=unseen.in_points(cov_in_world, in_world, shared_in_world_m, axes.rotation),
             window_frame_indices=solution.window_frame_indices,
             window_world_from_cam=axes.poses(solution.window_world_from_cam),
             rejected_ids=solution.rejected_ids,
             iterations=solution.iterations,
             ended_ids=solution.ended_ids,
             ended_points_in_world=axes.points(solution.ended_points_in_world),
-            ended_cov_points_in_world=axes.cov_points(self._cov_ended(solution)),
+            ended_cov_points_in_world=self._cov_ended(solution),
             counts={
                 "tracked": n_old,
                 "new": observations.n_new,
@@ -211,22 +210,20 @@ class Observer:
             moved = np.concatenate([moved, by_rig @ common.weights(len(TERMS))], axis=-1)
         return self._axes.by_pose(moved)
 
-    def _cov_shared(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
-        """Covariances (n, 3, 3), m², of points (n, 3) by the disparity error that all views share, eq. (18)."""
+    def _shared_m(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
+        """One σ (n, 3), m, of points (n, 3) by the disparity error that all views share, eq. (18)."""
         p = self.projection
         std_px = self.state.bias.std_px(track_ids)
         relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
-        std_m = points_in_cam * relative[:, None]
-        cov: Array = std_m[:, :, None] * std_m[:, None, :]
-        return cov
+        return np.asarray(points_in_cam * relative[:, None])
 
     def _cov_ended(self, solution: Solution) -> Array:
-        """Covariances (k, 3, 3), in the rectified world, of the points that left the estimator with this frame."""
+        """Covariances (k, 3, 3), in the world, of the points that left the estimator with this frame."""
         last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
         in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
-        cov_shared = self._cov_shared(in_last, solution.ended_ids)
-        cov: Array = solution.ended_cov_points_in_world + last[:3, :3] @ cov_shared @ last[:3, :3].T
-        return cov + self.unseen.of_points(solution.ended_points_in_world)
+        shared_m = self._shared_m(in_last, solution.ended_ids) @ last[:3, :3].T
+        cov, points = solution.ended_cov_points_in_world, solution.ended_points_in_world
+        return self.unseen.in_points(cov, points, shared_m, self._axes.rotation)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""

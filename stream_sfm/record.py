@@ -19,11 +19,15 @@ def record(cls: type[T]) -> type[T]:
     return dataclass(slots=True, eq=False, repr=False)(cls)
 
 
+def indices(rows: NDArray[Any] | slice) -> NDArray[np.intp] | slice:
+    """Return the rows of a mask as indices; indices and slices as they are."""
+    return rows.nonzero()[0] if not isinstance(rows, slice) and rows.dtype == bool else rows
+
+
 def rows_of(column: NDArray[Any], rows: NDArray[Any] | slice) -> NDArray[Any]:
     """Return some rows (indices, mask or slice) of an array (n, …).
 
     Indexing takes four times as long as NumPy's `take` where a row is more than a number.
     """
-    if isinstance(rows, slice):
-        return column[rows]
-    return column.take(np.flatnonzero(rows) if rows.dtype == bool else rows, axis=0)
+    rows = indices(rows)
+    return column[rows] if isinstance(rows, slice) else column.take(rows, axis=0)

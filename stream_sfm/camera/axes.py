@@ -9,14 +9,15 @@ class RectifiedAxes:
     """Turns rectified axes, of the camera and of the world, into those of the physical left camera.
 
     The world is the first left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7).
+    `rotation` (3, 3): that of points.
     """
 
     def __init__(self, rect_from_cam: Array) -> None:
-        self._rotation = rect_from_cam.T
+        self.rotation = np.ascontiguousarray(rect_from_cam.T)
         self._rect_from_cam = np.eye(4)
         self._rect_from_cam[:3, :3] = rect_from_cam
         self._rotation_6 = np.zeros((6, 6))
-        self._rotation_6[:3, :3] = self._rotation_6[3:, 3:] = self._rotation
+        self._rotation_6[:3, :3] = self._rotation_6[3:, 3:] = self.rotation
 
     def poses(self, world_from_cam: Array) -> Array:
         """Turn poses (…, 4, 4)."""
@@ -32,8 +33,4 @@ class RectifiedAxes:
 
     def points(self, points: Array) -> Array:
         """Turn points (n, 3)."""
-        return points @ self._rotation.T
-
-    def cov_points(self, cov: Array) -> Array:
-        """Turn the covariances (n, 3, 3) of points."""
-        return self._rotation @ cov @ self._rotation.T
+        return points @ self.rotation.T

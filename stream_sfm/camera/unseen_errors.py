@@ -7,7 +7,7 @@ their σ are added to whatever is reported.
 
 import numpy as np
 
-from ..geometry import se3
+from .. import core
 from ..geometry.se3 import Array
 
 
@@ -20,12 +20,13 @@ class UnseenErrors:
     def __init__(self, std_scale: float, std_axes_rad: float) -> None:
         self._std_scale, self._std_axes_rad = std_scale, std_axes_rad
 
-    def of_points(self, points_m: Array) -> Array:
-        """Covariances (…, 3, 3), m², of points (…, 3) in the camera, or in the world, which is the first camera."""
-        moved = np.concatenate(
-            [self._std_scale * points_m[..., None], self._std_axes_rad * -se3.skew(points_m)[..., :2]], axis=-1
-        )
-        return moved @ np.swapaxes(moved, -1, -2)
+    def in_points(self, cov: Array, points_m: Array, shared_m: Array, axes: Array) -> Array:
+        """Covariances (n, 3, 3), m², in other axes (3, 3), of points (n, 3) in the camera, or in the world.
+
+        The world is the first camera. `cov` (n, 3, 3): what they have by themselves; `shared_m` (n, 3): one σ of an
+        error that all views of a point share.
+        """
+        return core.reported_covariances(cov, points_m, shared_m, self._std_scale, self._std_axes_rad, axes)
 
     def of_pose(self, poses: Array) -> Array:
         """Covariances (…, 6, 6) of the perturbations on the right of poses (…, 4, 4)."""
@@ -37,8 +38,5 @@ class UnseenErrors:
 
         Axes that are turned by C make C T C⁻¹ of T, which is T Exp((Ad(T⁻¹) − I) c).
         """
-        moved = np.zeros((*poses.shape[:-2], 6, 3))
-        along = np.swapaxes(poses[..., :3, :3], -1, -2) @ poses[..., :3, 3:]
-        moved[..., :3, :1] = self._std_scale * along
-        moved[..., 1:] = self._std_axes_rad * (se3.adjoint(se3.inverse(poses)) - np.eye(6))[..., 3:5]
-        return moved
+        moved = core.unseen_by_pose(poses.reshape(-1, 4, 4), self._std_scale, self._std_axes_rad)
+        return moved.reshape(*poses.shape[:-2], 6, 3)

@@ -242,10 +242,14 @@ def fit_turn(
     gate: Array,
     cam_from_ref: Array,
     steps: int,
-) -> tuple[Array, Array, Mask]:
+    usual: Array,
+    std_knock_rad: float,
+) -> tuple[Array, Array, Mask, float, float]:
     """Return the turn of the right camera (3,) rad that views show, its covariance (3, 3), and which (n,) agree, (72d).
 
-    By so many steps of reweighting, together with the motion. Arrays as in `linearise_views`, without shared errors.
+    By so many steps of reweighting, together with the motion. And by how much likelier it is a knock of σ
+    `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. Arrays as
+    in `linearise_views`, without shared errors.
     """
 
 def rig_columns(
@@ -322,10 +326,35 @@ def timing_errors(
     Raises LinAlgError where `cov` is not definite.
     """
 
-def pose_by_twist(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array) -> tuple[Array, Array]:
-    """Return the information (6, 6) that views of homogeneous points (n, 4) have on a pose, of noise 1 px each.
+def cov_of_timed_pose(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array, cov_twist: Array) -> Array:
+    """Return the covariance (6, 6) of a pose, seen by homogeneous points (n, 4), by a twist with (6, 6), eq. (70b).
 
-    And what a twist (6, 12) does to it by a delay and by a readout of `size` (2,), s; `row` as in `timed_views`.
+    By a delay and by a readout of `size` (2,), s; `row` as in `timed_views`.
+    """
+
+def reported_covariances(
+    cov_points: Array, points: Array, shared_m: Array, std_scale: float, std_axes_rad: float, axes: Array
+) -> Array:
+    """Return the covariances (n, 3, 3) of points (n, 3) in other axes (3, 3), with what no view shows, eq. (73).
+
+    `shared_m` (n, 3): an error that all views of a point share, one σ of it.
+    """
+
+def unseen_by_pose(poses: Array, std_scale: float, std_axes_rad: float) -> Array:
+    """Return perturbations (n, 6, 3) on the right of poses (n, 4, 4), per σ of lengths and of axes, eq. (73a)."""
+
+def track_covariances(
+    cov_left_px: Array, var_rho: Array, drift_px: Array, focal_px: float, baseline_m: float
+) -> Array:
+    """Return the covariances (n, 4, 4) of points (X/Z, Y/Z, 1, 1/Z), after a drift of σ (n,) px; none if (0,)."""
+
+def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array:
+    """Return the gate (n,) of each view (n, 4)."""
+
+def log_evidence(information: Array, weighted: Array, variances: Array) -> Array:
+    """Return by how much likelier errors are N(0, variance) than 0, as logarithms (s, n), eq. (72a).
+
+    Of n independent ones, from the information that views have about each and their sum weighted by it.
     """
 
 def principal_errors(errors: Array, least: float) -> Array:

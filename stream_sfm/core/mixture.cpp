@@ -195,6 +195,18 @@ void consider(Gaussian& of, std::size_t first, const Numbers& weighted) {
 
 }  // namespace
 
+Array<double, 2> log_evidence(const View<double, 1>& information, const View<double, 1>& weighted, const View<double, 1>& variances) {
+    std::size_t n = information.shape[0], sizes = variances.shape[0];
+    require_shape(weighted, {n}, "weighted");
+    Array<double, 2> result({sizes, n});
+    for (std::size_t s = 0; s < sizes; s++)
+        for (std::size_t i = 0; i < n; i++) {
+            double variance = variances.data[s], ratio = variance * information.data[i], sum = weighted.data[i];
+            result[s][i] = 0.5 * (variance * sum * sum / (1 + ratio) - std::log1p(ratio));
+        }
+    return result;
+}
+
 Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
                     const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong) {
     std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];

@@ -201,7 +201,7 @@ NB_MODULE(_core, m) {
     def_of_views<View<double, 2>, View<double, 1>, double, double, std::size_t>(m, "search_motion", &search_motion);
     def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, double, double>(m, "motion_support", &motion_support);
     m.def("evidence", &Bound<&evidence>::call);
-    def_of_views<View<double, 2>, int>(m, "fit_turn", &fit_turn);
+    def_of_views<View<double, 2>, int, View<double, 2>, double>(m, "fit_turn", &fit_turn);
     def_of_window(m, "window_residuals", &window_residuals);
     def_of_window(m, "normal_blocks", &normal_blocks);
     m.def("order_of_corners", &Bound<&order_of_corners>::call);
@@ -223,7 +223,12 @@ NB_MODULE(_core, m) {
     m.def("velocities", &Bound<&velocities>::call);
     m.def("timed_views", &Bound<&timed_views>::call);
     m.def("timing_errors", &Bound<&timing_errors>::call);
-    m.def("pose_by_twist", &Bound<&pose_by_twist>::call);
+    m.def("cov_of_timed_pose", &Bound<&cov_of_timed_pose>::call);
+    m.def("reported_covariances", &Bound<&reported_covariances>::call);
+    m.def("unseen_by_pose", &Bound<&unseen_by_pose>::call);
+    m.def("track_covariances", &Bound<&track_covariances>::call);
+    m.def("gates_of_views", &Bound<&gates_of_views>::call);
+    m.def("log_evidence", &Bound<&log_evidence>::call);
     m.def("principal_errors", &Bound<&principal_errors>::call);
     m.def("pose_exp", &Bound<&pose_exp>::call);
     m.def("pose_log", &Bound<&pose_log>::call);

@@ -207,13 +207,15 @@ Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& 
     return result;
 }
 
-PoseByTwist pose_by_twist(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
-                          const View<double, 1>& size) {
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+                                   const View<double, 1>& size, const View<double, 2>& cov_twist) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(row, {n, 4}, "row");
     require_shape(size, {2}, "size");
-    PoseByTwist result{Array<double, 2>({6, 6}), Array<double, 2>({6, 12})};
+    require_shape(cov_twist, {6, 6}, "cov_twist");
+    std::vector<double> information(36);
+    double moved[2][36] = {};  // transposed: by which twists the gradient of a pose is moved
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24];
         velocity_by_twist(pinholes, points[i], by_twist);
@@ -221,10 +223,24 @@ PoseByTwist pose_by_twist(const Pinholes& pinholes, const View<double, 2>& point
             for (int a = 0; a < 6; a++)
                 for (int b = 0; b < 6; b++) {
                     double squared = by_twist[6 * c + a] * by_twist[6 * c + b];
-                    result.information[a][b] += squared;
-                    if (c == LATE) result.moved[a][b] += size.data[0] * squared;
-                    result.moved[a][6 + b] += size.data[1] * share(row[i][c]) * squared;
+                    information[6 * a + b] += squared;
+                    if (c == LATE) moved[0][6 * b + a] += size.data[0] * squared;
+                    moved[1][6 * b + a] += size.data[1] * share(row[i][c]) * squared;
                 }
+    }
+    Array<double, 2> result({6, 6});
+    for (auto& gain : moved) {
+        for (int b = 0; b < 6; b++) {
+            std::vector<double> factor = information;
+            solve_damped(factor, gain + 6 * b, 6);
+        }
+        double half[36] = {};
+        for (int b = 0; b < 6; b++)
+            for (int c = 0; c < 6; c++)
+                for (int a = 0; a < 6; a++) half[6 * a + c] += gain[6 * b + a] * cov_twist[b][c];
+        for (int c = 0; c < 6; c++)
+            for (int a = 0; a < 6; a++)
+                for (int b = 0; b < 6; b++) result[a][b] += half[6 * a + c] * gain[6 * c + b];
     }
     return result;
 }

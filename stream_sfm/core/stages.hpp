@@ -55,6 +55,8 @@ Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double
 Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at);
 Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
                                   const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
+Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
+                                   double focal, double baseline);
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
 
 // corners.cpp
@@ -93,6 +95,7 @@ struct PointViews {
     View<double, 1> gate;
 };
 Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points);
+Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both);
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref);
 ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
                              const View<double, 3>& cams_from_ref);
@@ -138,9 +141,10 @@ struct FittedTurn {
     Array<double, 1> rad;
     Array<double, 2> cov;
     Array<bool, 1> agree;
-    auto parts() { return std::tie(rad, cov, agree); }
+    double log_odds, squared;
+    auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
 };
-FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps);
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock);
 
 // rig.cpp
 Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
@@ -157,13 +161,14 @@ Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& 
                                const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 2>& twist,
                                const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
                                const View<double, 1>& std_twist);
-struct PoseByTwist {
-    Array<double, 2> information, moved;
-    auto parts() { return std::tie(information, moved); }
-};
-PoseByTwist pose_by_twist(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
-                          const View<double, 1>& size);
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+                                   const View<double, 1>& size, const View<double, 2>& cov_twist);
 Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
+
+// reported.cpp
+Array<double, 3> reported_covariances(const View<double, 3>& cov, const View<double, 2>& points, const View<double, 2>& shared,
+                                      double std_scale, double std_axes, const View<double, 2>& axes);
+Array<double, 3> unseen_by_pose(const View<double, 3>& poses, double std_scale, double std_axes);
 
 // poses.cpp
 Array<double, 3> pose_exp(const View<double, 2>& xi);
@@ -182,6 +187,7 @@ struct Mixture {
     double p_wrong;
     auto parts() { return std::tie(mean, cov, p_wrong); }
 };
+Array<double, 2> log_evidence(const View<double, 1>& information, const View<double, 1>& weighted, const View<double, 1>& variances);
 Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
                     const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong);
 

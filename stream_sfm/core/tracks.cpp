@@ -114,6 +114,20 @@ Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<d
     return result;
 }
 
+Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
+                                   double focal, double baseline) {
+    std::size_t n = var_rho.shape[0];
+    require_shape(cov_left, {n, 2, 2}, "cov_left_px");
+    if (drift.shape[0] != 0) require_shape(drift, {n}, "drift_px");
+    Array<double, 3> result({n, 4, 4});
+    for (std::size_t i = 0; i < n; i++) {
+        double slid = drift.shape[0] ? drift.data[i] / focal : 0.0, *out = result[i];
+        for (int k = 0; k < 4; k++) out[4 * (k / 2) + k % 2] = cov_left[i][k] / (focal * focal) + (k % 3 == 0 ? slid * slid : 0.0);
+        out[15] = var_rho.data[i] + slid * slid / (baseline * baseline);
+    }
+    return result;
+}
+
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -19,16 +20,33 @@ void by_turn(const Pinholes& p, double u, double v, double* out) {
     for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
 }
 
+// xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN where A is not definite.
+double squared_length(const double* a, const double* x, double& log_det) {
+    double lower[9], solved[3], sum = 0;
+    log_det = std::numeric_limits<double>::quiet_NaN();
+    if (!cholesky<3>(a, lower)) return log_det;
+    log_det = 0;
+    for (int i = 0; i < 3; i++) {
+        solved[i] = x[i];
+        for (int k = 0; k < i; k++) solved[i] -= lower[3 * i + k] * solved[k];
+        solved[i] /= lower[4 * i];
+        sum += solved[i] * solved[i];
+        log_det += 2 * std::log(lower[4 * i]);
+    }
+    return sum;
+}
+
 }  // namespace
 
-FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps) {
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock) {
     std::size_t n = views.points.shape[0];
     require_shape(motion, {4, 4}, "cam_from_ref");
+    require_shape(usual, {3, 3}, "usual");
     require(n > 0 && views.shared.shape[2] == 0 && steps > 0, "a turn has views, steps, and no other error");
     LinearisedViews linear = linearise_views(views, motion);
     Array<double, 1> none({0});
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
-    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n})};
+    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n}), 0.0, 0.0};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
@@ -78,6 +96,14 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int 
     }
     for (std::size_t i = 0; i < n; i++)
         result.agree.data[i] = std::isfinite(seen.squares[0][i]) && squares[i] < spread * views.gate.data[i];
+    double expected[9], knocked[9], log_det, log_det_knocked;
+    for (std::size_t k = 0; k < 9; k++) {
+        expected[k] = result.cov[0][k] + usual.data[k];
+        knocked[k] = expected[k] + (k % 4 == 0 ? std_knock * std_knock : 0.0);
+    }
+    result.squared = squared_length(expected, result.rad.data.get(), log_det);
+    double of_knock = squared_length(knocked, result.rad.data.get(), log_det_knocked);
+    result.log_odds = (result.squared - of_knock + log_det - log_det_knocked) / 2;
     return result;
 }
 

@@ -44,6 +44,15 @@ Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>&
     return result;
 }
 
+Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both) {
+    std::size_t n = z.shape[0];
+    require_shape(z, {n, 4}, "z_px");
+    Array<double, 1> result({n});
+    for (std::size_t i = 0; i < n; i++)
+        result.data[i] = std::all_of(z[i], z[i] + 4, [](double x) { return std::isfinite(x); }) ? of_both : of_one;
+    return result;
+}
+
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..config import FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
-from ..record import record, rows_of
+from ..record import indices, record, rows_of
 from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages
 from .templates import Patches, TemplateAtlas
@@ -45,6 +45,7 @@ class Candidates:
         """The given rows (mask, indices or slice)."""
         if takes_all(rows):
             return self
+        rows = indices(rows)
         return Candidates(
             self.before.keep(rows),
             self.now.keep(rows),

@@ -158,11 +158,14 @@ class TurnWatch:
         if len(seen) < _MIN_VIEWS:
             return self.calm(), None
         views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
-        turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, 1))
-        log_factor, chi2 = self._odds(turn, cov_expected)
-        if log_factor > 0:
-            turn = Turn(*core.fit_turn(*views.of_core, cam_from_previous, _STEPS))
-            log_factor, chi2 = self._odds(turn, cov_expected)
+        usual = self.usual + cov_expected
+        for steps in (1, _STEPS):
+            rad, cov, agree, log_factor, chi2 = core.fit_turn(
+                *views.of_core, cam_from_previous, steps, usual, _STD_TURN_RAD
+            )
+            if log_factor <= 0:
+                break
+        turn = Turn(rad, cov, agree)
         possible = self.projection.f_px * np.linalg.norm(turn.rad) < _MAX_TURN_PX and turn.agree.mean() > _AGREE
         stands_out = bool(log_factor > -np.log(_KNOCKS) and possible)
         if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
@@ -180,11 +183,3 @@ class TurnWatch:
         frames = min(self.frames + 1, MEMORY_FRAMES)
         counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
-
-    def _odds(self, turn: Turn, cov_expected: Array) -> tuple[float, float]:
-        """By how much likelier a turn is by a knock than by what is usual, a logarithm, eq. (72f); χ² of the latter."""
-        usual = turn.cov + self.usual + cov_expected
-        both = np.stack([usual, usual + _STD_TURN_RAD**2 * np.eye(3)])
-        chi2 = np.linalg.solve(both, np.broadcast_to(turn.rad[:, None], (2, 3, 1)))[..., 0] @ turn.rad
-        log_det = np.linalg.slogdet(both)[1]
-        return float(chi2[0] - chi2[1] + log_det[0] - log_det[1]) / 2, float(chi2[0])

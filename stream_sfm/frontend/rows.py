@@ -21,7 +21,6 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 from ..rig_model.field import field_over
-from ..rig_model.sizes import log_evidence
 
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
@@ -109,9 +108,9 @@ class Rows:
 
         `row_speed_px_s` (n,): as of `at`. `scale`: the gate is so much wider, for matches of reduced images.
         """
-        speed = np.broadcast_to(row_speed_px_s, (len(left_px),))
-        late = np.abs(speed) * np.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL])
-        gate_px = np.clip(_GATE * np.hypot(self.scatter_px, late), _LEAST_GATE_PX, self.max_px + _GATE * late)
+        late = np.abs(row_speed_px_s) * np.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL])
+        wide_px = np.maximum(_GATE * np.hypot(self.scatter_px, late), _LEAST_GATE_PX)
+        gate_px = np.minimum(wide_px, self.max_px + _GATE * late)
         return np.asarray(np.abs(right_px[:, 1] - left_px[:, 1]) < scale * gate_px)
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
@@ -144,7 +143,7 @@ class Rows:
         own = symmetric_inverse(self.cov[field, field])
         values, axes = np.linalg.eigh(own - np.eye(len(own)) / self.field_std_px**2)
         weighted = axes.T @ (own @ self.mean[field])
-        evidence = log_evidence(np.maximum(values, 0.0), weighted, (_FIELD_STD_PX**2)[:, None]).sum(axis=1)
+        evidence = core.log_evidence(np.maximum(values, 0.0), weighted, _FIELD_STD_PX**2).sum(axis=1)
         largest = max(0.0, float(evidence.max()))
         weight = np.exp(evidence - largest) / len(_FIELD_STD_PX)
         std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))

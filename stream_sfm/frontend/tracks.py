@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
-from ..record import record, rows_of
+from ..record import indices, record, rows_of
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
@@ -69,9 +70,8 @@ class Tracks:
         """The given rows (mask, indices or slice)."""
         if takes_all(rows):
             return self
-        if not isinstance(rows, slice) and rows.dtype == bool:
-            rows = np.flatnonzero(rows)  # once, not once per column
-        return Tracks(*(rows_of(getattr(self, f.name), rows) for f in fields(self)))
+        rows = indices(rows)  # once, not once per column
+        return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
@@ -79,7 +79,7 @@ class Tracks:
 
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""
-        return Tracks(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
+        return Tracks(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in _COLUMNS))
 
     @property
     def weights(self) -> Array:
@@ -116,11 +116,10 @@ class Tracks:
 
     def cov_points(self, projection: StereoProjection, drift_px: Array | None = None) -> Array:
         """Covariances (n, 4, 4) of `points`: of the ray and of the inverse depth, after a drift of σ (n,), eq. (33)."""
-        cov = np.zeros((len(self), 4, 4))
-        cov[:, :2, :2] = self.cov_left_px / projection.f_px**2
-        cov[:, 3, 3] = self.var_rho
-        if drift_px is not None:
-            var_ray = (drift_px / projection.f_px) ** 2
-            cov[:, [0, 1], [0, 1]] += var_ray[:, None]
-            cov[:, 3, 3] += var_ray / projection.baseline_m**2
-        return cov
+        drift_px = np.empty(0) if drift_px is None else drift_px
+        return core.track_covariances(
+            self.cov_left_px, self.var_rho, drift_px, projection.f_px, projection.baseline_m
+        )
+
+
+_COLUMNS = tuple(field.name for field in fields(Tracks))

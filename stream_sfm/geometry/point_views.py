@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..record import rows_of
-from .gates import chi2_gates
+from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
 
@@ -37,8 +37,8 @@ class PointViews:
         self.cov_px = cov_px
         self.gate_probability = gate_probability
         self.shared = np.zeros((len(z_px), 4, 0)) if shared is None else shared
-        self.sides = np.isfinite(z_px).sum(axis=1)  # 4, or 2 without the right view
-        self.gate = chi2_gates(self.sides, gate_probability)
+        one_side, both = (chi2_gate(coordinates, gate_probability) for coordinates in (2, 4))
+        self.gate = core.gates_of_views(z_px, one_side, both)
 
     def __len__(self) -> int:
         return len(self.z_px)

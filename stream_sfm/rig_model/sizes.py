@@ -47,15 +47,6 @@ class Mixture:
     p_wrong: float
 
 
-def log_evidence(information: Array, weighted: Array, variance: Array | float = 1.0) -> Array:
-    """Return by how much likelier errors are N(0, `variance`) than 0, as a logarithm, eq. (72a).
-
-    Of independent ones, from the information that views have about each and their sum weighted by it; all of one shape.
-    """
-    ratio = variance * information
-    return np.asarray(0.5 * (variance * weighted**2 / (1 + ratio) - np.log1p(ratio)))
-
-
 def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     """Return the size of each physical term that views make likely, from N(`mean`, `cov`) with sizes so far, eq. (72a).
 
@@ -64,11 +55,10 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     var = np.diag(cov)[: len(TERMS)]
     information = np.maximum(1 / var - size[: len(TERMS)] ** -2.0, 0.0)
     weighted = mean[: len(TERMS)] / var
-    s2 = (_SIZES**2)[:, None]
-    evidence = log_evidence(information, weighted, s2)
+    evidence = core.log_evidence(information, weighted, _SIZES**2)
     weight = np.exp(evidence - evidence.max(axis=0))
     result = size.copy()
-    result[: len(TERMS)] = np.sqrt((weight * s2).sum(axis=0) / weight.sum(axis=0))
+    result[: len(TERMS)] = np.sqrt(_SIZES**2 @ weight / weight.sum(axis=0))
     result[_FOCAL] = size[_FOCAL]
     return result
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from .. import core
-from ..geometry.linear import damped_solve
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
@@ -47,11 +46,12 @@ class TimedViews:
         """Px per second of delay and of readout (n, 4, 2)."""
         return core.timed_views(self.pinholes, self.points, self.twist, self.row)
 
-    def pose_by_twist(self, size: Array) -> tuple[Array, Array]:
-        """Return by how much the pose of views moves with the twist (6, 6), by delay and by readout `size` (2,)."""
-        information, moved = core.pose_by_twist(self.pinholes, self.points, self.row, size)
-        by_delay, by_readout = np.hsplit(damped_solve(information, moved.T).T, 2)
-        return by_delay, by_readout
+    def cov_of_pose(self, size: Array, cov_twist: Array) -> Array:
+        """Return the covariance (6, 6) of the pose of views by a twist of covariance (6, 6), eq. (70b).
+
+        `size` (2,): delay and readout, root mean squares, seconds.
+        """
+        return core.cov_of_timed_pose(self.pinholes, self.points, self.row, size, cov_twist)
 
 
 def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array, std_twist: Array) -> Array:

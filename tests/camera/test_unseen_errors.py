@@ -29,7 +29,11 @@ def test_points_err_with_lengths_and_axes() -> None:
     point = np.array([0.7, -0.4, 3.0])
     scales, turns = _draws()
     moved = (1 + scales)[:, None] * se3.transform(turns, point[None])[:, 0]
-    _agree(UnseenErrors(STD_SCALE, STD_AXES_RAD).of_points(point), moved - point)
+    axes = se3.exp(np.array([0, 0, 0, 0.3, -0.2, 0.5]))[:3, :3]
+    unseen = UnseenErrors(STD_SCALE, STD_AXES_RAD)
+    shared = np.random.default_rng(6).normal(size=(N, 1)) * [0.002, 0.001, -0.003]
+    found = unseen.in_points(np.zeros((1, 3, 3)), point[None], np.array([[0.002, 0.001, -0.003]]), axes)
+    _agree(found[0], (moved - point + shared) @ axes.T)
 
 
 def test_poses_err_with_lengths_and_axes() -> None:
@@ -56,4 +60,5 @@ def test_of_motions_that_follow_each_other_it_is_one_error() -> None:
 
 def test_without_errors_nothing_is_added() -> None:
     assert not UnseenErrors(0, 0).of_pose(np.stack([se3.exp(np.arange(6.0))] * 2)).any()
-    assert not UnseenErrors(0, 0).of_points(np.ones((3, 3))).any()
+    nothing = UnseenErrors(0, 0).in_points(np.zeros((3, 3, 3)), np.ones((3, 3)), np.zeros((3, 3)), np.eye(3))
+    assert not nothing.any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import RigConfig
-from stream_sfm.estimators.cross_frame.twist_error import TwistError, cov_of_pose
+from stream_sfm.estimators.cross_frame.twist_error import TwistError
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
@@ -249,7 +249,7 @@ def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
             moved = size.sum() * per_second(times, twist)
             fitted.append(np.linalg.lstsq(by_pose.reshape(-1, 6), moved.ravel(), rcond=None)[0])
         expected = np.array(fitted).T @ np.array(fitted)
-        found = cov_of_pose(views, size, root @ root.T)
+        found = views.cov_of_pose(size, root @ root.T)
         assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 

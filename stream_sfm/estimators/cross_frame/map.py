@@ -27,7 +27,7 @@ from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
 from .rig_knowledge import RigKnowledge
-from .twist_error import TwistError, cov_of_pose
+from .twist_error import TwistError
 from .window_frame import WindowFrame
 
 _TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
@@ -318,7 +318,7 @@ class Map:
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         size = np.sqrt(mean**2 + np.diag(cov))
-        return cov_of_pose(views, size, cov_twist)
+        return views.cov_of_pose(size, cov_twist)
 
     def _renew_first(self, frame: WindowFrame, rig: RigModel, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.se3 import Array
-from ...rig_model.velocities import TimedViews
 
 _LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
 
@@ -37,11 +36,3 @@ class TwistError:
         assumed = np.diag((std_acceleration * dt_s) ** 2)
         weight = min(self._frames / _LATER, 1.0)
         return weight * self._cov + (1 - weight) * assumed
-
-
-def cov_of_pose(views: TimedViews, size: Array, cov_twist: Array) -> Array:
-    """Return the covariance (6, 6) of a pose by a twist of covariance (6, 6), eq. (70b).
-
-    `size` (2,): delay and readout, root mean squares, seconds.
-    """
-    return np.asarray(sum(gain @ cov_twist @ gain.T for gain in views.pose_by_twist(size)))
