@@ -20,6 +20,7 @@ from .association import matched
 
 SPANS = (1, 2, 5, 8, 20, 100)
 _OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
+_CHAINED = 24, 48  # composed of these once, of which longer spans are
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
 _LONGEST = max(SPANS)
@@ -54,6 +55,8 @@ class RelativeRecord:
         self.frame_indices.append(end)
         self._recent.pop(end - _LONGEST, None)
         self._recent[end] = {span: Motion.of(estimate, span) for span in _OF_WINDOW}
+        for span in _CHAINED:
+            self._recent[end][span] = self._over(span, end)
         for span, motions in self._motions.items():
             numbers, motion = np.full(_NUMBERS, np.nan), self._over(span, end)
             if motion is not None:
@@ -64,14 +67,14 @@ class RelativeRecord:
     def _over(self, span: int, end: int) -> Motion | None:
         """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
         motion = None
-        for piece in reversed(_OF_WINDOW):
-            while span >= piece:
-                before = self._recent.get(end, {}).get(piece)
+        for piece in reversed((*_OF_WINDOW, *_CHAINED)):
+            while span >= piece and piece in self._recent.get(end, {}):
+                before = self._recent[end][piece]
                 if before is None:
                     return None
                 motion = before if motion is None else before.then(motion)
                 span, end = span - piece, end - piece
-        return motion
+        return None if span else motion
 
     def motions(self, span: int) -> Motions:
         """Return the motions over a span."""

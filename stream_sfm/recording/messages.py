@@ -198,7 +198,11 @@ def _poses(topic: str, m: Any) -> list[PoseMessage]:
 
 def _same_numbers(a: Any, b: Any) -> bool:
     """Return whether two lists of numbers are equal up to rounding."""
-    return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    if a.shape != b.shape:
+        return False
+    # nearly always the same bytes, with every frame; `allclose` takes fifty times as long to see it
+    return a.tobytes() == b.tobytes() or np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 
 def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
