@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from mcap.well_known import MessageEncoding
+from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
 from ..geometry import se3
@@ -15,6 +15,7 @@ from ..inputs import INT64
 from ..mcap_file.message import MAX_NAME, Channel, Message
 from ..record import record
 from .message_limits import MAX_REPEATED_BYTES, decode_json
+from .plain_ros import plain_decoder
 
 T = TypeVar("T")
 
@@ -211,10 +212,16 @@ def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
         from .protobuf import protobuf_decoder
 
         return protobuf_decoder(channel)
-    from .ros import ros_decoder
 
-    encodings = channel.message_encoding, channel.schema_encoding
-    return ros_decoder(*encodings, channel.schema_name, channel.definition)
+    def by_rosbags() -> Callable[[bytes], Any] | None:
+        from .ros import ros_decoder
+
+        encodings = channel.message_encoding, channel.schema_encoding
+        return ros_decoder(*encodings, channel.schema_name, channel.definition)
+
+    if (channel.message_encoding, channel.schema_encoding) != (MessageEncoding.CDR, SchemaEncoding.ROS2):
+        return by_rosbags()
+    return plain_decoder(channel.schema_name, channel.definition, by_rosbags) or by_rosbags()
 
 
 def _has(message: Any, name: str) -> bool:
