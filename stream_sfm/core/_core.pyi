@@ -38,11 +38,11 @@ def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
 def sample_weights(radius_px: int, spacing_px: int) -> Grey:
     """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
 
-def store_patches(stored: Grey, image: Image, points_px: Pixels, slots: Pixels) -> None:
+def store_patches(stored: Image, image: Image, points_px: Pixels, slots: Pixels) -> None:
     """Cut patches around whole pixels (n, 2) into `stored` (slots, side, side), at `slots` (n,)."""
 
 def warp_patches(
-    stored: Grey, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int
+    stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int
 ) -> tuple[Grey, Array, Grey]:
     """Patches (n) of 2 `radius_px` + 1 pixels as today's image should show them, of those of `slots` (n,) in `stored`.
 

@@ -146,10 +146,11 @@ template <class T, class OfImage>
 void def_of_images(nb::module_& m, const OfImage& of_image) {
     nb::arg any;
     m.def("match_along_rows", &Bound<&match_along_rows<T>>::call, of_image, of_image, any, any, any);
+    m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
     m.def("disparity_slopes", &Bound<&disparity_slopes<T>>::call, of_image, of_image, any, any, any, any);
     m.def("store_patches",
-          [](nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
+          [](nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
              const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
               std::array<std::size_t, 3> shape{stored.shape(0), stored.shape(1), stored.shape(2)};
               unlocked([&] { store_patches(stored.data(), shape, image(grey), view(points_px), view(slots)); });
@@ -211,7 +212,6 @@ NB_MODULE(_core, m) {
     m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);
     m.def("sample_weights", &Bound<&sample_weights>::call);
-    m.def("warp_patches", &Bound<&warp_patches>::call);
     m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);
     m.def("inside_area", &Bound<&inside_area>::call);

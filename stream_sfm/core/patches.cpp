@@ -54,7 +54,8 @@ float columns_of(const float* grey, int side, int k, int spacing, const float* w
 // The stored patch (side, side) around its middle, at the places of the pixels within `reach` of the middle of today's
 // patch, whose warp is δ = W u / (1 + h·u): W above h are `warp` (3, 2). Only pixels that slopes and values of samples
 // `spacing` apart need.
-void warp(const Image& stored, const double* warp, int reach, int spacing, float* grey) {
+template <class T>
+void warp(const ImageOf<T>& stored, const double* warp, int reach, int spacing, float* grey) {
     float w[6], middle = static_cast<float>(stored.width / 2);
     for (int i = 0; i < 6; i++) w[i] = static_cast<float>(warp[i]);
     int side = 2 * reach + 1;
@@ -96,7 +97,7 @@ Array<float, 1> sample_weights(int radius, int spacing) {
 }
 
 template <class T>
-void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points,
+void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points,
                    const Indices& slots) {
     std::size_t n = slots.shape[0], side = shape[1];
     require(shape[2] == side && side % 2 == 1, "stored patches are not squares with a middle");
@@ -106,7 +107,7 @@ void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const
         require(slots.data[i] >= 0 && static_cast<std::size_t>(slots.data[i]) < shape[0], "a slot is not one of the stored patches");
     std::int64_t half = static_cast<std::int64_t>(side) / 2;
     for (std::size_t i = 0; i < n; i++) {
-        float* patch = stored + slots.data[i] * side * side;
+        T* patch = stored + slots.data[i] * side * side;
         std::int64_t left = bounded(points[i][0]) - half, top = bounded(points[i][1]) - half;
         bool inside = left >= 0 && left + 2 * half < image.width;
         for (std::size_t row = 0; row < side; row++, patch += side) {
@@ -122,7 +123,8 @@ void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const
     }
 }
 
-Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing) {
+template <class T>
+Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing) {
     int k = samples_across(radius, spacing), k2 = k * k, reach = radius + 1, side = 2 * reach + 1;
     std::size_t n = slots.shape[0], samples = static_cast<std::size_t>(k2);
     require(stored.shape[1] == stored.shape[2] && stored.shape[1] % 2 == 1, "stored patches are not squares with a middle");
@@ -134,7 +136,7 @@ Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const V
     std::vector<float> grey(static_cast<std::size_t>(side) * side), columns(3 * samples), weighted(3 * samples);
     int extent = static_cast<int>(stored.shape[1]);
     for (std::size_t i = 0; i < n; i++) {
-        warp({stored[slots.data[i]], extent, extent}, warps[i], reach, spacing, grey.data());
+        warp(ImageOf<T>{stored[slots.data[i]], extent, extent}, warps[i], reach, spacing, grey.data());
         result.level.data[i] = columns_of(grey.data(), side, k, spacing, weights.data.get(), columns.data());
         for (int c = 0; c < 3; c++)
             for (int j = 0; j < k2; j++) weighted[c * k2 + j] = columns[c * k2 + j] * weights.data[j];
@@ -220,9 +222,11 @@ AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& sta
 }
 
 template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, const Pixels&, const Indices&);
+template Patches warp_patches(const View<float, 3>&, const Indices&, const View<double, 3>&, int, int);
 template AlignedPatches align_patches(const ImageOf<float>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
                                       const View<float, 1>&, int, int);
-template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, const Pixels&, const Indices&);
+template void store_patches(std::uint8_t*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, const Pixels&, const Indices&);
+template Patches warp_patches(const View<std::uint8_t, 3>&, const Indices&, const View<double, 3>&, int, int);
 template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
                                       const View<float, 1>&, int, int);
 

@@ -38,8 +38,9 @@ struct AlignedPatches {
 };
 Array<float, 1> sample_weights(int radius, int spacing);
 template <class T>  // float or std::uint8_t
-void store_patches(float* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points, const Indices& slots);
-Patches warp_patches(const View<float, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing);
+void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points, const Indices& slots);
+template <class T>
+Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing);
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);

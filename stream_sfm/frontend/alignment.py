@@ -112,7 +112,7 @@ class TemplateAligner:
             config,
             scale,
             valid_area(valid, scale * radius_px),
-            TemplateAtlas.empty(2 * config.max_tracks, radius_px),
+            TemplateAtlas.empty(2 * config.max_tracks, radius_px, of_bytes=scale == 1),
             ViewNoise.unknown(config.smoothing_px, radius_px, scale),
         )
 

@@ -79,13 +79,13 @@ class TemplateAtlas:
     """
 
     radius_px: int
-    grey: Grey
+    grey: GreyImage
 
     @classmethod
-    def empty(cls, slots: int, radius_px: int) -> "TemplateAtlas":
-        """Return an atlas with so many slots."""
-        side = 2 * _half(radius_px) + 1
-        return cls(radius_px, np.zeros((slots, side, side), np.float32))
+    def empty(cls, slots: int, radius_px: int, of_bytes: bool = False) -> "TemplateAtlas":
+        """Return an atlas with so many slots, for patches of images of bytes or of floats."""
+        shape = (slots, 2 * _half(radius_px) + 1, 2 * _half(radius_px) + 1)
+        return cls(radius_px, np.zeros(shape, np.uint8) if of_bytes else np.zeros(shape, np.float32))
 
     def stored(self, image: GreyImage, points_px: NDArray[np.intp], slots: NDArray[np.intp]) -> "TemplateAtlas":
         """Return the atlas with patches cut around whole pixels (n, 2) in these slots (n,)."""

@@ -149,3 +149,16 @@ def test_threads_give_the_same_bytes(name: str) -> None:
     with ThreadPoolExecutor(4) as pool:
         answers = list(pool.map(run, range(16)))
     assert all(answer == answers[0] for answer in answers)
+
+
+def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> None:
+    grey = RNG.integers(0, 256, (60, 80)).astype(np.uint8)
+    found = []
+    for image in (grey, grey.astype(np.float32)):
+        stored = np.zeros((N, SIDE, SIDE), image.dtype)
+        core.store_patches(stored, image, PIXELS, SLOTS)
+        patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2)
+        aligned = core.align_patches(image, STARTS, *patches, 4, 2)
+        slopes = core.disparity_slopes(image, image[:, ::-1].copy(), PIXELS, STARTS, 10, 4.0)
+        found.append(b"".join(array.tobytes() for array in (*patches, *aligned, slopes)))
+    assert found[0] == found[1]
