@@ -1,12 +1,12 @@
 """Decompression of chunks, of MCAP and of ROS 1 bags, whole or cut off, within the size that they declare."""
 
 import bz2
-import zlib
 from typing import Any
 
 import lz4.frame
 import zstandard
 
+from ..deflate import zlib
 from .records import CHUNK_HEAD, MAX_RECORD_BYTES, BrokenRecord
 
 _STEP_BYTES = 1 << 14  # of a cut-off stream decompressed at a time: what comes before the cut is kept

@@ -6,7 +6,6 @@ finds the records that are whole, with the index or without it.
 
 import os
 import weakref
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cached_property
@@ -16,6 +15,7 @@ from typing import IO, Any
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
+from ..deflate import zlib
 from ..errors import LogError
 from ..inputs import open_regular
 from .chunks import Allowance, decompress_chunk

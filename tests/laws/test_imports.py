@@ -17,7 +17,7 @@ LAYERS = (
     ("errors", "record", "__version__"),
     ("inputs", "outputs"),
     ("core",),
-    ("geometry", "blas", "files", "interrupts", "executors", "wording"),
+    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "wording"),
     ("camera",),
     ("config",),
     ("rig_model",),
@@ -53,7 +53,7 @@ HOMES = {
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
-    "isal": ("recording",),
+    "isal": ("deflate.py",),
     "rosbags": ("recording", "sources"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),

@@ -1,0 +1,12 @@
+"""`zlib`, by ISA-L where there is one for the machine: it decompresses and sums three times as fast."""
+
+import zlib as _standard
+from typing import Any
+
+zlib: Any
+try:
+    from isal import isal_zlib
+except ImportError:
+    zlib = _standard
+else:
+    zlib = isal_zlib
