@@ -35,6 +35,9 @@ def order_of_corners(
 def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
     """Return which of `ids` (n,) are in `known`, which is ascending."""
 
+def union_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return ids (n,), in any order, ascending and each once."""
+
 def sample_weights(radius_px: int, spacing_px: int) -> Grey:
     """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
 
@@ -86,6 +89,12 @@ def view_covariances(
 
     Gradient matrices (n, 2, 2) of templates, and deviations (n,) of grey differences on either side, inf where it was
     not found. `shared_pixels` have one noise value; a template's pixel is `scale` image pixels wide.
+    """
+
+def inflation_by_age(ratio: float, decay: float, ages: int) -> Array:
+    """Return variances (n,) of white noise that say as much as the n-th view of a track adds, eqs. (68) and (69).
+
+    In units of the white part of its errors; the lasting part has `ratio` times that, and its `decay` per view.
     """
 
 def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Array:

@@ -1,6 +1,7 @@
 // Sets of track ids.
 
 #include <algorithm>
+#include <vector>
 
 #include "stages.hpp"
 
@@ -10,6 +11,15 @@ Array<bool, 1> among(const Indices& ids, const Indices& known) {
     Array<bool, 1> result({ids.shape[0]});
     for (std::size_t i = 0; i < ids.shape[0]; i++)
         result.data[i] = std::binary_search(known.data, known.data + known.shape[0], ids.data[i]);
+    return result;
+}
+
+Array<std::int64_t, 1> union_of(const Indices& ids) {
+    std::vector<std::int64_t> sorted(ids.data, ids.data + ids.shape[0]);
+    std::sort(sorted.begin(), sorted.end());
+    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+    Array<std::int64_t, 1> result({sorted.size()});
+    std::copy(sorted.begin(), sorted.end(), result.data.get());
     return result;
 }
 

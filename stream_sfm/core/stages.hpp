@@ -58,6 +58,7 @@ Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<d
                                   const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
 Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
                                    double focal, double baseline);
+Array<double, 1> inflation_by_age(double ratio, double decay, std::size_t ages);
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
 
 // corners.cpp
@@ -66,6 +67,7 @@ Array<std::int64_t, 1> order_of_corners(const Pixels& found, const View<float, 1
 
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);
+Array<std::int64_t, 1> union_of(const Indices& ids);
 
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(const View<std::uint8_t, 2>& filtered, std::size_t pixel);

@@ -14,6 +14,5 @@ def among(ids: Ids, known: Ids) -> NDArray[np.bool_]:
 
 
 def union(*sets: Ids) -> Ids:
-    """Return the ids of one set at least, ascending; the sets may be in any order. np.union1d takes thrice as long."""
-    ids = np.sort(np.concatenate(sets))
-    return ids[np.append(True, ids[1:] != ids[:-1])] if len(ids) else ids
+    """Return the ids of one set at least, ascending; the sets may be in any order."""
+    return core.union_of(np.concatenate(sets))

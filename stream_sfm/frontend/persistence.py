@@ -15,6 +15,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import record
@@ -58,7 +59,10 @@ class Persistence:
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "Persistence":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
         rows = _whitened_rows(z_px, cov_px)
-        _, old, now = np.intersect1d(self.ids, ids, assume_unique=True, return_indices=True)
+        old, now = (
+            core.among(self.ids, ids),
+            core.among(ids, self.ids),
+        )  # both ascending: the same tracks in one order
         products = self.rows[old] * rows[now]
         products = products[np.isfinite(products)]
         keep = max(0.0, 1 - len(products) / _MEMORY_PAIRS)
@@ -88,18 +92,8 @@ def inflation_by_age(ratio: float, decay: float = _DECAY) -> Array:
     """Return (60,) variances of white noise, in units of the white part, that say as much as the n-th view adds.
 
     `decay`: of the lasting part from one view to the next.
-
-    Kalman filter on the lasting part, variance p, eq. (69); b is how much of a constant it has taken for that part.
     """
-    result = np.empty(_MAX_AGE)
-    p, b = ratio, 0.0
-    for n in range(_MAX_AGE):
-        innovation = 1 + p
-        gain = p / innovation
-        result[n] = innovation / (1 - b) ** 2
-        b = decay * (b + gain * (1 - b))
-        p = decay**2 * (1 - gain) * p + (1 - decay**2) * ratio
-    return result
+    return core.inflation_by_age(ratio, decay, _MAX_AGE)
 
 
 def _whitened_rows(z_px: Array, cov_px: Array) -> Array:

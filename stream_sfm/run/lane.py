@@ -10,6 +10,7 @@ import numpy as np
 
 from ..config import Config
 from ..estimators import make_estimator
+from ..estimators.ids import among
 from ..evaluation.structure import StructureComparison
 from ..observer import Observed, Observer
 from ..recording.frames import RecordedFrame
@@ -92,8 +93,8 @@ class Lane:
 
     def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
         """The RMS residual of the current views against the current points, pixels; NaN without points."""
-        rows = np.flatnonzero(np.isin(observations.track_ids, solution.track_ids))
-        points = solution.points_in_cam[np.isin(solution.track_ids, observations.track_ids)]
+        rows = np.flatnonzero(among(observations.track_ids, solution.track_ids))
+        points = solution.points_in_cam[among(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3
         if not front.any():
             return float("nan")

@@ -31,6 +31,8 @@ CALLS = {
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "order_of_corners": (PIXELS, np.ones(N, np.float32), STARTS, 20.0, 80.0),
+    "union_of": (SLOTS % 3,),
+    "inflation_by_age": (0.5, 0.92, 60),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
     "anchor_from_now": (PINHOLES, POINTS, STARTS, MOTIONS, np.eye(4)),
