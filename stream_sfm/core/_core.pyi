@@ -357,6 +357,12 @@ def track_covariances(
 ) -> Array:
     """Return the covariances (n, 4, 4) of points (X/Z, Y/Z, 1, 1/Z), after a drift of σ (n,) px; none if (0,)."""
 
+def whitening_of_views(z_px: Array, cov_px: Array) -> Array:
+    """Return R (n, 4, 4) with RᵀR the information of views (n, 4) with (n, 4, 4), eq. (11).
+
+    A side that is not finite has none. Raises LinAlgError for a covariance that is not definite.
+    """
+
 def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array:
     """Return the gate (n,) of each view (n, 4)."""
 
@@ -456,6 +462,9 @@ def orthonormalise(poses: Array) -> Array:
 
 def multiply_blocks(a: Array, b: Array) -> Array:
     """Return the products (n, 3, k) of matrices (n, 3, 3) and (n, 3, k)."""
+
+def whiten_blocks(cov: Array, b: Array) -> Array:
+    """Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite."""
 
 def invert_triangle(lower: Array, scale: Array) -> Array:
     """Return the inverse (n, n) of a lower triangle, its columns multiplied by `scale` (n,)."""

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -18,6 +19,23 @@ Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>
             double* out = result[i] + row * k;
             for (std::size_t c = 0; c < k; c++) out[c] = of[0] * x[c] + of[1] * y[c] + of[2] * z[c];
         }
+    return result;
+}
+
+Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>& b) {
+    std::size_t n = cov.shape[0], k = b.shape[2];
+    require_shape(cov, {n, 3, 3}, "cov");
+    require_shape(b, {n, 3, k}, "b");
+    Array<double, 3> result({n, 3, k});
+    for (std::size_t i = 0; i < n; i++) {
+        double lower[9], *x = result[i], *y = x + k, *z = y + k;
+        require_definite(cholesky<3>(cov[i], lower), "cov is not positive definite");
+        for (std::size_t c = 0; c < k; c++) {
+            x[c] = b[i][c] / lower[0];
+            y[c] = (b[i][k + c] - lower[3] * x[c]) / lower[4];
+            z[c] = (b[i][2 * k + c] - lower[6] * x[c] - lower[7] * y[c]) / lower[8];
+        }
+    }
     return result;
 }
 

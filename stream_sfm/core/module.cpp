@@ -229,6 +229,8 @@ NB_MODULE(_core, m) {
     m.def("reported_covariances", &Bound<&reported_covariances>::call);
     m.def("unseen_by_pose", &Bound<&unseen_by_pose>::call);
     m.def("track_covariances", &Bound<&track_covariances>::call);
+    m.def("whitening_of_views", &Bound<&whitening_of_views>::call);
+    m.def("whiten_blocks", &Bound<&whiten_blocks>::call);
     m.def("gates_of_views", &Bound<&gates_of_views>::call);
     m.def("log_evidence", &Bound<&log_evidence>::call);
     m.def("principal_errors", &Bound<&principal_errors>::call);

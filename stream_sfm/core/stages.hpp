@@ -98,6 +98,7 @@ struct PointViews {
     View<double, 1> gate;
 };
 Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points);
+Array<double, 3> whitening_of_views(const View<double, 2>& z, const View<double, 3>& cov);
 Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both);
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref);
 ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
@@ -196,6 +197,7 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
 
 // dense.cpp
 Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);
+Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>& b);
 Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double, 1>& scale);
 struct Scaled {
     Array<double, 2> matrix;

@@ -44,6 +44,15 @@ Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>&
     return result;
 }
 
+Array<double, 3> whitening_of_views(const View<double, 2>& z, const View<double, 3>& cov) {
+    std::size_t n = z.shape[0];
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(cov, {n, 4, 4}, "cov_px");
+    Array<double, 3> result({n, 4, 4});
+    for (std::size_t i = 0; i < n; i++) require_definite(whitening(z[i], cov[i], result[i]), "cov_px is not positive definite");
+    return result;
+}
+
 Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");

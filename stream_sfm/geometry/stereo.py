@@ -115,10 +115,3 @@ def information_of_views(z_px: Array, cov_px: Array) -> Array:
     both = seen[..., :, None] & seen[..., None, :]
     cov = np.where(both, cov_px, np.eye(4))
     return np.where(both, np.linalg.inv(cov), 0.0)
-
-
-def whitening_of_views(z_px: Array, cov_px: Array) -> Array:
-    """Return R (…, 4, 4) with RᵀR = `information_of_views`: R r is a residual in standard deviations, eq. (11)."""
-    seen = np.isfinite(z_px)
-    both = seen[..., :, None] & seen[..., None, :]
-    return np.where(both, np.linalg.inv(np.linalg.cholesky(np.where(both, cov_px, np.eye(4)))), 0.0)

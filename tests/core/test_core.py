@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
+from stream_sfm.geometry.stereo import information_of_views
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
@@ -61,6 +62,8 @@ CALLS = {
     "reported_covariances": (COV[:, :3, :3], POINTS[:, :3], POINTS[:, :3], 0.1, 0.1, np.eye(3)),
     "unseen_by_pose": (MOTIONS, 0.1, 0.1),
     "track_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 60.0, 0.1),
+    "whitening_of_views": (VIEWS, COV),
+    "whiten_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "gates_of_views": (VIEWS, 5.0, 9.0),
     "log_evidence": (np.ones(N), np.ones(N), np.ones(3)),
     "principal_errors": (SHARED, 0.01),
@@ -164,3 +167,20 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
         slopes = core.disparity_slopes(image, image[:, ::-1].copy(), PIXELS, STARTS, 10, 4.0)
         found.append(b"".join(array.tobytes() for array in (*patches, *aligned, slopes)))
     assert found[0] == found[1]
+
+
+def test_whitened_views_have_their_information() -> None:
+    z_px, factor = VIEWS.copy(), RNG.normal(size=(N, 4, 6))
+    z_px[::2, 2:] = np.nan
+    cov_px = factor @ np.swapaxes(factor, 1, 2)
+    root = core.whitening_of_views(z_px, cov_px)
+    expected = information_of_views(z_px, cov_px)
+    assert np.swapaxes(root, 1, 2) @ root == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_whitened_blocks_have_the_covariance_taken_out() -> None:
+    factor, blocks = RNG.normal(size=(N, 3, 5)), RNG.normal(size=(N, 3, 4))
+    cov = factor @ np.swapaxes(factor, 1, 2)
+    whitened = core.whiten_blocks(cov, blocks)
+    squares = np.swapaxes(blocks, 1, 2) @ np.linalg.solve(cov, blocks)
+    assert np.swapaxes(whitened, 1, 2) @ whitened == pytest.approx(squares, rel=1e-9)

@@ -226,8 +226,7 @@ class Prior:
         q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
         modes = product(self.modes[..., :own], q)
         shared = modes[..., 6:]
-        roots = np.linalg.inv(np.linalg.cholesky(self.cov))
-        whitened = core.multiply_blocks(roots, shared).reshape(-1, shared.shape[2])
+        whitened = core.whiten_blocks(self.cov, shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
         shared = product(shared, axes)
         small = variance < _MIN_MODE_VARIANCE

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry.se3 import Array
-from ...geometry.stereo import StereoProjection, whitening_of_views
+from ...geometry.stereo import StereoProjection
 from ...rig_model.model import RigEffects, RigModel
 from ...types import Observations
 from .inverse_depth import WhitenedViews
@@ -53,7 +54,7 @@ class WindowFrame:
             index=observations.frame_index,
             ids=observations.track_ids,
             z_px=np.nan_to_num(observations.z_px),
-            root=whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
+            root=core.whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
             weight=weight,
             rig_effects=_effects_at_rest(observations, age_s),
             rig=None if observations.rig is None else observations.rig.model,
