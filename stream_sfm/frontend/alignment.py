@@ -170,7 +170,8 @@ def split(
         rows = scale == size
         if rows.all():
             yield aligner, slice(None)
-        elif rows.any():
+            return
+        if rows.any():
             yield aligner, rows
 
 

@@ -53,7 +53,8 @@ class System:
         h = np.zeros((size, size))
         for s in range(frames):
             h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
-        h[self.poses :, self.poses :] = np.eye(k) + _flat(prior.modes).T @ _flat(self.pull)
+        h[self.poses :, self.poses :] = _flat(prior.modes).T @ _flat(self.pull)
+        h.flat[self.poses * (size + 1) :: size + 1] += 1.0
         h[self.rig, self.rig] += prior.rig.root.T @ blocks.rig @ prior.rig.root
         rig_pose = blocks.rig_pose.reshape(self.poses, len(prior.rig)) @ prior.rig.root
         h[: self.poses, self.rig] += rig_pose

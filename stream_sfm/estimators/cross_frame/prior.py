@@ -132,7 +132,6 @@ class Prior:
         world_modes = np.concatenate([of_world[:, :k], -np.eye(6), of_world[:, k:]], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         away = self.points(amplitudes) - q  # the prior's mean at the present modes, from the linearisation point
-        known = np.r_[:k, k + 6 : k + 6 + m]  # the modes that have prior information
         rig = slice(k + 6, None)
 
         # `half` is −(std of the points)ᵀ of what the modes reach of them, G
@@ -143,10 +142,13 @@ class Prior:
         flat_pull, flat_half = pull.reshape(size), half.reshape(size)
         given = matvec(np.swapaxes(std, 1, 2), matvec(d_inv, away) + blocks.g_point)
         s = modes.reshape(size).T @ flat_pull - flat_half.T @ flat_half
-        s[known, known] += 1.0
+        known = np.ones(size[1])  # the modes that have prior information
+        known[k : k + 6] = 0.0
+        s.flat[:: size[1] + 1] += known
         s[rig, rig] += self.rig.root.T @ blocks.rig @ self.rig.root
         right = -flat_half.T @ given.ravel() - flat_pull.T @ away.ravel()
-        right[known] -= amplitudes
+        right[:k] -= amplitudes[:k]
+        right[rig] -= amplitudes[k:]
         right[rig] += self.rig.root.T @ blocks.g_rig + self.rig.offset
         chol = Cholesky(s)
         whitened = chol.root.T @ right
