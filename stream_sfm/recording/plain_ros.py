@@ -31,6 +31,7 @@ _NUMBERS = {
 _PART = re.compile(r"^={3,}[ \t]*\n[ \t]*MSG:[ \t]*(\S+)[ \t]*$", re.MULTILINE)  # of a type within the message
 _FIELD = re.compile(r"([\w/]+)(?:\[(|[1-9]\d*)\])?[ \t]+([A-Za-z]\w*)(?:[ \t]+[-+.\w]+)?")  # with a default
 _NAME = re.compile(r"\w+/msg/\w+")
+_CONSTANT = re.compile(r"\w+[ \t]+\w+[ \t]*=.*")
 _LITTLE_ENDIAN = b"\0\1"  # plain CDR
 _HEAD, _TAIL = 4, 3  # bytes before a message, and at most after it: some writers fill up to a multiple of four
 Read = Callable[[bytes, int], tuple[Any, int]]  # a value from the bytes at a place, and the place behind it
@@ -85,7 +86,7 @@ class _Types:
         fields: dict[str, Read] = {}
         for line in self._texts[name].splitlines():
             bare = line.partition("#")[0].strip()
-            if not bare or "=" in bare:  # a constant
+            if not bare or _CONSTANT.fullmatch(bare):
                 continue
             field = _FIELD.fullmatch(bare)
             read = None if field is None else self._value(field[1], field[2], name)

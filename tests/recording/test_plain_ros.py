@@ -146,6 +146,7 @@ def test_bytes_that_do_not_fit_are_refused_or_read_without_harm(name: str) -> No
         "uint8[0] a\n",
         "CameraInfo a\n",
         "# nothing\n",
+        "uint32 a\n=====\nuint32 b\n",
     ],
 )
 def test_what_is_not_plain_is_left_to_rosbags(text: str) -> None:
