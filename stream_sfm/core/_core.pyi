@@ -38,9 +38,6 @@ def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
 def union_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return ids (n,), in any order, ascending and each once."""
 
-def sample_weights(radius_px: int, spacing_px: int) -> Grey:
-    """Weights (k²,), of mean 1, of the k × k samples of a patch of 2 `radius_px` + 1 pixels, `spacing_px` apart."""
-
 def store_patches(stored: Image, image: Image, points_px: Pixels, slots: Pixels) -> None:
     """Cut patches around whole pixels (n, 2) into `stored` (slots, side, side), at `slots` (n,)."""
 

@@ -213,7 +213,6 @@ NB_MODULE(_core, m) {
     m.def("among", &Bound<&among>::call);
     m.def("union_of", &Bound<&union_of>::call);
     m.def("inflation_by_age", &Bound<&inflation_by_age>::call);
-    m.def("sample_weights", &Bound<&sample_weights>::call);
     m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);
     m.def("inside_area", &Bound<&inside_area>::call);

@@ -14,7 +14,6 @@ from .se3 import Array
 # Diagonal increases tried where a matrix has lost definiteness to rounding, relative to a diagonal of 1: from a
 # thousand times the rounding of a double up to a change of 10⁻⁵ σ², which no reported figure shows.
 _REPAIRS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
-_DAMPING = 1e-9  # of a scaled information matrix: a direction that the data do not see stays where it is
 
 
 def symmetric(a: Array) -> Array:
@@ -47,14 +46,6 @@ def scaled_cholesky(covariance: Array) -> Array:
     """Return L (n, n) with L Lᵀ = `covariance`, lower triangular. Raises LinAlgError where it is not definite."""
     scale = np.sqrt(np.diag(covariance))
     return np.asarray(scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale)))
-
-
-def damped_solve(information: Array, gradient: Array) -> Array:
-    """Return the steps (…, n) of information matrices (…, n, n) and gradients (…, n); 0 in undetermined directions."""
-    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
-    scale = 1 / np.sqrt(np.maximum(diagonal, 1e-12))  # an unseen direction has a zero there
-    scaled = information * (scale[..., :, None] * scale[..., None, :]) + _DAMPING * np.eye(diagonal.shape[-1])
-    return np.asarray(scale * np.linalg.solve(scaled, (scale * gradient)[..., None])[..., 0])
 
 
 class Cholesky:

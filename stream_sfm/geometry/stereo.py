@@ -67,18 +67,6 @@ class StereoProjection:
         """Return z (…, 4) of homogeneous points (X, Y, Z, ρ) in the camera, (…, 4); ρ = 0 is a point at infinity."""
         return core.project_points(self.pinholes, points.reshape(-1, 4)).reshape(points.shape)
 
-    def jacobian_homogeneous(self, points: Array) -> Array:
-        """Return ∂z/∂(X, Y, Z, ρ) (…, 4, 4) at homogeneous points (…, 4)."""
-        s = self.f_px / points[..., 2]
-        sx, sy = -s * points[..., 0] / points[..., 2], -s * points[..., 1] / points[..., 2]
-        a = np.zeros((*points.shape[:-1], 4, 4))
-        a[..., 0, 0] = a[..., 1, 1] = a[..., 2, 0] = a[..., 3, 1] = s
-        a[..., 0, 2] = sx
-        a[..., 1, 2] = a[..., 3, 2] = sy
-        a[..., 2, 2] = sx + s * self.baseline_m * points[..., 3] / points[..., 2]
-        a[..., 2, 3] = -s * self.baseline_m
-        return a
-
     def depth_m(self, z_px: Array) -> Array:
         """Return the depth (…) m from the disparity of z (…, 4); infinite or negative where that is not positive."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)

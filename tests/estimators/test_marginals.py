@@ -6,7 +6,6 @@ from stream_sfm.estimators.cross_frame.inverse_depth import (
     WhitenedViews,
     in_reference,
     linearise,
-    q_from_homogeneous,
 )
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import System
@@ -15,6 +14,7 @@ from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
+from tests.helpers.estimators import q_from_homogeneous
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 FRAMES, POINTS, MODES = 2, 6, 8

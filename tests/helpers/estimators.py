@@ -37,3 +37,8 @@ def nees_of_points(found: Solution, sequence: Sequence) -> float:
     """The mean over the points in the world: 3 is expected."""
     errors = sequence.points_in_world[found.track_ids] - found.points_in_world
     return float(mahalanobis2(errors, found.cov_points_in_world).mean())
+
+
+def q_from_homogeneous(points: Array) -> Array:
+    """q = (X, Y, ρ)/Z (…, 3) of homogeneous points (X, Y, Z, ρ) (…, 4)."""
+    return np.asarray(points[..., [0, 1, 3]] / points[..., 2:3])

@@ -35,11 +35,6 @@ def in_reference(ref_from_anchor: Array, q: Array) -> Array:
     return matvec(ref_from_anchor, homogeneous_from_q(q))
 
 
-def q_from_homogeneous(points: Array) -> Array:
-    """Return q (…, 3) of homogeneous points (…, 4) with Z > 0."""
-    return np.asarray(points[..., Q_COLUMNS] / points[..., 2:3])
-
-
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
     """Return q (n, 3) of stereo views (n, 4) in the camera that saw them; the row is the mean of both."""
     v = 0.5 * (z_px[:, 1] + z_px[:, 3])
@@ -54,15 +49,6 @@ def q_jacobian(points: Array) -> Array:
     k[..., 0, 0] = k[..., 1, 1] = k[..., 2, 3] = inv
     k[..., :, 2] = -points[..., Q_COLUMNS] * (inv * inv)[..., None]
     return k
-
-
-def metric_jacobian(points: Array) -> Array:
-    """Return ∂X/∂P (…, 3, 4) of the metric point X = P₁..₃/ρ at homogeneous points (…, 4), eq. (38)."""
-    j = np.zeros((*points.shape[:-1], 3, 4))
-    inv = 1 / points[..., 3]
-    j[..., 0, 0] = j[..., 1, 1] = j[..., 2, 2] = inv
-    j[..., :, 3] = -points[..., :3] * (inv * inv)[..., None]
-    return j
 
 
 @record
