@@ -11,8 +11,9 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import se3
-from ...geometry.linear import symmetric
+from ...geometry.linear import matvec, symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, clamp_depth
 from ...types import Observations, Solution
@@ -91,37 +92,34 @@ class Ekf(Baseline):
         self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
         return ended
 
-    def _measurement(self, used: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return predicted views (k, 4) and H (4k, 6+3m) of the points `used`, at the current pose and points."""
+    def _measurement(self, used: NDArray[np.intp], z_px: Array, cov_px: Array) -> tuple[Array, Array]:
+        """Return innovations (3k,) of unit noise, and H (3k, 6+3m), of views (k, 4) of the points `used`.
+
+        The four numbers of a view say three things of a point, for both rows say one: whitened, they are turned until
+        the fourth says nothing. A missing side says nothing at all.
+        """
         cam_from_world = se3.inverse(self._world_from_cam)
         in_cam = clamp_depth(se3.transform(cam_from_world, self._points[used]))
-        a = self._projection.jacobian(in_cam)
-        h = np.zeros((len(used), 4, 6 + 3 * len(self._ids)))
+        white = core.whitening_of_views(z_px, cov_px)
+        apart = matvec(white, np.nan_to_num(z_px) - self._projection.project(in_cam))
+        turn, a = np.linalg.qr(white @ self._projection.jacobian(in_cam))
+        h = np.zeros((len(used), 3, 6 + 3 * len(self._ids)))
         h[:, :, :6] = a @ se3.point_in_source_jacobian(in_cam)
         columns = 6 + 3 * used[:, None] + np.arange(3)
-        h[np.arange(len(used))[:, None, None], np.arange(4)[None, :, None], columns[:, None, :]] = (
+        h[np.arange(len(used))[:, None, None], np.arange(3)[:, None], columns[:, None, :]] = (
             a @ cam_from_world[:3, :3]
         )
-        return self._projection.project(in_cam), h.reshape(4 * len(used), -1)
+        return matvec(np.swapaxes(turn, 1, 2), apart).ravel(), h.reshape(3 * len(used), -1)
 
     def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
         """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50), (51)."""
         used = np.flatnonzero(accepted)
-        predicted_views, h = self._measurement(used)
-        seen = np.isfinite(z_px[used]).ravel()
-        noise = np.zeros((len(used), 4, len(used), 4))
-        noise[np.arange(len(used)), :, np.arange(len(used)), :] = cov_px[used]
-        noise = noise.reshape(4 * len(used), -1)[seen][:, seen]
-        innovation = (z_px[used] - predicted_views).ravel()[seen]
-        d = len(self._cov)
-        kf = ExtendedKalmanFilter(dim_x=d, dim_z=len(innovation))
-        kf.x = np.zeros(d)
+        innovation, h = self._measurement(used, z_px[used], cov_px[used])
+        kf = ExtendedKalmanFilter(dim_x=len(self._cov), dim_z=len(innovation))
+        kf.x = np.zeros(len(self._cov))
         kf.P = self._cov
-        kf.F = np.diag(np.concatenate([np.zeros(6), np.ones(d - 6)]))
-        kf.Q = np.zeros((d, d))
-        kf.Q[:6, :6] = cov_free
-        kf.predict()
-        kf.update(innovation, HJacobian=lambda x: h[seen], Hx=lambda x: h[seen] @ x, R=noise)
+        kf.P[:6], kf.P[:, :6], kf.P[:6, :6] = 0.0, 0.0, cov_free
+        kf.update(innovation, HJacobian=lambda x: h, Hx=lambda x: h @ x)
         self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(kf.x[:6]))
         self._points = self._points + kf.x[6:].reshape(-1, 3)
         self._cov = symmetric(kf.P)
