@@ -9,7 +9,23 @@ Grey = NDArray[np.float32]
 Image = NDArray[np.float32] | NDArray[np.uint8]
 Pixels = NDArray[np.integer]
 Mask = NDArray[np.bool_]
-Pinholes = tuple[float, float, float, float, float]
+Pinholes = tuple[float, float, float, float, float]  # f, cx left and right, cy, px; baseline, metres
+# A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, px, and the root (K, K); K = U V.
+Field = tuple[Array, Array, float, Array]
+# What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field, σ of the delay,
+# seconds, the scatter of matches and the largest difference of rows, px.
+Rows = tuple[tuple[float, float], Field, Array, float, float, float]
+# Templates of one size: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
+# be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value, and
+# the variance factor of views.
+Templates = tuple[int, int, int, float, float, float, float]
+# Points with their views: homogeneous points (n, 4) with covariances (n, 4, 4), or (0, 4, 4) where they are exact,
+# views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
+# gates (n,) of squared residuals.
+Views = tuple[Pinholes, Array, Array, Array, Array, Array, Array]
+# Tracks whose patches should be in a new frame: slots (n,), points (n, 4), slopes (n, 2), positions (n, 2) and right
+# columns (n,) where alignment starts, warps (n, 3, 2) of both images, and the twist (6,) of the points.
+Sought = tuple[Pixels, Array, Array, Array, Array, Array, Array, Array]
 
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
     """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
@@ -58,6 +74,36 @@ def align_patches(
 
     Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are left,
     in grey values of the template, inf where it was not found; eq. (15).
+    """
+
+def gradient_matrices(information: Array, spacing_px: int) -> Array:
+    """Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them."""
+
+def align_left(
+    image: Image, stored: Image, area: Mask, templates: Templates, slots: Pixels, warps: Array, starts_px: Array
+) -> tuple[Mask, Array, Array, Array]:
+    """Find templates of `slots` (n,), warped by (n, 3, 2), in the left image, from starts (n, 2).
+
+    `stored` as in `warp_patches`, `area` (h, w): where a whole patch shows the scene. Returns which were found (n,), as
+    views (n, 4) without right sides, their covariances (n, 4, 4), eq. (15), and the views again.
+    """
+
+def align_in_both(
+    left: Image,
+    right: Image,
+    stored: Image,
+    area: Mask,
+    templates: Templates,
+    sought: Sought,
+    pinholes: Pinholes,
+    rows: Rows,
+    turn_rad: Array,
+) -> tuple[Mask, Array, Array, Array]:
+    """Find tracks in the left image as `align_left` does, and then in the right one, in the row where they should be.
+
+    `turn_rad` (3,): of the right camera, is taken out. Returns which were found (n,), at least on the left, views
+    (n, 4), NaN where the right side was not found in its row, their covariances (n, 4, 4), and views (n, 4) with right
+    sides that miss their row.
     """
 
 def anchor_from_now(
@@ -113,50 +159,30 @@ def project_points(pinholes: Pinholes, points: Array) -> Array:
     """Return the views (n, 4) of homogeneous points (n, 4), eq. (8)."""
 
 def linearise_views(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
 ) -> tuple[Array, Array]:
     """Return roots (n, 4, 4) that whiten the views of points, and the whitened Jacobian (n, 4, 6 + j).
 
-    `pinholes`: f, cx left and right, cy in pixels, baseline in metres. Homogeneous points (n, 4) with covariances
-    (n, 4, 4), or (0, 4, 4) where they are exact, views (n, 4), NaN where a side is missing, with covariances (n, 4, 4),
-    errors that all views share (n, 4, j), gates (n,) of squared residuals, motion (4, 4). The Jacobian is that of a
-    left perturbation and of the amplitudes of what is shared. Where the motion leaves nothing predicted, root and
-    Jacobian are zero. Raises LinAlgError where a covariance is not definite.
+    Under a motion (4, 4). The Jacobian is that of a left perturbation and of the amplitudes of what is shared. Where
+    the motion leaves nothing predicted, root and Jacobian are zero. Raises LinAlgError where a covariance is not
+    definite.
     """
 
 def view_residuals(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     root: Array,
     amplitudes: Array,
     cams_from_ref: Array,
 ) -> tuple[Array, Array]:
     """Return whitened residuals (m, n, 4) under motions (m, 4, 4), and their squared norms (m, n).
 
-    Arrays as in `linearise_views`, amplitudes (j,). Squares are inf of points behind the camera, and of those that
+    Amplitudes (j,) of shared errors. Squares are inf of points behind the camera, and of those that
     predicted nothing where `root` was linearised.
     """
 
 def fit_motion(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
     amplitudes: Array,
     votes: Array,
@@ -164,7 +190,7 @@ def fit_motion(
 ) -> tuple[Array, Array, Array, Mask, Array, float, bool, float, float, int, int]:
     """Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
-    Arrays as in `linearise_views`; start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first.
+    Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first.
     Returns motion (1, 4, 4), amplitudes (j,), their covariance (6 + j, 6 + j), accepted views (n,), squared residuals
     (n,), the spread of those, and whether the views determine the motion. And of the accepted views: their χ², their
     share of the `votes` (n,), how many coordinates they have, and how many they are. Raises LinAlgError as
@@ -172,13 +198,7 @@ def fit_motion(
     """
 
 def motions_of_halves(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
     amplitudes: Array,
     accepted: Mask,
@@ -187,17 +207,11 @@ def motions_of_halves(
     """Return how far apart the motions of halves of the accepted views (n,) are, and all of these motions (6, 4, 4).
 
     Squared, in standard deviations of each half, at most; `shared_noise`: of a view's variance, what all of a half
-    share. Near and far, left and right, upper and lower ones. Arrays as in `fit_motion`.
+    share. Near and far, left and right, upper and lower ones.
     """
 
 def search_motion(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
     weights: Array,
     width: float,
@@ -208,17 +222,11 @@ def search_motion(
 
     The start is one of two beginnings of each sample, the other one is taken from its rays. `agreeing`: with how many
     of the views the motion agrees at least, 0 if that is not known: among few views few samples then find it. Samples
-    depend on the number of views only. Arrays as in `fit_motion`; shared errors are left out.
+    depend on the number of views only. Shared errors are left out.
     """
 
 def motion_support(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
     amplitudes: Array,
     weights: Array,
@@ -228,7 +236,7 @@ def motion_support(
     """Return the support of a motion (4, 4) by views with `weights` (n,), which are at least 0.
 
     Each view gives its weight, less the share of the gate that its squared residual uses up; the extent that the
-    agreeing views have in the image adds a little. Arrays as in `fit_motion`.
+    agreeing views have in the image adds a little.
     """
 
 def evidence(pinholes: Pinholes, z_px: Array, weights: Array, width: float, height: float) -> float:
@@ -238,14 +246,11 @@ def evidence(pinholes: Pinholes, z_px: Array, weights: Array, width: float, heig
     may have as many corners as it likes.
     """
 
+def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array:
+    """Return what a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian."""
+
 def fit_turn(
-    pinholes: Pinholes,
-    points: Array,
-    cov_points: Array,
-    z_px: Array,
-    cov_px: Array,
-    shared: Array,
-    gate: Array,
+    views: Views,
     cam_from_ref: Array,
     steps: int,
     usual: Array,
@@ -254,8 +259,8 @@ def fit_turn(
     """Return the turn of the right camera (3,) rad that views show, its covariance (3, 3), and which (n,) agree, (72d).
 
     By so many steps of reweighting, together with the motion. And by how much likelier it is a knock of σ
-    `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. Arrays as
-    in `linearise_views`, without shared errors.
+    `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views
+    have no shared errors.
     """
 
 def rig_columns(
@@ -272,10 +277,10 @@ def rig_columns(
     As `rig_model.terms.columns` documents it; `age_s` (n,).
     """
 
-def field_basis(left_px: Array, u: Array, v: Array, length: float, root: Array) -> Array:
-    """Return exp(−d²/(2ℓ²)) between positions (n, 2) and a grid's nodes, times `root` (K, K): (n, K).
+def field_basis(field: Field, left_px: Array) -> Array:
+    """Return exp(−d²/(2ℓ²)) between positions (n, 2) and a grid's nodes, times its root: (n, K).
 
-    Columns `u` and rows `v` of the grid, K = len(u) len(v), and `length` ℓ in pixels. 0 where a position is not finite.
+    ℓ is the field's length. 0 where a position is not finite.
     """
 
 def rig_mixture(
@@ -423,11 +428,20 @@ def normal_blocks(
     Arguments as of `window_residuals`.
     """
 
-def row_terms(width: float, height: float, left_px: Array, row_speed_px_s: Array, field: Array) -> Array:
+def row_terms(size: tuple[float, float], field: Field, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, 7 + K) of views at (n, 2), eq. (19).
 
     A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
-    the field (n, K).
+    the field.
+    """
+
+def row_offsets(rows: Rows, left_px: Array, row_speed_px_s: Array) -> Array:
+    """Return v_left − v_right (n,) of correct matches at left positions (n, 2), px; speeds as in `row_terms`."""
+
+def on_one_row(rows: Rows, left_px: Array, right_px: Array, row_speed_px_s: Array, scale: float) -> Mask:
+    """Return whether left and right positions (n, 2), the right ones corrected by `row_offsets`, lie on one row.
+
+    Speeds as in `row_terms`. The gate is `scale` times as wide.
     """
 
 def polynomial_rows(width: float, height: float, z_px: Array, coefficients: Array) -> Array:

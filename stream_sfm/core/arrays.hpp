@@ -41,6 +41,7 @@ struct Array {
         return size;
     }
     T* operator[](std::size_t i) { return data.get() + i * row_size(); }
+    View<T, N> view() const { return {data.get(), shape}; }
 };
 
 // What Python sees as a ValueError.

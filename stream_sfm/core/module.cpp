@@ -3,6 +3,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
 
 #include <optional>
 #include <tuple>
@@ -101,11 +102,31 @@ struct Argument<ImageOf<T>> {
     using Given = GreyOf<T>;
     static ImageOf<T> of(const Given& array) { return image(array); }
 };
-template <>
-struct Argument<Pinholes> {
-    using Given = nb::tuple;
-    static Pinholes of(const Given& numbers) { return pinholes(numbers); }
+
+// A record that Python gives as a tuple of its members.
+template <class Record, class... Members>
+struct RecordArgument {
+    using Given = std::tuple<typename Argument<Members>::Given...>;
+    static Record of(const Given& given) {
+        return std::apply([](const auto&... members) { return Record{Argument<Members>::of(members)...}; }, given);
+    }
 };
+template <>
+struct Argument<Pinholes> : RecordArgument<Pinholes, double, double, double, double, double> {};
+template <>
+struct Argument<std::array<double, 2>> : RecordArgument<std::array<double, 2>, double, double> {};
+template <>
+struct Argument<Field> : RecordArgument<Field, View<double, 1>, View<double, 1>, double, View<double, 2>> {};
+template <>
+struct Argument<RowModel> : RecordArgument<RowModel, std::array<double, 2>, Field, View<double, 1>, double, double, double> {};
+template <>
+struct Argument<TemplateKind> : RecordArgument<TemplateKind, int, int, int, double, double, double, double> {};
+template <>
+struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 2>, View<double, 3>, View<double, 2>, View<double, 3>,
+                                             View<double, 3>, View<double, 1>> {};
+template <>
+struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
+                                         View<double, 3>, View<double, 3>, View<double, 1>> {};
 
 template <auto Stage>
 struct Bound;
@@ -116,17 +137,6 @@ struct Bound<Stage> {
         return result([&] { return std::apply(Stage, taken); });
     }
 };
-
-// A stage that takes points with their views first; no covariances of points: they are exact.
-template <class... More, class Stage>
-void def_of_views(nb::module_& m, const char* name, Stage stage) {
-    m.def(name, [stage](const nb::tuple& camera, const Floats& points, const Blocks& cov_points, const Floats& z, const Blocks& cov,
-                        const Blocks& shared, const Numbers& gate, const typename Argument<More>::Given&... more) {
-        View<double, 3> noise = view(cov_points);
-        PointViews views{pinholes(camera), view(points), noise.shape[0] ? &noise : nullptr, view(z), view(cov), view(shared), view(gate)};
-        return result([&] { return stage(views, Argument<More>::of(more)...); });
-    });
-}
 
 // A stage that takes the state and the views of a window.
 template <class Stage>
@@ -149,6 +159,8 @@ void def_of_images(nb::module_& m, const OfImage& of_image) {
     m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
     m.def("disparity_slopes", &Bound<&disparity_slopes<T>>::call, of_image, of_image, any, any, any, any);
+    m.def("align_left", &Bound<&align_left<T>>::call, of_image, of_image, any, any, any, any, any);
+    m.def("align_in_both", &Bound<&align_in_both<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any);
     m.def("store_patches",
           [](nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
              const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
@@ -195,19 +207,23 @@ NB_MODULE(_core, m) {
                                    view(world_from_ref), view(cam_from_ref));
         });
     });
-    def_of_views<View<double, 2>>(m, "linearise_views", &linearise_views);
-    def_of_views<View<double, 3>, View<double, 1>, View<double, 3>>(m, "view_residuals", &view_residuals);
-    def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, bool>(m, "fit_motion", &fit_motion);
-    def_of_views<View<double, 2>, View<double, 1>, View<bool, 1>, double>(m, "motions_of_halves", &motions_of_halves);
-    def_of_views<View<double, 2>, View<double, 1>, double, double, std::size_t>(m, "search_motion", &search_motion);
-    def_of_views<View<double, 2>, View<double, 1>, View<double, 1>, double, double>(m, "motion_support", &motion_support);
+    m.def("linearise_views", &Bound<&linearise_views>::call);
+    m.def("view_residuals", &Bound<&view_residuals>::call);
+    m.def("fit_motion", &Bound<&fit_motion>::call);
+    m.def("motions_of_halves", &Bound<&motions_of_halves>::call);
+    m.def("search_motion", &Bound<&search_motion>::call);
+    m.def("motion_support", &Bound<&motion_support>::call);
     m.def("evidence", &Bound<&evidence>::call);
-    def_of_views<View<double, 2>, int, View<double, 2>, double>(m, "fit_turn", &fit_turn);
+    m.def("fit_turn", &Bound<&fit_turn>::call);
     def_of_window(m, "window_residuals", &window_residuals);
     def_of_window(m, "normal_blocks", &normal_blocks);
     m.def("order_of_corners", &Bound<&order_of_corners>::call);
     m.def("project_points", &Bound<&project_points>::call);
     m.def("row_terms", &Bound<&row_terms>::call);
+    m.def("row_offsets", &Bound<&row_offsets>::call);
+    m.def("on_one_row", &Bound<&on_one_row>::call);
+    m.def("gradient_matrices", &Bound<&gradient_matrices>::call);
+    m.def("effects_of_turn", &Bound<&effects_of_turn>::call);
     m.def("twists", &Bound<&twists>::call);
     m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);

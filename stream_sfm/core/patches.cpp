@@ -156,6 +156,20 @@ Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<
     return result;
 }
 
+// Information about position, gain and offset eliminated.
+Array<double, 3> gradient_matrices(const View<double, 3>& information, int spacing) {
+    std::size_t n = information.shape[0];
+    require_shape(information, {n, 3, 3}, "information");
+    Array<double, 3> result({n, 2, 2});
+    for (std::size_t i = 0; i < n; i++)
+        for (int a = 0; a < 2; a++)
+            for (int b = 0; b < 2; b++) {
+                const double* of = information[i];
+                result[i][2 * a + b] = spacing * spacing * (of[3 * a + b] - of[3 * a + 2] * of[3 * b + 2] / of[8]);
+            }
+    return result;
+}
+
 // A position is found with the patch's own gain and offset. What it is worth is judged with those that all patches have
 // in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>

@@ -53,6 +53,13 @@ inline void by_motion(const double* b, const double* point, double* out) {
     out[5] = b[1] * point[0] - b[0] * point[1];
 }
 
+// What a turn of the right camera does at (u, v) of its image, eq. (72d): (2, 3) px per radian.
+inline void by_turn(const Pinholes& p, double u, double v, double* out) {
+    double x = (u - p.cx_right) / p.f, y = (v - p.cy) / p.f;
+    double columns[6] = {x * y, -1 - x * x, y, 1 + y * y, -x * y, -x};
+    for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
+}
+
 // out (4, 4) = a b, and a bᵀ.
 inline void multiply(const double* a, const double* b, double* out) {
     for (int i = 0; i < 4; i++)

@@ -86,14 +86,14 @@ Array<double, 3> rig_columns(const Pinholes& p, const std::array<double, 2>& siz
     return result;
 }
 
-Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
-                             const View<double, 2>& root) {
+Array<double, 2> field_basis(const Field& field, const View<double, 2>& at) {
+    const auto& [u, v, length, root] = field;
     std::size_t n = at.shape[0], across = u.shape[0], down = v.shape[0], k = across * down;
     require_shape(at, {n, 2}, "left_px");
     require_shape(root, {k, k}, "root");
     Array<double, 2> result({n, k});
     std::vector<double> of_u(across), of_v(down);
-    auto kernel = [length](double from, const View<double, 1>& nodes, std::vector<double>& out) {
+    auto kernel = [length = length](double from, const View<double, 1>& nodes, std::vector<double>& out) {
         for (std::size_t i = 0; i < nodes.shape[0]; i++) {
             double apart = (from - nodes.data[i]) / length;
             out[i] = std::exp(-0.5 * apart * apart);
@@ -108,22 +108,6 @@ Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u
             double value = of_v[node / across] * of_u[node % across];
             for (std::size_t c = 0; c < k; c++) out[c] += value * root[node][c];
         }
-    }
-    return result;
-}
-
-Array<double, 2> row_terms(double width, double height, const View<double, 2>& at, const View<double, 1>& speed,
-                           const View<double, 2>& field) {
-    std::size_t n = at.shape[0], k = field.shape[1];
-    require_shape(at, {n, 2}, "left_px");
-    if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
-    require_shape(field, {n, k}, "field");
-    double centre[2] = {(width - 1) / 2, (height - 1) / 2}, unit = std::max(centre[0], centre[1]);
-    Array<double, 2> result({n, 7 + k});
-    for (std::size_t i = 0; i < n; i++) {
-        double x = (at[i][0] - centre[0]) / unit, y = (at[i][1] - centre[1]) / unit, *out = result[i];
-        double own[7] = {1, x, y, x * x, x * y, y * y, -speed.data[speed.shape[0] == 1 ? 0 : i]};
-        std::copy(field[i], field[i] + k, std::copy(own, own + 7, out));
     }
     return result;
 }

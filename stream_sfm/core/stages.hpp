@@ -45,6 +45,53 @@ template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& starts, const View<float, 3>& inverse,
                              const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing);
 
+Array<double, 3> gradient_matrices(const View<double, 3>& information, int spacing);
+
+// row_errors.cpp
+struct Field {  // a grid's nodes, columns `u` and rows `v`
+    View<double, 1> u, v;
+    double length;
+    View<double, 2> root;
+};
+struct RowModel {
+    std::array<double, 2> size;
+    Field field;
+    View<double, 1> mean;
+    double std_delay, scatter, max;
+};
+Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, const View<double, 2>& at, const View<double, 1>& speed);
+Array<double, 1> row_offsets(const RowModel& rows, const View<double, 2>& at, const View<double, 1>& speed);
+Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, const View<double, 2>& right, const View<double, 1>& speed,
+                          double scale);
+
+// alignment.cpp
+// Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
+// found, in pixels of the template; the largest grey deviation; and of the noise of views the pixels that share a value, and a factor.
+struct TemplateKind {
+    int scale, radius, spacing;
+    double farthest, max_error, shared_pixels, factor;
+};
+struct Sought {  // tracks whose patches should be in a new frame, where alignment starts, and warps, anchor from now
+    Indices slots;
+    View<double, 2> points, slopes, left;
+    View<double, 1> right_u;
+    View<double, 3> left_warps, right_warps;
+    View<double, 1> twist;
+};
+struct FoundViews {
+    Array<bool, 1> found;
+    Array<double, 2> z, any_row;
+    Array<double, 3> cov;
+    auto parts() { return std::tie(found, z, cov, any_row); }
+};
+template <class T>  // float or std::uint8_t
+FoundViews align_left(const ImageOf<T>& image, const View<T, 3>& stored, const View<bool, 2>& area, const TemplateKind& kind,
+                      const Indices& slots, const View<double, 3>& warps, const View<double, 2>& starts);
+template <class T>
+FoundViews align_in_both(const ImageOf<T>& left_image, const ImageOf<T>& right_image, const View<T, 3>& stored, const View<bool, 2>& area,
+                         const TemplateKind& kind, const Sought& of, const Pinholes& pinholes, const RowModel& rows,
+                         const View<double, 1>& turn);
+
 // tracks.cpp
 struct Warps {
     Array<double, 3> left, right;
@@ -88,11 +135,11 @@ struct ViewResiduals {
     Array<double, 2> squares;
     auto parts() { return std::tie(residuals, squares); }
 };
-// Homogeneous points (n, 4) with covariances (none: exact) and their views; of each view a gate of its squared residual.
+// Homogeneous points (n, 4) with covariances (0: they are exact) and their views; of each view a gate of its squared residual.
 struct PointViews {
     Pinholes pinholes;
     View<double, 2> points;
-    const View<double, 3>* cov_points;
+    View<double, 3> cov_points;
     View<double, 2> z;
     View<double, 3> cov, shared;
     View<double, 1> gate;
@@ -148,15 +195,13 @@ struct FittedTurn {
     double log_odds, squared;
     auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
 };
+Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right);
 FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock);
 
 // rig.cpp
 Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
                              const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
-Array<double, 2> field_basis(const View<double, 2>& at, const View<double, 1>& u, const View<double, 1>& v, double length,
-                             const View<double, 2>& root);
-Array<double, 2> row_terms(double width, double height, const View<double, 2>& at, const View<double, 1>& speed,
-                           const View<double, 2>& field);
+Array<double, 2> field_basis(const Field& field, const View<double, 2>& at);
 Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,

@@ -13,13 +13,6 @@ namespace {
 
 constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;           // motion and turn; with the residual
 
-// What a turn does at (u, v) of the right image: (2, 3) px per radian.
-void by_turn(const Pinholes& p, double u, double v, double* out) {
-    double x = (u - p.cx_right) / p.f, y = (v - p.cy) / p.f;
-    double columns[6] = {x * y, -1 - x * x, y, 1 + y * y, -x * y, -x};
-    for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
-}
-
 // xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN where A is not definite.
 double squared_length(const double* a, const double* x, double& log_det) {
     double lower[9], solved[3], sum = 0;
@@ -37,6 +30,13 @@ double squared_length(const double* a, const double* x, double& log_det) {
 }
 
 }  // namespace
+
+Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right) {
+    require_shape(right, {right.shape[0], 2}, "right_px");
+    Array<double, 3> result({right.shape[0], 2, 3});
+    for (std::size_t i = 0; i < right.shape[0]; i++) by_turn(pinholes, right[i][0], right[i][1], result[i]);
+    return result;
+}
 
 FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock) {
     std::size_t n = views.points.shape[0];

@@ -66,7 +66,8 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], amplitudes = shared.shape[2], columns = 6 + amplitudes;
-    if (cov_points) require_shape(*cov_points, {n, 4, 4}, "cov_points");
+    bool exact = cov_points.shape[0] == 0;
+    if (!exact) require_shape(cov_points, {n, 4, 4}, "cov_points");
     require_shape(cov, {n, 4, 4}, "cov_px");
     require_shape(shared, {n, 4, amplitudes}, "shared");
     require_shape(gate, {n}, "gate");
@@ -80,10 +81,10 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
         jacobian(pinholes, p, a);
         std::copy(cov[i], cov[i] + 16, noise);
         bool placed = true;
-        if (cov_points) {
+        if (!exact) {
             double by_point[16], half[16], predicted[16];
             multiply(a, motion, by_point);
-            multiply(by_point, (*cov_points)[i], half);
+            multiply(by_point, cov_points[i], half);
             multiply_transposed(half, by_point, predicted);
             placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_STD_PX * MAX_PREDICTED_STD_PX;
             for (int k = 0; placed && k < 16; k++) noise[k] += predicted[k];

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config import FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..record import indices, record, rows_of
 from .noise import ViewNoise
-from .prepared import GreyImage, PreparedImages
-from .templates import Patches, TemplateAtlas
+from .prepared import PreparedImages
+from .templates import SPACING_PX, TemplateAtlas
 from .tracks import Tracks, takes_all
 from .valid_area import contains, valid_area
 
@@ -56,6 +57,12 @@ class Candidates:
             self.twist,
         )
 
+    @property
+    def of_core(self) -> tuple[NDArray[np.intp], Array, Array, Array, Array, Array, Array, Array]:
+        """What of them the compiled core aligns."""
+        of_tracks = self.now.slots, self.now.points, self.now.slopes
+        return *of_tracks, self.left_px, self.right_u_px, self.left_warps, self.right_warps, self.twist
+
 
 @record
 class AlignedViews:
@@ -67,6 +74,11 @@ class AlignedViews:
     cov_px: Array
     any_row_px: Array
 
+    @classmethod
+    def none(cls, n: int) -> "AlignedViews":
+        """Return views of which none was found."""
+        return cls(np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4)), np.full((n, 4), np.nan))
+
     def without(self, taken_px: Array) -> "AlignedViews":
         """Return the views with offsets (n, 4) px subtracted."""
         return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
@@ -76,17 +88,6 @@ class AlignedViews:
         z_px = self.z_px.copy()
         z_px[:, 2:] = np.nan
         return replace(self, z_px=z_px)
-
-
-@record
-class LeftViews:
-    """Left sides of views (n): positions `at_px` (n, 2), deviation `error_grey` (n,) of the grey differences that are
-    left, which were `found` (n,), and the `patches` that were aligned."""
-
-    at_px: Array
-    error_grey: Array
-    found: NDArray[np.bool_]
-    patches: Patches
 
 
 @record
@@ -116,14 +117,12 @@ class TemplateAligner:
             ViewNoise.unknown(config.smoothing_px, radius_px, scale),
         )
 
-    def warped(self, slots: NDArray[np.intp], warps: Array) -> Patches:
-        """Return the templates of `slots` (n,) warped by (n, 3, 2) to the appearance expected now."""
-        return self.atlas.warped(slots, self._in_template_pixels(warps))
-
-    def find(self, image: GreyImage, patches: Patches, start_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-        """Positions (n, 2) of patches near starts (n, 2) in an image of `PreparedImages.grey`; see `Patches.align`."""
-        at, found, error_grey = patches.align(image, start_px / self.scale)
-        return self.scale * at, found, error_grey
+    @property
+    def of_core(self) -> tuple[int, int, int, float, float, float, float]:
+        """The kind of these templates as the compiled core takes it."""
+        cfg, noise = self.config, self.noise
+        sizes = self.scale, cfg.window_radius_px, SPACING_PX
+        return *sizes, cfg.max_realignment_px, cfg.max_photometric_error, noise.shared_pixels, noise.factor
 
     def visible(self, candidates: Candidates) -> NDArray[np.bool_]:
         """Return which templates (n,) can be warped this way and start inside the image."""
@@ -133,13 +132,10 @@ class TemplateAligner:
 
     def align_left(
         self, images: PreparedImages, slots: NDArray[np.intp], warps: Array, start_px: Array
-    ) -> LeftViews:
-        """Find the templates of `slots` (n,), warped (n, 3, 2), in the left image near starts (n, 2)."""
-        patches = self.warped(slots, warps)
-        at_px, found, error_grey = self.find(images.grey(self.scale)[0], patches, start_px)
-        near = np.linalg.norm(at_px - start_px, axis=1) < self.scale * self.config.max_realignment_px
-        fits = error_grey < self.config.max_photometric_error
-        return LeftViews(at_px, error_grey, found & near & fits & contains(self.area, at_px), patches)
+    ) -> AlignedViews:
+        """Find templates of `slots` (n,), warped by (n, 3, 2), in the left image near starts (n, 2)."""
+        of_left = images.grey(self.scale)[0], self.atlas.grey, self.area
+        return AlignedViews(*core.align_left(*of_left, self.of_core, slots, warps, start_px))
 
     def cut(
         self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]

@@ -161,7 +161,7 @@ class TurnWatch:
         usual = self.usual + cov_expected
         for steps in (1, _STEPS):
             rad, cov, agree, log_factor, chi2 = core.fit_turn(
-                *views.of_core, cam_from_previous, steps, usual, _STD_TURN_RAD
+                views.of_core, cam_from_previous, steps, usual, _STD_TURN_RAD
             )
             if log_factor <= 0:
                 break

@@ -51,4 +51,4 @@ def _halves(views: PointViews, motion: Resection) -> tuple[float, Array]:
     """Return the largest distance between motions of halves of the accepted views, and all these motions (k, 4, 4)."""
     if motion.accepted.sum() < _LEAST:
         return 0.0, np.empty((0, 4, 4))
-    return core.motions_of_halves(*views.of_core, motion.cam_from_ref, motion.amplitudes, motion.accepted, _SHARED)
+    return core.motions_of_halves(views.of_core, motion.cam_from_ref, motion.amplitudes, motion.accepted, _SHARED)

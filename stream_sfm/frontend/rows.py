@@ -7,6 +7,7 @@ motion, so all of that is one linear Gaussian filter, and the size of the field 
 Only new matches count: a point's later views repeat its first error.
 """
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -20,15 +21,12 @@ from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
-from ..rig_model.field import field_over
+from ..rig_model.field import FieldGrid, field_over
 
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
 _STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
 _REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
-_GATE = 4.0  # standard deviations that a match may be off: one good match in 16 000 is lost
-# Three times the scatter of good matches; below, few matches that agree by chance set the gate.
-_LEAST_GATE_PX = 0.3
 _POLYNOMIAL = 6  # coefficients
 # Share of itself by which a delay may be off, as all matches go by the same extrapolated velocities: 11 and 18 % on two
 # rendered logs with a camera that is 8 ms late.
@@ -83,7 +81,7 @@ class Rows:
 
         `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference.
         """
-        return self._terms(left_px, np.atleast_1d(row_speed_px_s)) @ self.mean
+        return core.row_offsets(self.of_core, left_px, np.atleast_1d(row_speed_px_s))
 
     def root(self, left_px: Array, row_speed_px_s: Array) -> Array:
         """Return a root (n, k) of the covariance of `at`, px."""
@@ -108,10 +106,16 @@ class Rows:
 
         `row_speed_px_s` (n,): as of `at`. `scale`: the gate is so much wider, for matches of reduced images.
         """
-        late = np.abs(row_speed_px_s) * np.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL])
-        wide_px = np.maximum(_GATE * np.hypot(self.scatter_px, late), _LEAST_GATE_PX)
-        gate_px = np.minimum(wide_px, self.max_px + _GATE * late)
-        return np.asarray(np.abs(right_px[:, 1] - left_px[:, 1]) < scale * gate_px)
+        return core.on_one_row(self.of_core, left_px, right_px, np.atleast_1d(row_speed_px_s), scale)
+
+    @property
+    def of_core(self) -> tuple[tuple[float, float], FieldGrid, Array, float, float, float]:
+        """The rows as the compiled core takes them."""
+        size, std_delay_s = (
+            (self.projection.width, self.projection.height),
+            math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]),
+        )
+        return size, field_over(*size).of_core, self.mean, std_delay_s, self.scatter_px, self.max_px
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
@@ -160,7 +164,7 @@ class Rows:
 
 def _terms(width: int, height: int, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, k) in images of this size."""
-    return core.row_terms(width, height, left_px, row_speed_px_s, field_over(width, height).at(left_px))
+    return core.row_terms((width, height), field_over(width, height).of_core, left_px, row_speed_px_s)
 
 
 @lru_cache

@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.turns import effects_of_turn
 from ..rig_model.velocities import principal, velocities
-from .alignment import AlignedViews, Aligners, Candidates, LeftViews, TemplateAligner, split
+from .alignment import AlignedViews, Aligners, Candidates, split
 from .prepared import PreparedImages
 from .right_turn import RightTurn
 from .rows import Rows
@@ -42,46 +43,14 @@ def align_in_both(
     aligners: Aligners, rows: Rows, turn: RightTurn, images: PreparedImages, candidates: Candidates
 ) -> AlignedViews:
     """Find the candidates (n) in the left image, and what is found there in the right one."""
-    n = len(candidates.now)
-    found, any_row_px, cov_px = np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4))
-    on_row = np.zeros(n, bool)
+    views = AlignedViews.none(len(candidates.now))
     for aligner, at in split(aligners, candidates.now.scale):
-        some = candidates.keep(at)
-        left = aligner.align_left(images, some.now.slots, some.left_warps, some.left_px)
-        speed = row_speed(rows.projection, some.now.points, some.twist)
-        right_px, error_grey = _align_right(aligner, rows.at(left.at_px, speed), turn, images, some, left)
-        found[at], any_row_px[at] = left.found, np.concatenate([left.at_px, right_px], axis=1)
-        on_row[at] = rows.agrees(left.at_px, right_px, speed, aligner.scale)
-        cov_px[at] = aligner.noise.covariance(left.patches.gradients, left.error_grey, error_grey)
-    z_px = any_row_px.copy()
-    z_px[~on_row, 2:] = np.nan
-    return AlignedViews(found, z_px, cov_px, any_row_px)
-
-
-def _align_right(
-    aligner: TemplateAligner,
-    vertical_px: Array,
-    turn: RightTurn,
-    images: PreparedImages,
-    candidates: Candidates,
-    left: LeftViews,
-) -> tuple[Array, Array]:
-    """Positions (n, 2) in the right image, NaN where there is no match; grey deviations (n,).
-
-    `vertical_px` (n,): by how much rows differ, which is taken out.
-    """
-    slots = candidates.now.slots
-    start_u = candidates.right_u_px + left.at_px[:, 0] - candidates.left_px[:, 0]
-    start_px = np.stack([start_u, left.at_px[:, 1] - vertical_px], axis=1)
-    slanted = np.asarray(candidates.now.slopes.any(axis=1))  # of the others left and right patch are the same
-    patches = left.patches.replaced(slanted, aligner.warped(slots[slanted], candidates.right_warps[slanted]))
-    at_px, found, error_grey = aligner.find(images.grey(aligner.scale)[1], patches, turn.put_in(start_px))
-    r, width = aligner.scale * aligner.config.window_radius_px, images.right.shape[1]
-    found &= (at_px[:, 0] > r) & (at_px[:, 0] < width - 1 - r)
-    at_px = turn.taken_out(at_px)
-    at_px[:, 1] += vertical_px
-    found &= error_grey < aligner.config.max_photometric_error
-    return np.where(found[:, None], at_px, np.nan), error_grey
+        of_templates = *images.grey(aligner.scale), aligner.atlas.grey, aligner.area, aligner.of_core
+        seen = candidates.keep(at).of_core, rows.projection.pinholes, rows.of_core, turn.rad
+        views.found[at], views.z_px[at], views.cov_px[at], views.any_row_px[at] = core.align_in_both(
+            *of_templates, *seen
+        )
+    return views
 
 
 def row_errors(rows: Rows, left_px: Array, points: Array, twist: Array) -> Array:

@@ -5,8 +5,6 @@ that. The template's own noise moves the point once and for all, which harms nob
 pose, depth and slope predict (`warps.py`), then found by Gauss-Newton (`core/patches.cpp`).
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +15,7 @@ from .prepared import GreyImage
 from .warps import facing
 
 Grey = NDArray[np.float32]
-_SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
+SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
 
@@ -45,19 +43,7 @@ class Patches:
     @property
     def gradients(self) -> Array:
         """Gradient matrices H (n, 2, 2), grey², eq. (14): information about position, gain and offset eliminated."""
-        i = self.information
-        with_gain = i[:, :2, 2:]
-        return np.asarray(
-            self.spacing_px**2 * (i[:, :2, :2] - with_gain @ np.swapaxes(with_gain, 1, 2) / i[:, 2:, 2:])
-        )
-
-    def replaced(self, rows: NDArray[np.bool_], other: "Patches") -> "Patches":
-        """These patches, but those of `other` in the given rows (n,)."""
-        if not rows.any():
-            return self
-        inverse, information, level = self.inverse.copy(), self.information.copy(), self.level.copy()
-        inverse[rows], information[rows], level[rows] = other.inverse, other.information, other.level
-        return replace(self, inverse=inverse, information=information, level=level)
+        return core.gradient_matrices(self.information, self.spacing_px)
 
     def align(self, image: GreyImage, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Find the patches in an image, from starts (n, 2).
@@ -99,7 +85,7 @@ class TemplateAtlas:
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""
-        return self._patches(slots, anchor_from_now, self.radius_px, _SPACING_PX)
+        return self._patches(slots, anchor_from_now, self.radius_px, SPACING_PX)
 
     def inner(self, slots: NDArray[np.intp]) -> Patches:
         """The inner halves of templates as they were cut, of every pixel."""

@@ -20,7 +20,7 @@ from ..rig_model.velocities import principal
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
-from .mono.parallax import align_left_only, update_by_parallax
+from .mono.parallax import update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
 from .repetition import rival_motion, still_repeats
@@ -201,7 +201,8 @@ def _predict(projection: StereoProjection, state: FrontEndState, rough: RoughMot
 def _align(setup: Setup, state: FrontEndState, images: PreparedImages, candidates: Candidates) -> AlignedViews:
     """Find the candidates (n) in the new images."""
     if setup.projection.virtual_right:
-        return align_left_only(state.aligners[1], images, candidates)
+        of_left = candidates.now.slots, candidates.left_warps, candidates.left_px
+        return state.aligners[1].align_left(images, *of_left)
     return align_in_both(state.aligners, state.rows_told, state.turn, images, candidates)
 
 

@@ -69,22 +69,22 @@ class PointViews:
         The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
-        return core.linearise_views(*self.of_core, cam_from_ref)
+        return core.linearise_views(self.of_core, cam_from_ref)
 
     def squared_residuals(self, cam_from_ref: Array, root: Array) -> Array:
         """Squared whitened residuals (n,) under a motion (4, 4) without shared errors.
 
         inf where nothing is predicted or seen.
         """
-        return core.view_residuals(*self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
+        return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
 
     def search(self, start: Array, weights: Array, agreeing: int = 0) -> Array:
         """The motion (4, 4) that most of the `weights` (n,) agree with; see `core.search_motion`."""
-        return core.search_motion(*self.of_core, start, weights, *self._size, agreeing)
+        return core.search_motion(self.of_core, start, weights, *self._size, agreeing)
 
     def support(self, cam_from_ref: Array, amplitudes: Array, weights: Array) -> float:
         """How much of the `weights` (n,) a motion (4, 4) has; see `core.motion_support`."""
-        return core.motion_support(*self.of_core, cam_from_ref, amplitudes, weights, *self._size)
+        return core.motion_support(self.of_core, cam_from_ref, amplitudes, weights, *self._size)
 
     def evidence(self, weights: Array) -> float:
         """How strongly views with these `weights` (n,) look like the background; see `core.evidence`."""

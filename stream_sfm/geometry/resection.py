@@ -153,7 +153,7 @@ def refine(
     `anneal`: it need not be close; Cauchy weights come first, eq. (22).
     """
     motion, amplitudes, cov, accepted, s2, spread, determined, chi2, share, coordinates, n = core.fit_motion(
-        *views.of_core, cam_from_ref, amplitudes, weights, anneal
+        views.of_core, cam_from_ref, amplitudes, weights, anneal
     )
     return Resection(
         cam_from_ref=motion[0],

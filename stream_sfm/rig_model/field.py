@@ -12,6 +12,8 @@ import numpy as np
 from .. import core
 from ..geometry.se3 import Array
 
+FieldGrid = tuple[Array, Array, float, Array]
+
 _LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from .07 to .13
 # Of the inducing points, in ℓ. At 1.25 the field follows more of its own variance, with twice the amplitudes: measured,
 # kitti00_mid is 8 % better, kitti06 worse by a half, and an estimate takes half as long again.
@@ -38,7 +40,12 @@ class Field:
 
     def at(self, left_px: Array) -> Array:
         """Return the basis (n, K) at positions (n, 2) of the left image; 0 where one is not finite."""
-        return core.field_basis(left_px, self._u, self._v, self._length_px, self._root)
+        return core.field_basis(self.of_core, left_px)
+
+    @property
+    def of_core(self) -> FieldGrid:
+        """The grid as the compiled core takes it."""
+        return self._u, self._v, self._length_px, self._root
 
 
 @lru_cache(maxsize=8)

@@ -2,19 +2,14 @@
 
 import numpy as np
 
+from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
 
 def effects_of_turn(projection: StereoProjection, right_px: Array) -> Array:
     """What a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian, eq. (72d)."""
-    p = projection
-    x, y = ((right_px - (p.cx_right_px, p.cy_px)) / p.f_px).T
-    effects: Array = np.empty((len(x), 2, 3))
-    effects[:, 0, 0], effects[:, 0, 1], effects[:, 0, 2] = x * y, -1 - x * x, y
-    effects[:, 1, 0], effects[:, 1, 1], effects[:, 1, 2] = 1 + y * y, -x * y, -x
-    effects *= p.f_px
-    return effects
+    return core.effects_of_turn(projection.pinholes, right_px)
 
 
 def far_right_px(projection: StereoProjection, left_px: Array) -> Array:

@@ -1,5 +1,6 @@
 """The compiled core as a whole: it takes any array without harm, and gives the same bytes in every thread."""
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -23,6 +24,10 @@ SHARED = RNG.normal(size=(N, 4, 2))
 OF_VIEWS = (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.ones(N))
 MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
+GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
+ROWS = ((80.0, 60.0), GRID, np.ones(13), 0.01, 0.2, 2.0)
+TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
+SOUGHT = (SLOTS, POINTS, STARTS, STARTS, STARTS[:, 0], WARPS, WARPS, np.ones(6))
 STATE = (MOTIONS[:2], MOTIONS, POINTS[:, :3], np.zeros(8))
 SEEN = (SLOTS % 2, SLOTS, VIEWS, COV, SHARED, FIELD, MOVES)
 
@@ -42,18 +47,24 @@ CALLS = {
     "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
     "template_drift": (POINTS, np.eye(4), 10.0),
     "disparity_slopes": (IMAGE, IMAGE, PIXELS, STARTS, 10, 4.0),
-    "linearise_views": (*OF_VIEWS, np.eye(4)),
-    "view_residuals": (*OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
-    "fit_motion": (*OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
+    "linearise_views": (OF_VIEWS, np.eye(4)),
+    "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
+    "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
     "project_points": (PINHOLES, POINTS),
-    "motions_of_halves": (*OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N, bool), 0.01),
-    "search_motion": (*OF_VIEWS, np.eye(4), np.ones(N), 80.0, 60.0, 4),
-    "motion_support": (*OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), 80.0, 60.0),
+    "motions_of_halves": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N, bool), 0.01),
+    "search_motion": (OF_VIEWS, np.eye(4), np.ones(N), 80.0, 60.0, 4),
+    "motion_support": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), 80.0, 60.0),
     "evidence": (PINHOLES, VIEWS, np.ones(N), 80.0, 60.0),
-    "fit_turn": (*OF_VIEWS[:5], SHARED[..., :0], np.ones(N), np.eye(4), 3, np.eye(3), 0.1),
+    "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), 3, np.eye(3), 0.1),
     "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
-    "field_basis": (STARTS, np.arange(3.0), np.arange(2.0), 8.0, np.eye(6)),
-    "row_terms": (80.0, 60.0, STARTS, np.ones(N), FIELD),
+    "field_basis": (GRID, STARTS),
+    "row_terms": ((80.0, 60.0), GRID, STARTS, np.ones(N)),
+    "row_offsets": (ROWS, STARTS, np.ones(N)),
+    "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
+    "gradient_matrices": (COV[:, :3, :3], 2),
+    "align_left": (IMAGE, STORED, IMAGE > 100, TEMPLATES, SLOTS, WARPS, STARTS),
+    "align_in_both": (IMAGE, IMAGE, STORED, IMAGE > 100, TEMPLATES, SOUGHT, PINHOLES, ROWS, np.ones(3)),
+    "effects_of_turn": (PINHOLES, STARTS),
     "twists": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, POINTS, np.ones((N, 6)), VIEWS),
@@ -104,12 +115,26 @@ def call(name: str, arguments: list) -> object:
         return None
 
 
+def arrays_of(arguments: tuple, within: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """All arrays among arguments and the members of records, with their places."""
+    for at, argument in enumerate(arguments):
+        if isinstance(argument, tuple):
+            yield from arrays_of(argument, (*within, at))
+        elif isinstance(argument, np.ndarray):
+            yield (*within, at), argument
+
+
+def with_other(arguments: tuple, at: tuple[int, ...], other: object) -> tuple:
+    """The arguments with another one in that place."""
+    changed = list(arguments)
+    changed[at[0]] = with_other(arguments[at[0]], at[1:], other) if at[1:] else other
+    return tuple(changed)
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None:
     assert call(name, list(CALLS[name])) is not None or name == "store_patches"
-    for at, argument in enumerate(CALLS[name]):
-        if not isinstance(argument, np.ndarray):
-            continue
+    for at, argument in arrays_of(CALLS[name]):
         others = [argument[:0], argument[:1], argument[..., :1], argument[..., None], argument.ravel(), argument.T]
         others += [np.zeros((0,) * argument.ndim, argument.dtype), np.asfortranarray(argument)]
         if argument.dtype.kind == "f":
@@ -124,9 +149,7 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
                 np.full(argument.shape, value).astype(argument.dtype) for value in (-1, 10**6, 2**62, -(2**62))
             ]
         for other in others:
-            arguments = list(CALLS[name])
-            arguments[at] = other.copy()
-            call(name, arguments)
+            call(name, list(with_other(CALLS[name], at, other.copy())))
 
 
 def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
@@ -135,13 +158,13 @@ def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
     with pytest.raises(ValueError, match="slot"):
         core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
     with pytest.raises(np.linalg.LinAlgError, match="definite"):
-        core.linearise_views(*OF_VIEWS[:4], -COV, *OF_VIEWS[5:], np.eye(4))
+        core.linearise_views((*OF_VIEWS[:4], -COV, *OF_VIEWS[5:]), np.eye(4))
 
 
 def test_only_the_sides_that_are_there_count() -> None:
     views = VIEWS.copy()
     views[:, 2:] = np.nan
-    root, jacobian = core.linearise_views(PINHOLES, POINTS, COV[:0], views, *OF_VIEWS[4:], np.eye(4))
+    root, jacobian = core.linearise_views((PINHOLES, POINTS, COV[:0], views, *OF_VIEWS[4:]), np.eye(4))
     assert (root[:, 2:] == 0).all() and (root[:, :, 2:] == 0).all() and (jacobian[:, 2:] == 0).all()
 
 

@@ -66,10 +66,7 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     found &= aligner.atlas.fits(warps)
     tracks = tracks.keep(found)
     left = aligner.align_left(images, tracks.slots, warps[found], at_px[found])
-    tracks, left_px = tracks.keep(left.found), left.at_px[left.found]
-    error_grey = left.error_grey[left.found]
-    unseen = np.full(len(error_grey), np.nan)
-    cov_px = aligner.noise.covariance(left.patches.gradients[left.found], error_grey, unseen)
+    tracks, left_px, cov_px = tracks.keep(left.found), left.z_px[left.found, :2], left.cov_px[left.found]
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
     return replace(state, tracks=tracks), cov_px
 

@@ -5,21 +5,10 @@ import numpy as np
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
-from ..alignment import AlignedViews, Candidates, TemplateAligner
-from ..prepared import PreparedImages
 from ..stereo_depth import FORGETTING
 from ..tracks import Tracks
 
 _NO_PARALLAX = 1e-12  # information about inverse depth of a view that shows none: keeps its variance finite
-
-
-def align_left_only(aligner: TemplateAligner, images: PreparedImages, candidates: Candidates) -> AlignedViews:
-    """Find the candidates (n) in the left image; their views have no right side."""
-    left = aligner.align_left(images, candidates.now.slots, candidates.left_warps, candidates.left_px)
-    no_error = np.full(len(left.at_px), np.nan)
-    z_px = np.concatenate([left.at_px, np.full_like(left.at_px, np.nan)], axis=1)
-    cov_px = aligner.noise.covariance(left.patches.gradients, left.error_grey, no_error)
-    return AlignedViews(left.found, z_px, cov_px, z_px)
 
 
 def update_by_parallax(
