@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
 from ..geometry import se3
@@ -15,7 +15,6 @@ from ..inputs import INT64
 from ..mcap_file.message import MAX_NAME, Channel, Message
 from ..record import record
 from .message_limits import MAX_REPEATED_BYTES, decode_json
-from .plain_ros import plain_decoder
 
 T = TypeVar("T")
 
@@ -213,15 +212,10 @@ def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
 
         return protobuf_decoder(channel)
 
-    def by_rosbags() -> Callable[[bytes], Any] | None:
-        from .ros import ros_decoder
+    from .ros import ros_decoder
 
-        encodings = channel.message_encoding, channel.schema_encoding
-        return ros_decoder(*encodings, channel.schema_name, channel.definition)
-
-    if (channel.message_encoding, channel.schema_encoding) != (MessageEncoding.CDR, SchemaEncoding.ROS2):
-        return by_rosbags()
-    return plain_decoder(channel.schema_name, channel.definition, by_rosbags) or by_rosbags()
+    encodings = channel.message_encoding, channel.schema_encoding
+    return ros_decoder(*encodings, channel.schema_name, channel.definition)
 
 
 def _has(message: Any, name: str) -> bool:
