@@ -7,11 +7,9 @@ input; `--first` continues where another run ended.
 import argparse
 import sys
 import tempfile
-from functools import partial
 from pathlib import Path
 
-from tests.faults.attacks import ATTACKS, attacked
-from tests.faults.fuzz import fuzz
+from tests.faults.attacks import ATTACKS, fuzz
 
 _MAX_CPU_SECONDS = 60.0
 
@@ -27,7 +25,7 @@ def main() -> int:
 def _tried(kind: str, first: int, count: int) -> int:
     """The number of failures of one kind."""
     with tempfile.TemporaryDirectory() as folder:
-        outcome = fuzz(partial(attacked, kind), first, count, Path(folder), _MAX_CPU_SECONDS)
+        outcome = fuzz(kind, first, count, Path(folder), _MAX_CPU_SECONDS)
     codes = ", ".join(f"{n} with exit code {code:d}" for code, n in sorted(outcome.exit_codes.items()))
     print(f"{kind}: {outcome.tried} inputs, {codes}")
     print(f"  {len(outcome.failures)} failures, peak {outcome.peak_rss_mib:.0f} MiB", flush=True)

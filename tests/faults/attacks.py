@@ -2,30 +2,40 @@
 
 Each attack puts files into a folder and gives the words of a command. Whatever they are, the command ends with the
 exit code of a success or of a named error, prints nothing that a terminal obeys, and changes no file but its results.
+Commands run in a worker that may hang, swell or die without taking the test along.
 """
 
 import contextlib
 import io
+import multiprocessing
 import os
 import random
 import re
 import shutil
+import signal
 import struct
 import zlib
-from dataclasses import dataclass
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from stream_sfm.cli.main import main
+from stream_sfm.run.summary import peak_rss_mib
 from tests.faults.damage import INDEXES, KINDS, damaged, whole_log
-from tests.faults.fuzz import Trial
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
 from tests.helpers.wall import rig
 
+MAX_WAIT_S = 120  # of waiting for nothing
+MAX_RSS_MIB = 1024
+
 _FAST = ["--method", "frame-to-frame", "--max-frames", "4"]
+_RESULTS = ("out", "out.ply", "out.toml", "out.html")
 _ODD_NUMBERS = (
     "-1", "0", "1", "2147483648", "4294967295", "18446744073709551616", "9" * 400, "1e400", "0x" + "f" * 300, "nan",
 )  # fmt: skip
@@ -35,15 +45,6 @@ _ENCODINGS = (
 _TYPES = (
     "sensor_msgs/msg/Image", "sensor_msgs/Image", "foxglove.CompressedImage", "p/msg/T", "tf2_msgs/msg/TFMessage",
 )  # fmt: skip
-_OTHER = b"a file of somebody else"
-
-
-@dataclass
-class Attack:
-    """A command, and what it may change: names in the folder, and everything below those that are folders."""
-
-    words: list[str]
-    results: tuple[str, ...] = ("out",)
 
 
 class Ammunition:
@@ -51,7 +52,6 @@ class Ammunition:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
         self.log = write_log(folder / "log.mcap", Spec(left=tuple(range(4)), right=tuple(range(4))))
         numbers = {"left": tuple(range(5)), "right": tuple(range(5))}
         self.logs = [
@@ -63,11 +63,17 @@ class Ammunition:
                 ("ros1", "mono8", CONTAINERS["no index"]),
             )
         ]
-        self.png = bytes(cv2.imencode(".png", self._picture)[1])
-        self.images = [self.png] + [
-            bytes(cv2.imencode(kind, self._picture, flags)[1])
-            for kind, flags in ((".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]), (".webp", []))
-        ]
+        picture, progressive = (
+            np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8),
+            [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+        )
+        kinds: tuple[tuple[str, list[int]], ...] = (
+            (".png", []),
+            (".jpg", []),
+            (".jpg", progressive),
+            (".webp", []),
+        )
+        self.images = [bytes(cv2.imencode(kind, picture, flags)[1]) for kind, flags in kinds]
         self.calibration = rig().to_toml()
         old, new = (messages_of(write_log(folder / f"for_bag_{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
         self.bags = [write_bag1(folder / f"{c}.bag", old, c, 1 << 14) for c in ("none", "bz2", "lz4")]
@@ -75,10 +81,6 @@ class Ammunition:
         self.run = folder / "run"
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             main(["replay", str(self.log), "--out", str(self.run), "-q", *_FAST])
-
-    @property
-    def _picture(self) -> np.ndarray:
-        return np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8)
 
 
 def _command(rng: random.Random, log: str, folder: Path) -> list[str]:
@@ -96,15 +98,15 @@ def _command(rng: random.Random, log: str, folder: Path) -> list[str]:
     return rng.choices(commands, (8, 2, 8, 2, 4, 1, 0.02))[0]
 
 
-def logs(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def logs(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """Logs of every container that are damaged in one of many ways."""
     index, kind = rng.choice(list(INDEXES)), rng.choice(list(KINDS))
     data, _ = damaged(rng.choice(ammunition.logs), index, kind, rng.randrange(2**32))
     (folder / "log.mcap").write_bytes(data)
-    return Attack(_command(rng, str(folder / "log.mcap"), folder), ("out", "out.ply"))
+    return _command(rng, str(folder / "log.mcap"), folder)
 
 
-def definitions(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def definitions(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """Schemas that a parser could choke on: brackets, products, lengths, modules, types of types."""
     tokens = (
         *_ODD_NUMBERS, *"()[]{}<>;=*+-,:", "<<", "::", "sequence<", "string<", "struct S {", "module m {", "]",
@@ -121,41 +123,33 @@ def definitions(rng: random.Random, ammunition: Ammunition, folder: Path) -> Att
         for topic in (*Spec.topics, *Spec.info_topics):
             log.add(topic, name, encodings, text.encode("utf-8", "replace"), START_NS + n, rng.randbytes(40))
     log.close()
-    return Attack(_command(rng, str(folder / "log.mcap"), folder), ("out", "out.ply"))
+    return _command(rng, str(folder / "log.mcap"), folder)
 
 
-def _changed_image(rng: random.Random, image: bytes) -> bytes:
-    data = bytearray(image)
-    for _ in range(rng.randint(1, 3)):
-        at = rng.randrange(min(len(data), rng.choice((40, 200, len(data)))))
-        how = rng.randrange(5)
-        if how == 0:
-            data[at] = rng.randrange(256)
-        elif how == 1:
-            data[at : at + 4] = rng.choice((0, 1, 2**16, 2**27, 2**31 - 1, 2**32 - 1)).to_bytes(
-                4, rng.choice(("big", "little"))
-            )
-        elif how == 2:
-            del data[at:]
-            data = data or bytearray(b"x")
-        elif how == 3:
-            data[at:at] = data[at : at + rng.randrange(1, 60)] * rng.choice((1, 2, 5000))
-        else:
-            kind = rng.choice((b"IHDR", b"IDAT", b"PLTE", b"iCCP", b"zTXt", b"acTL", b"IEND", b"eXIf"))
-            content = rng.randbytes(rng.choice((0, 4, 13, 300)))
-            length = rng.choice((len(content), 2**31 - 1, 2**20))
-            crc = zlib.crc32(kind + content)
-            data[at:at] = struct.pack(">I", length) + kind + content + struct.pack(">I", crc)
-    return bytes(data)
+def changed(rng: random.Random, data: bytes) -> bytes:
+    """Bytes changed, inserted, doubled or taken out, numbers made extreme, chunks of PNG put in, the end missing."""
+    for _ in range(rng.choice((1, 1, 3, 20))):
+        at, length = (
+            rng.randrange(min(len(data), rng.choice((40, 200, 2**30))) + 1),
+            rng.choice((1, 4, 16, 200, 5000)),
+        )
+        number = rng.choice((0, 1, 2**16, 2**27, 2**31 - 1, 2**32 - 1)).to_bytes(4, rng.choice(("big", "little")))
+        kind = rng.choice((b"IHDR", b"IDAT", b"PLTE", b"iCCP", b"zTXt", b"acTL", b"IEND", b"eXIf"))
+        chunk = struct.pack(">I", rng.choice((length, 2**31 - 1))) + kind + rng.randbytes(length)
+        same, odd = data[at : at + length], rng.choice(_ODD_NUMBERS).encode()
+        chunk += struct.pack(">I", zlib.crc32(chunk[4:]))
+        part = rng.choice((b"", rng.randbytes(length), bytes(length), 2 * same, number, odd, chunk))
+        data = data[:at] + part + data[at + rng.choice((*(0, len(part)) * 4, length, 2**30)) :]
+    return data
 
 
-def images(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def images(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """Compressed images whose chunks, segments and sizes are wrong, in a folder of images that is replayed."""
     for side in ("left", "right"):
         (folder / "log" / side).mkdir(parents=True)
         for n in range(3):
-            image = rng.choice(ammunition.images) if rng.random() < 0.2 else ammunition.png
-            data = _changed_image(rng, image) if n == 1 or rng.random() < 0.1 else image
+            image = rng.choice(ammunition.images) if rng.random() < 0.2 else ammunition.images[0]
+            data = changed(rng, image) if n == 1 or rng.random() < 0.1 else image
             (folder / "log" / side / f"{n:03d}.png").write_bytes(data)
     (folder / "log" / "calibration.toml").write_text(
         ammunition.calibration.replace("width = 320", "width = 96")
@@ -164,10 +158,10 @@ def images(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
         .replace("159.5", "47.5")
         .replace("119.5", "31.5")
     )
-    return Attack(_command(rng, str(folder / "log"), folder), ("out", "out.ply"))
+    return _command(rng, str(folder / "log"), folder)
 
 
-def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """Settings and calibrations of nested brackets, huge numbers, repeated keys and aliases."""
     tokens = (
         *_ODD_NUMBERS, "[", "]", "{", "}", "=", ".", ",", "\n", '"', "'", "#", "a", "[[", "]]", "[left]\n", "[right]\n",
@@ -187,33 +181,25 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     path.write_bytes(soup.encode("utf-8", "replace"))
     log = str(shutil.copy(ammunition.log, folder / "log.mcap"))
     out = str(folder / "out")
-    return Attack(
-        rng.choice(
-            [
-                ["replay", log, "--out", out, "--calibration", str(path), *_FAST],
-                ["inspect", log, "--calibration", str(path)],
-                ["replay", log, "--out", out, "--config", str(path), *_FAST],
-                ["config", "--set", soup[:20_000].replace("\0", "")],
-                ["convert-calibration", str(path), "--out", f"{out}.toml"],
-                ["replay", log, "--out", out, "--ground-truth", str(path), *_FAST],
-            ]
-        ),
-        ("out", "out.toml"),
+    return rng.choice(
+        [
+            ["replay", log, "--out", out, "--calibration", str(path), *_FAST],
+            ["inspect", log, "--calibration", str(path)],
+            ["replay", log, "--out", out, "--config", str(path), *_FAST],
+            ["config", "--set", soup[:20_000].replace("\0", "")],
+            ["convert-calibration", str(path), "--out", f"{out}.toml"],
+            ["replay", log, "--out", out, "--ground-truth", str(path), *_FAST],
+        ]
     )
 
 
 def _damage(rng: random.Random, place: Path) -> None:
-    """Change bytes of a file, or of one of the files of a folder, put others in, or take some out."""
+    """Change a file, or one of the files of a folder."""
     path = rng.choice(sorted(p for p in (place, *place.rglob("*")) if p.is_file()))
-    data = bytearray(path.read_bytes())
-    for _ in range(rng.choice((1, 1, 3, 20))):
-        at, length = rng.randrange(len(data) + 1), rng.choice((1, 4, 16, 200, 5000))
-        part = rng.choice((b"", rng.randbytes(length), bytes(length), data[at : at + length] * 2))
-        data[at : at + rng.choice((0, length))] = rng.choice((part, rng.choice(_ODD_NUMBERS).encode()))
-    path.write_bytes(data)
+    path.write_bytes(changed(rng, path.read_bytes()))
 
 
-def bags(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def bags(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """ROS 1 and SQLite bags, whole or compressed, of which one file is damaged, metadata.yaml included."""
     bag = rng.choice(ammunition.bags)
     place = folder / bag.name
@@ -222,88 +208,116 @@ def bags(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
     else:
         shutil.copy(bag, place)
     _damage(rng, place)
-    return Attack(_command(rng, str(place), folder), ("out", "out.ply"))
+    return _command(rng, str(place), folder)
 
 
-def results(rng: random.Random, ammunition: Ammunition, folder: Path) -> Attack:
+def results(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]:
     """Folders of results of which one file is damaged."""
     place = shutil.copytree(ammunition.run, folder / "run")
     _damage(rng, place)
     out = str(folder / "out")
-    return Attack(
-        rng.choice(
-            [
-                ["evaluate", str(place)],
-                ["evaluate", str(place), "--json", "--out", f"{out}.html"],
-                ["inspect", str(place / "estimates.mcap")],
-                [
-                    "replay",
-                    str(ammunition.log),
-                    "--out",
-                    out,
-                    "--ground-truth",
-                    str(place / "trajectory.tum"),
-                    *_FAST,
-                ],
-                ["replay", str(ammunition.log), "--out", out, "--config", str(place / "config.toml"), *_FAST],
-            ]
-        ),
-        ("out", "out.html"),
+    return rng.choice(
+        [
+            ["evaluate", str(place)],
+            ["evaluate", str(place), "--json", "--out", f"{out}.html"],
+            ["inspect", str(place / "estimates.mcap")],
+            ["replay", str(ammunition.log), "--out", out, "--ground-truth", str(place / "trajectory.tum"), *_FAST],
+            ["replay", str(ammunition.log), "--out", out, "--config", str(place / "config.toml"), *_FAST],
+        ]
     )
 
 
 ATTACKS = {f.__name__: f for f in (logs, definitions, images, texts, bags, results)}
 
 
-def attacked(kind: str, folder: Path) -> Trial:
-    """Commands under the attacks of one kind."""
-    ammunition = Ammunition(folder / "ammunition")
-    field = folder / "field"
+class _Worker:
+    """What one process attacks with, and where."""
 
-    def trial(seed: int) -> tuple[int, str]:
+    def __init__(self, kind: str, folder: Path, max_cpu_seconds: float) -> None:
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), 2
+        )  # image libraries write there what they think of damaged images
+        self.kind, self.folder, self.max_cpu_seconds = kind, folder, max_cpu_seconds
+        self.ammunition = Ammunition(folder / "ammunition")
+        (folder / "beside").write_bytes(b"a file of somebody else")
+
+    def attack(self, seed: int) -> tuple[int, str]:
+        """The exit code of a command, and what is wrong with what it has printed or changed."""
+        field = self.folder / "field"
         shutil.rmtree(field, ignore_errors=True)
         field.mkdir()
-        (field / "other").write_bytes(_OTHER)
-        (folder / "beside").write_bytes(_OTHER)
-        attack = ATTACKS[kind](random.Random(f"{kind} {seed}"), ammunition, field)
-        return _run(attack, folder)
+        words = ATTACKS[self.kind](random.Random(f"{self.kind} {seed}"), self.ammunition, field)
+        before, printed, errors = self._others(), io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors), contextlib.chdir(field):
+            code = main(words)
+        said, after = errors.getvalue(), self._others()
+        if code not in (0, 2, 3) or "Traceback" in said or "defect" in said:
+            return code, f"exit code {code} of {words}: {said[-500:]}"
+        if obeyed := {c for c in printed.getvalue() + said if not c.isprintable() and c != "\n"}:
+            return code, f"{words} printed {obeyed}"
+        changed = [str(path) for path in before.keys() | after.keys() if before.get(path) != after.get(path)]
+        return code, f"{words} changed {changed}" if changed else ""
 
-    return trial
-
-
-def _run(attack: Attack, folder: Path) -> tuple[int, str]:
-    """The exit code of a command, and what is wrong with what it has printed or changed."""
-    field = folder / "field"
-    before = _everything(folder, field, attack.results)
-    printed, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors), contextlib.chdir(field):
-        code = main(attack.words)
-    said = errors.getvalue()
-    if code not in (0, 2, 3) or "Traceback" in said or "defect" in said:
-        return code, f"exit code {code} of {attack.words}: {said[-500:]}"
-    if obeyed := {c for c in printed.getvalue() + said if not c.isprintable() and c != "\n"}:
-        return code, f"{attack.words} printed {obeyed}"
-    after = _everything(folder, field, attack.results)
-    if after != before:
-        changed = [name for name in before.keys() | after.keys() if before.get(name) != after.get(name)]
-        return code, f"{attack.words} changed {changed}"
-    return code, ""
-
-
-def _everything(folder: Path, field: Path, results: tuple[str, ...]) -> dict[str, object]:
-    """What every file is and holds, apart from results."""
-    free = [field / name for name in results]
-    found: dict[str, object] = {}
-    for place, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not _below(Path(place, name), free)]
-        for name in (*folders, *files):
-            path = Path(place, name)
-            if not _below(path, free):
-                status = path.lstat()
+    def _others(self) -> dict[Path, tuple[int, int]]:
+        """What every file is and holds, apart from results."""
+        found = {}
+        for path in self.folder.rglob("*"):
+            first, *inside = path.relative_to(self.folder).parts
+            if first != "field" or not inside or inside[0].removesuffix(".part") not in _RESULTS:
                 content = path.read_bytes() if path.is_file() and not path.is_symlink() else b""
-                found[str(path)] = status.st_mode, zlib.crc32(content), len(content)
-    return found
+                found[path] = path.lstat().st_mode, zlib.crc32(content)
+        return found
 
 
-def _below(path: Path, free: list[Path]) -> bool:
-    return any(path in (place, place.with_name(place.name + ".part")) or place in path.parents for place in free)
+_worker: _Worker  # of this process
+
+
+def _prepare(kind: str, folder: Path, max_cpu_seconds: float) -> None:
+    global _worker
+    _worker = _Worker(kind, folder, max_cpu_seconds)
+
+
+def _attack(seed: int) -> tuple[int, float, str]:
+    # The default of both signals ends the process, also inside a library that does not come back.
+    signal.setitimer(signal.ITIMER_PROF, _worker.max_cpu_seconds)
+    signal.alarm(MAX_WAIT_S)
+    code, problem = _worker.attack(seed)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.alarm(0)
+    rss_mib = peak_rss_mib() or 0.0
+    return code, rss_mib, problem or (f"{rss_mib:.0f} MiB" if rss_mib > MAX_RSS_MIB else "")
+
+
+@dataclass
+class Outcome:
+    """What so many inputs came to. `failures`: seed -> what went wrong; `exit_codes` of the others."""
+
+    tried: int = 0
+    failures: dict[int, str] = field(default_factory=dict)
+    exit_codes: Counter[int] = field(default_factory=Counter)
+    peak_rss_mib: float = 0.0
+
+
+def fuzz(kind: str, first: int, count: int, folder: Path, max_cpu_seconds: float) -> Outcome:
+    """Attack with the seeds `first` … `first + count − 1`.
+
+    A seed that kills the worker is a failure; a new worker goes on with the next.
+    """
+    outcome, pool = Outcome(count), None
+    server = multiprocessing.get_context("forkserver")  # not a fork of this one: its memory is to be its own
+    server.set_forkserver_preload(["tests.faults.attacks"])  # with everything imported
+    for seed in range(first, first + count):
+        pool = pool or ProcessPoolExecutor(1, server, _prepare, (kind, folder, max_cpu_seconds))
+        try:
+            code, rss_mib, problem = pool.submit(_attack, seed).result()
+        except BrokenProcessPool:
+            outcome.failures[seed], pool = "the worker died, or did not come back", None
+            continue
+        outcome.peak_rss_mib = max(outcome.peak_rss_mib, rss_mib)
+        if problem:
+            outcome.failures[seed] = problem
+        else:
+            outcome.exit_codes[code] += 1
+    if pool is not None:
+        pool.shutdown()
+    return outcome

@@ -8,7 +8,8 @@ import io
 import random
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,11 +24,8 @@ from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.recording.stereo_log import open_log
 from tests.faults.records import HEAD, MAGIC_BYTES, record
 
-_NO_SUMMARY = record(Opcode.DATA_END, bytes(4)) + record(Opcode.FOOTER, bytes(20))
-
 Span = tuple[int, int]  # bytes [start, end) of a file
-# Changes the data in place, and returns what it has hit of the undamaged file; an empty span lies between two bytes.
-Change = Callable[[random.Random, "Whole", bytearray], list[Span]]
+Edit = tuple[int, int, bytes]  # bytes [start, end) of the undamaged file, and what takes their place
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Whole:
         return self.of_kind(Opcode.DATA_END)[0][0]
 
     def intact(self, hit: list[Span]) -> set[int]:
-        """The frames whose pieces are not hit."""
+        """The frames whose pieces are not hit; an empty span hits the piece that it lies in."""
         bad = {(a, b) for a, b in self.pieces if any(a < end and start < b for start, end in hit)}
         return {frame for frame, pieces in self.frames.items() if not pieces & bad}
 
@@ -68,137 +66,106 @@ def whole_log(path: Path) -> Whole:
         kind, length = HEAD.unpack_from(data, at)
         records.append((kind, (at, at := at + HEAD.size + length)))
     stream, cameras, pieces = io.BytesIO(data), dict[int, str](), list[Span]()
-    sides: dict[int, list[Span]] = {}
-    checksums: dict[tuple[str, int], int] = {}
-    summed, at = [], MAGIC_BYTES
+    sides = defaultdict[int, list[Span]](list)
+    checksums, summed, at = dict[tuple[str, int], int](), True, MAGIC_BYTES
     for found in StreamReader(stream, emit_chunks=True).records:
         span = at, stream.tell()
         at = span[1]
         if isinstance(found, Chunk | Message):
             pieces.append(span)
-            summed.append(isinstance(found, Chunk) and found.uncompressed_crc != 0)
+            summed &= isinstance(found, Chunk) and found.uncompressed_crc != 0
         for inner in breakup_chunk(found) if isinstance(found, Chunk) else [found]:
             if isinstance(inner, Channel) and inner.topic in topics:
                 cameras[inner.id] = inner.topic
             elif isinstance(inner, Message) and inner.channel_id in cameras:
-                sides.setdefault(inner.log_time, []).append(span)
+                sides[inner.log_time].append(span)
                 checksums[cameras[inner.channel_id], inner.log_time] = zlib.crc32(inner.data)
     frames = {stamp: set(both) for stamp, both in sides.items() if len(both) == len(topics)}
     assert frames, f"{path} has no frames of two images at one time"
-    return Whole(data, topics, records, pieces, frames, checksums, all(summed))
+    return Whole(data, topics, records, pieces, frames, checksums, summed)
 
 
-def _somewhere(rng: random.Random, whole: Whole, count: int) -> int:
-    """Where `count` bytes of the data section begin."""
-    return rng.randrange(MAGIC_BYTES, max(whole.data_end - count, MAGIC_BYTES + 1))
+def _somewhere(rng: random.Random, whole: Whole, most: int) -> Span:
+    """At most so many bytes of the data section."""
+    count = min(most, max(len(whole.data) // 10, 1))
+    at = rng.randrange(MAGIC_BYTES, max(whole.data_end - count, MAGIC_BYTES + 1))
+    return at, at + count
 
 
-def _overwrite(content: Callable[[random.Random, int], bytes]) -> Change:
-    def change(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-        count = min(2**20, len(whole.data) // 10)
-        at = _somewhere(rng, whole, count)
-        data[at : at + count] = content(rng, count)
-        return [(at, at + count)]
+def _become(
+    most: int, content: Callable[[random.Random, bytes], bytes], stay: bool = False
+) -> Callable[[random.Random, Whole], list[Edit]]:
+    """At most so many bytes somewhere are replaced by what becomes of them; or they `stay`, and that follows them."""
 
-    return change
+    def edits(rng: random.Random, whole: Whole) -> list[Edit]:
+        start, end = _somewhere(rng, whole, most)
+        return [(end if stay else start, end, content(rng, whole.data[start:end]))]
 
-
-def _remove(most: int) -> Change:
-    def change(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-        count = min(most, len(whole.data) // 10)
-        at = _somewhere(rng, whole, count)
-        del data[at : at + count]
-        return [(at, at + count)]
-
-    return change
+    return edits
 
 
-def _insert_byte(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-    at = _somewhere(rng, whole, 1)
-    data[at:at] = rng.randbytes(1)
-    return [(at, at)]
-
-
-def _double(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-    count = min(2**16, len(whole.data) // 10)
-    at = _somewhere(rng, whole, count)
-    data[at:at] = data[at : at + count]
-    return [(at + count, at + count)]
-
-
-def _wrong_length(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
+def _wrong_length(rng: random.Random, whole: Whole) -> list[Edit]:
     start, end = rng.choice(whole.pieces)
     length = end - start - HEAD.size
     wrong = rng.choice([0, 7, length - 1, length + 1, length // 2, 3 * length, 2**40, 2**64 - 1])
-    data[start + 1 : start + 9] = (wrong % 2**64).to_bytes(8, "little")
-    # it is given a second time inside a chunk
-    return [] if data[start] == Opcode.CHUNK else [(start, end)]
+    return [(start + 1, start + 9, (wrong % 2**64).to_bytes(8, "little"))]
 
 
-def _wrong_kind(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-    start, end = rng.choice(whole.pieces)
-    chunk = data[start] == Opcode.CHUNK
-    data[start] = rng.choice([1, 2, 7, 9, 12, 15, 16, 127, 128, 255])
-    return [] if chunk else [(start, end)]  # the content of the chunk shows that it is one
+def _wrong_kind(rng: random.Random, whole: Whole) -> list[Edit]:
+    start, _ = rng.choice(whole.pieces)
+    return [(start, start + 1, bytes([rng.choice([1, 2, 7, 9, 12, 15, 16, 127, 128, 255])]))]
 
 
-def _flip_bits(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-    places = [_somewhere(rng, whole, 1) for _ in range(10)]
-    for at in places:
-        data[at] ^= 1 << rng.randrange(8)
-    return [(at, at + 1) for at in places]
+def _flipped_bits(rng: random.Random, whole: Whole) -> list[Edit]:
+    places = {_somewhere(rng, whole, 1)[0] for _ in range(10)}
+    return [(at, at + 1, bytes([whole.data[at] ^ 1 << rng.randrange(8)])) for at in places]
 
 
-def _swap(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
+def _changed_places(rng: random.Random, whole: Whole) -> list[Edit]:
     """Two pieces change places, or one comes twice."""
     (a, b), (c, d) = sorted(rng.sample(whole.pieces, 2))
-    first, middle, second = data[a:b], data[b:c], data[c:d]
-    data[a:d] = rng.choice([second + middle + first, first + first + middle + second])
-    return [(a, b), (c, d)]
+    first, second = whole.data[a:b], whole.data[c:d]
+    return rng.choice([[(a, b, second), (c, d, first)], [(a, b, first + first)]])
 
 
-def _change_inside(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
+def _changed_inside(rng: random.Random, whole: Whole) -> list[Edit]:
     """Bytes inside a piece change, in a chunk its checksum with them: hostile, not damaged."""
     start, end = rng.choice(whole.pieces)
-    body = bytes(data[start + HEAD.size : end])
-    if data[start] == Opcode.CHUNK:
-        chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
+    kind, body = whole.data[start], whole.data[start + HEAD.size : end]
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(body))) if kind == Opcode.CHUNK else None
+    if chunk is not None:
         stream, size = get_chunk_data_stream(chunk)
-        content = bytearray(stream.read(size))
-    else:
-        content = bytearray(body)
-    at, length = rng.randrange(len(content)), rng.choice((1, 4, 50))
-    content[at : at + length] = rng.choice((rng.randbytes(length), bytes(length), b"", content[at:][:length] * 2))
-    if data[start] == Opcode.CHUNK:
-        packed = zstandard.compress(content)
-        head = struct.pack(
-            "<QQQI", chunk.message_start_time, chunk.message_end_time, len(content), zlib.crc32(content)
-        )
-        content = bytearray(head + struct.pack("<I4sQ", 4, b"zstd", len(packed)) + packed)
-    data[start:end] = record(data[start], bytes(content))
-    return [(start, end)]
+        body = stream.read(size)
+    at, length = rng.randrange(len(body)), rng.choice((1, 4, 50))
+    changed = rng.choice((rng.randbytes(length), bytes(length), b"", body[at : at + length] * 2))
+    body = body[:at] + changed + body[at + length :]
+    if chunk is not None:
+        packed = zstandard.compress(body)
+        times = chunk.message_start_time, chunk.message_end_time
+        head = struct.pack("<QQQII4sQ", *times, len(body), zlib.crc32(body), 4, b"zstd", len(packed))
+        body = head + packed
+    return [(start, end, record(kind, body))]
 
 
-def _cut(rng: random.Random, whole: Whole, data: bytearray) -> list[Span]:
-    at = _somewhere(rng, whole, 1)
-    del data[at:]
-    return [(at, len(whole.data))]
-
-
-KINDS: dict[str, Change] = {
-    "1 MiB of noise": _overwrite(lambda rng, count: rng.randbytes(count)),
-    "1 MiB of zeros": _overwrite(lambda _, count: bytes(count)),
-    "a byte missing": _remove(1),
-    "64 KiB missing": _remove(2**16),
-    "a byte too many": _insert_byte,
-    "64 KiB twice": _double,
+KINDS: dict[str, Callable[[random.Random, Whole], list[Edit]]] = {
+    "1 MiB of noise": _become(2**20, lambda rng, old: rng.randbytes(len(old))),
+    "1 MiB of zeros": _become(2**20, lambda _, old: bytes(len(old))),
+    "a byte missing": _become(1, lambda *_: b""),
+    "64 KiB missing": _become(2**16, lambda *_: b""),
+    "a byte too many": _become(1, lambda rng, _: rng.randbytes(1), stay=True),
+    "64 KiB twice": _become(2**16, lambda _, old: old, stay=True),
     "a length wrong": _wrong_length,
     "a kind wrong": _wrong_kind,
-    "10 bits flipped": _flip_bits,
-    "places changed": _swap,
-    "content changed": _change_inside,
-    "end missing": _cut,
+    "10 bits flipped": _flipped_bits,
+    "places changed": _changed_places,
+    "content changed": _changed_inside,
+    "end missing": lambda rng, whole: [(_somewhere(rng, whole, 1)[0], len(whole.data), b"")],
 }
+
+
+def _without_index(whole: Whole) -> bytes:
+    end = record(Opcode.DATA_END, bytes(4)) + record(Opcode.FOOTER, bytes(20)) + whole.data[:MAGIC_BYTES]
+    return whole.data[: whole.data_end] + end
 
 
 def _with_broken_index(whole: Whole) -> bytes:
@@ -209,17 +176,20 @@ def _with_broken_index(whole: Whole) -> bytes:
 
 INDEXES: dict[str, Callable[[Whole], bytes]] = {
     "index": lambda whole: whole.data,
-    "no index": lambda whole: whole.data[: whole.data_end] + _NO_SUMMARY + whole.data[:MAGIC_BYTES],
+    "no index": _without_index,
     "index broken": _with_broken_index,
 }
 
 
 def damaged(whole: Whole, index: str, kind: str, seed: int) -> tuple[bytes, set[int]]:
     """A damaged log, and the frames that it leaves intact."""
-    rng = random.Random(f"{index} {kind} {seed}")
-    data = bytearray(INDEXES[index](whole))
-    hit = KINDS[kind](rng, whole, data)
-    return bytes(data), whole.intact(hit)
+    data, edits = INDEXES[index](whole), KINDS[kind](random.Random(f"{index} {kind} {seed}"), whole)
+    for start, end, changed in sorted(edits, reverse=True):
+        data = data[:start] + changed + data[end:]
+    hit = [(start, end) for start, end, _ in edits]
+    if kind in ("a length wrong", "a kind wrong") and whole.of_kind(Opcode.CHUNK):
+        hit = []  # the length is given a second time inside a chunk, and its content shows that it is one
+    return data, whole.intact(hit)
 
 
 @dataclass(frozen=True)
@@ -235,18 +205,12 @@ def trial(whole: Whole, index: str, kind: str, seed: int, path: Path) -> Trial:
     """Damage a log, write it to `path`, and read it."""
     data, due = damaged(whole, index, kind, seed)
     path.write_bytes(data)
-    damage = Damage()
-    exact = whole.checksummed and kind != "content changed"
-    found = set(_frames(path, whole, damage, exact))
-    return Trial(len(due), len(due & found), exact and len(found) < len(whole.frames) and damage.complete)
-
-
-def _frames(path: Path, whole: Whole, damage: Damage, exact: bool) -> Iterator[int]:
-    """The log times of the frames of which both images are read as they were recorded; `exact`: no other is read."""
-    sides: dict[int, set[str]] = {}
+    damage, exact = Damage(), whole.checksummed and kind != "content changed"
+    sides = defaultdict[int, set[str]](set)  # of the images that are read as they were recorded
     for message in LogFile(path).messages(damage, whole.topics):
         same = whole.checksums.get((message.channel.topic, message.log_time_ns)) == zlib.crc32(message.data)
-        assert same or not exact
+        assert same or not exact  # then no other is read
         if same:
-            sides.setdefault(message.log_time_ns, set()).add(message.channel.topic)
-    return (stamp for stamp, topics in sides.items() if topics == whole.topics)
+            sides[message.log_time_ns].add(message.channel.topic)
+    found = {stamp for stamp, topics in sides.items() if topics == whole.topics}
+    return Trial(len(due), len(due & found), exact and len(found) < len(whole.frames) and damage.complete)

@@ -6,6 +6,7 @@ import sqlite3
 import pytest
 
 import stream_sfm as sfm
+from tests.faults.attacks import changed
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, Spec, write_log
 
@@ -25,31 +26,12 @@ def bags(tmp_path_factory):
     return content | {"walk.db3": (write_bag2(folder / "walk", new) / "walk.db3").read_bytes()}
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Some bytes changed, a part cut out, doubled, or zeroed, or the end missing."""
-    content = bytearray(data)
-    at, length = rng.randrange(len(content)), rng.choice((1, 4, 16, 200, 5000))
-    kind = rng.randrange(5)
-    if kind == 0:
-        for _ in range(rng.choice((1, 3, 20))):
-            content[rng.randrange(len(content))] = rng.randrange(256)
-    elif kind == 1:
-        del content[at : at + length]
-    elif kind == 2:
-        content[at:at] = content[at : at + length]
-    elif kind == 3:
-        content[at : at + length] = bytes(len(content[at : at + length]))
-    else:
-        del content[at:]
-    return bytes(content)
-
-
 @pytest.mark.parametrize("name", ["walk.none.bag", "walk.bz2.bag", "walk.lz4.bag", "walk.db3"])
 def test_damage_costs_what_it_hits_and_nothing_else_is_raised(name, bags, tmp_path):
     path = tmp_path / name
     whole = 0
     for seed in range(SEEDS):
-        path.write_bytes(damaged(bags[name], random.Random(seed)))
+        path.write_bytes(changed(random.Random(seed), bags[name]))
         try:
             log = sfm.open_log(path)
             stamps = [pair.stamp_ns for pair in log.pairs()]

@@ -1,5 +1,6 @@
 """Every frame in an intact chunk is read, whatever happened before it or to the index; what is lost is said."""
 
+import os
 import struct
 from pathlib import Path
 
@@ -207,3 +208,18 @@ def test_bytes_that_look_like_records_cost_bounded_work(piece, path, monkeypatch
     path.write_bytes(data[:-100] + 7 * b"\xff" + piece * (2**20 // len(piece)) + data[-100:])
     assert sum(1 for m in LogFile(path).messages(Damage()) if m.channel.topic in Spec.topics) >= 20
     assert count < 2**28  # of a file of 1 MiB: some kilobytes for each of at most 25 000 places to resume
+
+
+@pytest.mark.parametrize("container", ["zstd", "unchunked", "no index"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
+def test_a_file_that_becomes_shorter_while_it_is_read(tmp_path, container, share):
+    path = write_log(tmp_path / "log.mcap", Spec(), **CONTAINERS[container])
+    file, damage = LogFile(path), Damage()
+    reading = file.messages(damage)
+    next(reading)
+    os.truncate(path, round(share * path.stat().st_size))
+    list(reading)
+    assert not damage.complete
+    assert "became shorter while it was read" in " ".join(damage.notes)
+    assert file.header() is None or share
+    list(file.attachments(Damage()))

@@ -7,11 +7,11 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from types import SimpleNamespace
-from typing import ClassVar
+from types import SimpleNamespace as Is
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +19,9 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
+from stream_sfm.sources.camera import _Grabber
 from tests.helpers.same_results import estimate_messages
+from tests.helpers.sinks import Calling
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES = 8
@@ -39,184 +41,111 @@ def _nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stream_sfm.sources.camera.WAITING_PAIRS", FRAMES)
 
 
-def realsense(pictures: Pictures) -> dict[str, object]:
+def lens(camera: sfm.Camera, cx: str, cy: str, **more: object) -> Is:
+    """Intrinsics, under a maker's names of the principal point."""
+    k = camera.K
+    return Is(fx=k[0, 0], fy=k[1, 1], **{cx: k[0, 2], cy: k[1, 2]}, **more)
+
+
+def realsense(pictures: Pictures) -> dict[str, Any]:
     """As librealsense 2.56: a pipeline, profiles, milliseconds, rotations column by column."""
-    waiting = iter(enumerate(pictures))
-    log: list[str] = []
+    waiting, log, pose = iter(enumerate(pictures)), list[str](), rig().right_from_left
 
-    def lens(camera: sfm.Camera) -> SimpleNamespace:
-        k = camera.K
-        sizes = {"width": camera.width, "height": camera.height, "ppx": k[0, 2], "ppy": k[1, 2]}
-        return SimpleNamespace(fx=k[0, 0], fy=k[1, 1], coeffs=[0.0] * 5, **sizes)
+    def stream(_kind: str, number: int) -> Is:
+        camera = (rig().left, rig().right)[number - 1]
+        size = {"width": camera.width, "height": camera.height, "coeffs": [0.0] * 5}
+        found = Is(
+            get_intrinsics=lambda: lens(camera, "ppx", "ppy", **size),
+            get_extrinsics_to=lambda _: Is(
+                rotation=pose[:3, :3].T.ravel().tolist(), translation=pose[:3, 3].tolist()
+            ),
+        )
+        return Is(as_video_stream_profile=lambda: found)
 
-    class Stream:
-        def __init__(self, camera: sfm.Camera) -> None:
-            self.camera = camera
+    def wait_for_frames(_ms: int) -> Is:
+        n, images = next(waiting, (0, None))
+        if images is None:
+            raise RuntimeError("Frame didn't arrive within 5000")
+        return Is(
+            get_infrared_frame=lambda number: Is(get_data=lambda: images[number - 1]),
+            get_timestamp=lambda: (START_NS + n * PERIOD_NS) / 1e6,
+        )
 
-        def as_video_stream_profile(self) -> "Stream":
-            return self
-
-        def get_intrinsics(self) -> SimpleNamespace:
-            return lens(self.camera)
-
-        def get_extrinsics_to(self, _other: "Stream") -> SimpleNamespace:
-            pose = rig().right_from_left
-            return SimpleNamespace(rotation=pose[:3, :3].T.ravel().tolist(), translation=pose[:3, 3].tolist())
-
-    class Frames:
-        def __init__(self, n: int, images: tuple[np.ndarray, np.ndarray]) -> None:
-            self.n, self.images = n, images
-
-        def get_infrared_frame(self, number: int) -> SimpleNamespace:
-            return SimpleNamespace(get_data=lambda: self.images[number - 1])
-
-        def get_timestamp(self) -> float:
-            return (START_NS + self.n * PERIOD_NS) / 1e6
-
-    class Pipeline:
-        def start(self, _config: object) -> "Pipeline":
-            return self
-
-        def get_device(self) -> SimpleNamespace:
-            sensor = SimpleNamespace(supports=lambda _: True, set_option=lambda *given: log.append(f"{given}"))
-            return SimpleNamespace(first_depth_sensor=lambda: sensor)
-
-        def get_stream(self, _kind: str, number: int) -> Stream:
-            return Stream((rig().left, rig().right)[number - 1])
-
-        def wait_for_frames(self, _ms: int) -> Frames:
-            found = next(waiting, None)
-            if found is None:
-                raise RuntimeError("Frame didn't arrive within 5000")
-            return Frames(*found)
-
-        def stop(self) -> None:
-            log.append("stopped")
-
-    module = SimpleNamespace(
-        pipeline=Pipeline,
-        config=lambda: SimpleNamespace(enable_stream=lambda *given: log.append(f"{given}")),
-        stream=SimpleNamespace(infrared="infrared"),
-        format=SimpleNamespace(y8="y8"),
-        option=SimpleNamespace(emitter_enabled="emitter"),
-        log=log,
-    )
-    return {"pyrealsense2": module}
+    sensor = Is(supports=lambda _: True, set_option=lambda *given: log.append(f"{given}"))
+    profile = Is(get_device=lambda: Is(first_depth_sensor=lambda: sensor), get_stream=stream)
+    pipeline = Is(start=lambda _: profile, wait_for_frames=wait_for_frames, stop=lambda: log.append("stopped"))
+    names = {"stream": Is(infrared="infrared"), "format": Is(y8="y8"), "option": Is(emitter_enabled="emitter")}
+    config = Is(enable_stream=lambda *given: log.append(f"{given}"))
+    return {"pyrealsense2": Is(pipeline=lambda: pipeline, config=lambda: config, log=log, **names)}
 
 
-def oak(pictures: Pictures) -> dict[str, object]:
+def oak(pictures: Pictures) -> dict[str, Any]:
     """As depthai 3: queues per camera, of which one begins a picture later; extrinsics in centimetres."""
-    log: list[str] = []
+    log, cameras, pose = list[str](), (rig().left, rig().right), rig().right_from_left.copy()
+    pose[:3, 3] *= 100
 
-    class Image:
-        def __init__(self, n: int, image: np.ndarray) -> None:
-            self.n, self.image = n, image
+    def image(n: int, pixels: np.ndarray) -> Is:
+        stamp = Is(total_seconds=lambda: n * PERIOD_NS / 1e9)
+        return Is(getSequenceNum=lambda: n, getTimestamp=lambda: stamp, getCvFrame=lambda: pixels)
 
-        def getSequenceNum(self) -> int:
-            return self.n
+    def build(socket: int) -> Is:
+        waiting = iter([image(n, p[socket]) for n, p in enumerate(pictures)][socket:])
 
-        def getTimestamp(self) -> SimpleNamespace:
-            return SimpleNamespace(total_seconds=lambda: self.n * PERIOD_NS / 1e9)
+        def get() -> Is:
+            if (found := next(waiting, None)) is None:
+                raise RuntimeError("communication exception: device closed")
+            return found
 
-        def getCvFrame(self) -> np.ndarray:
-            return self.image
+        return Is(requestOutput=lambda *_, fps: Is(createOutputQueue=lambda: Is(get=get)))
 
-    class Camera:
-        def build(self, socket: int) -> "Camera":
-            waiting = iter([Image(n, p[socket]) for n, p in enumerate(pictures)][socket:])
-
-            def get() -> Image:
-                if (found := next(waiting, None)) is None:
-                    raise RuntimeError("communication exception: device closed")
-                return found
-
-            self.queue = SimpleNamespace(get=get)
-            return self
-
-        def requestOutput(self, _size: tuple[int, int], _kind: str, fps: int) -> SimpleNamespace:
-            log.append(f"{fps}")
-            return SimpleNamespace(createOutputQueue=lambda: self.queue)
-
-    cameras, metres = (rig().left, rig().right), rig().right_from_left
-    pose = np.block([[metres[:3, :3], 100 * metres[:3, 3:]], [np.zeros((1, 3)), np.ones((1, 1))]])
-    factory = SimpleNamespace(
+    factory = Is(
         getCameraIntrinsics=lambda socket, w, h: cameras[socket].K.tolist(),
         getDistortionCoefficients=lambda socket: [0.0] * 14,
         getCameraExtrinsics=lambda a, b: pose.tolist(),
     )
-    pipeline = SimpleNamespace(
-        create=lambda kind: kind(),
+    pipeline = Is(
+        create=lambda _: Is(build=build),
         start=lambda: log.append("started"),
         stop=lambda: log.append("stopped"),
-        getDefaultDevice=lambda: SimpleNamespace(readCalibration=lambda: factory),
+        getDefaultDevice=lambda: Is(readCalibration=lambda: factory),
     )
-    module = SimpleNamespace(
-        Pipeline=lambda: pipeline,
-        node=SimpleNamespace(Camera=Camera),
-        CameraBoardSocket=SimpleNamespace(CAM_B=0, CAM_C=1),
-        ImgFrame=SimpleNamespace(Type=SimpleNamespace(GRAY8="grey")),
-        log=log,
-    )
-    return {"depthai": module}
+    names = {
+        "node": Is(Camera="camera"),
+        "CameraBoardSocket": Is(CAM_B=0, CAM_C=1),
+        "ImgFrame": Is(Type=Is(GRAY8="grey")),
+    }
+    return {"depthai": Is(Pipeline=lambda: pipeline, log=log, **names)}
 
 
-def zed(pictures: Pictures) -> dict[str, object]:
+def zed(pictures: Pictures) -> dict[str, Any]:
     """As the ZED SDK 5: one buffer for both views, which the next call overwrites."""
-    log: list[str] = []
-    waiting = iter(enumerate(pictures))
+    log, waiting, taken = list[str](), iter(enumerate(pictures)), list[Any]()
+    size = Is(width=rig().left.width, height=rig().left.height)
+    left, right = (lens(camera, "cx", "cy", image_size=size) for camera in (rig().left, rig().right))
+    factory = Is(left_cam=left, right_cam=right, get_camera_baseline=lambda: -rig().right_from_left[0, 3])
+    known = Is(camera_configuration=Is(calibration_parameters=factory))
+    pixels = np.zeros((size.height, size.width, 1), np.uint8)
 
-    def lens(camera: sfm.Camera) -> SimpleNamespace:
-        size = SimpleNamespace(width=camera.width, height=camera.height)
-        return SimpleNamespace(
-            fx=camera.K[0, 0], fy=camera.K[1, 1], cx=camera.K[0, 2], cy=camera.K[1, 2], image_size=size
-        )
+    def grab() -> str:
+        taken[:] = next(waiting, ())
+        return "SUCCESS" if taken else "CAMERA NOT DETECTED"
 
-    class Mat:
-        def __init__(self) -> None:
-            self.pixels = np.zeros((rig().left.height, rig().left.width, 1), np.uint8)
+    def retrieve_image(_buffer: object, view: int) -> None:
+        pixels[..., 0] = taken[1][view]
 
-        def get_data(self) -> np.ndarray:
-            return self.pixels
-
-    class Camera:
-        def open(self, _settings: object) -> str:
-            return "SUCCESS"
-
-        def get_camera_information(self) -> SimpleNamespace:
-            baseline_m = -rig().right_from_left[0, 3]
-            factory = SimpleNamespace(
-                left_cam=lens(rig().left), right_cam=lens(rig().right), get_camera_baseline=lambda: baseline_m
-            )
-            return SimpleNamespace(camera_configuration=SimpleNamespace(calibration_parameters=factory))
-
-        def grab(self) -> str:
-            found = next(waiting, None)
-            if found is None:
-                return "CAMERA NOT DETECTED"
-            self.n, self.images = found
-            return "SUCCESS"
-
-        def retrieve_image(self, buffer: Mat, view: int) -> None:
-            buffer.pixels[..., 0] = self.images[view]
-
-        def get_timestamp(self, _which: str) -> SimpleNamespace:
-            return SimpleNamespace(get_nanoseconds=lambda: START_NS + self.n * PERIOD_NS)
-
-        def close(self) -> None:
-            log.append("stopped")
-
-    module = SimpleNamespace(
-        Camera=Camera,
-        Mat=Mat,
-        InitParameters=SimpleNamespace,
-        DEPTH_MODE=SimpleNamespace(NONE="none"),
-        UNIT=SimpleNamespace(METER="m"),
-        VIEW=SimpleNamespace(LEFT_GRAY=0, RIGHT_GRAY=1),
-        ERROR_CODE=SimpleNamespace(SUCCESS="SUCCESS"),
-        TIME_REFERENCE=SimpleNamespace(IMAGE="image"),
-        log=log,
+    camera = Is(
+        open=lambda _: "SUCCESS",
+        get_camera_information=lambda: known,
+        grab=grab,
+        retrieve_image=retrieve_image,
+        get_timestamp=lambda _: Is(get_nanoseconds=lambda: START_NS + taken[0] * PERIOD_NS),
+        close=lambda: log.append("stopped"),
     )
-    return {"pyzed": SimpleNamespace(sl=module), "pyzed.sl": module}
+    module = Is(Camera=lambda: camera, Mat=lambda: Is(get_data=lambda: pixels), InitParameters=Is, log=log)
+    module.DEPTH_MODE, module.UNIT = Is(NONE="none"), Is(METER="m")
+    module.VIEW, module.ERROR_CODE = Is(LEFT_GRAY=0, RIGHT_GRAY=1), Is(SUCCESS="SUCCESS")
+    module.TIME_REFERENCE = Is(IMAGE="image")
+    return {"pyzed": Is(sl=module), "pyzed.sl": module}
 
 
 MAKERS = {"realsense": realsense, "oak": oak, "zed": zed}
@@ -231,7 +160,7 @@ def camera(
     monkeypatch.setattr("stream_sfm.sources.devices._OAK_SIZE", (rig().left.width, rig().left.height))
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
-    log = list(modules.values())[-1].log  # type: ignore[attr-defined]
+    log = list(modules.values())[-1].log
     yield request.param, log
     assert log[-1] == "stopped"
 
@@ -258,37 +187,31 @@ def test_a_camera_is_estimated_recorded_and_its_recording_replays_to_the_same_by
     assert estimate_messages(tmp_path / "again/estimates.mcap") == estimate_messages(out / "estimates.mcap")
 
 
-class Captures:
+def capture_of(pictures: Pictures) -> Callable[[object], Is]:
     """OpenCV's cameras: 0 and 1 are left and right, 2 holds both; they end after the last picture."""
 
-    pictures: ClassVar[Pictures] = []
+    def capture(given: object) -> Is:
+        waiting, taken = iter(pictures), list[Any]()
 
-    def __init__(self, given: object) -> None:
-        self.given, self.n = given, -1
+        def grab() -> bool:
+            taken[:] = [next(waiting, None)]
+            return taken[0] is not None
 
-    def isOpened(self) -> bool:
-        return self.given in (0, 1, 2)
+        def retrieve() -> tuple[bool, np.ndarray | None]:
+            if taken[0] is None:
+                return False, None
+            image = np.hstack(taken[0]) if given == 2 else taken[0][int(str(given))]
+            return True, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
 
-    def grab(self) -> bool:
-        self.n += 1
-        return self.n < len(self.pictures)
+        return Is(isOpened=lambda: given in (0, 1, 2), grab=grab, retrieve=retrieve, release=lambda: None)
 
-    def retrieve(self) -> tuple[bool, np.ndarray | None]:
-        if self.n >= len(self.pictures):
-            return False, None
-        pair = self.pictures[self.n]
-        image = np.hstack(pair) if self.given == 2 else pair[int(str(self.given))]
-        return True, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-
-    def release(self) -> None:
-        pass
+    return capture
 
 
 @pytest.fixture
 def webcams(pictures: Pictures, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The calibration of the cameras that OpenCV finds."""
-    monkeypatch.setattr(Captures, "pictures", pictures)
-    monkeypatch.setattr("cv2.VideoCapture", Captures)
+    monkeypatch.setattr("cv2.VideoCapture", capture_of(pictures))
     (tmp_path / "c.toml").write_text(rig().to_toml(), encoding="utf-8")
     return tmp_path / "c.toml"
 
@@ -331,7 +254,8 @@ def test_what_comes_too_fast_is_recorded_and_told(
 ) -> None:
     """The first picture is taken when all have been delivered, and two of them were kept."""
     monkeypatch.setattr("stream_sfm.sources.camera.WAITING_PAIRS", 2)
-    monkeypatch.setattr("stream_sfm.sources.camera._Grabber.next", slowly(FRAMES))
+    ask = _Grabber.next
+    monkeypatch.setattr(_Grabber, "next", lambda self: (self._thread.join(), ask(self))[1])
     with closing(sfm.open_camera("0", "1", calibration=webcams, record=tmp_path / "log.mcap")) as log:
         assert len(list(log.frames())) == 2
         assert log.stats.complete and not log.stats.undecodable
@@ -339,35 +263,18 @@ def test_what_comes_too_fast_is_recorded_and_told(
     assert len(list(sfm.open_log(tmp_path / "log.mcap").frames())) == FRAMES
 
 
-def slowly(frames: int):
-    """Asks for the next picture only when the camera has delivered all."""
-    from stream_sfm.sources.camera import _Grabber
-
-    ask = _Grabber.next
-
-    def later(self: _Grabber):
-        self._thread.join()
-        return ask(self)
-
-    return later
-
-
 def test_a_run_that_is_ended_keeps_all_it_has(webcams: Path, tmp_path: Path) -> None:
     """By a sink that has seen enough, as by Ctrl-C: the recording is whole, and so are the results."""
     seen: list[int] = []
 
-    class Enough:
-        def write(self, estimate: sfm.FrameEstimate, frame: sfm.StereoFrame) -> None:
-            seen.append(estimate.frame_index)
-            if len(seen) == 3:
-                os.kill(os.getpid(), signal.SIGINT)
-
-        def close(self) -> None:
-            pass
+    def enough(estimate: sfm.FrameEstimate) -> None:
+        seen.append(estimate.frame_index)
+        if len(seen) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
 
     camera = sfm.open_camera("0", "1", calibration=webcams, record=tmp_path / "log.mcap")
     with closing(camera) as log, pytest.raises(sfm.ReplayInterrupted) as stop:
-        sfm.replay(log, tmp_path / "run", sinks=[Enough()])
+        sfm.replay(log, tmp_path / "run", sinks=[Calling(enough)])
     assert len(stop.value.result.trajectory) == len(seen) == 3
     assert len(sfm.read_results(tmp_path / "run")) == 3
     assert len(list(sfm.open_log(tmp_path / "log.mcap").frames())) >= 3
