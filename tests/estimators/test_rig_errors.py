@@ -254,18 +254,14 @@ def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_f
     gain = cov @ np.swapaxes(by_q, 1, 2) / STD_PX**2
     off = first.z_px[rows] - effects @ c - _projected(flight.P, q)
     m = len(c)
-    amplitudes = np.linalg.solve(prior.rig.root, c - prior.rig.mean)
-    given_c = prior.mean + prior.modes[..., -m:] @ amplitudes
+    given_c = prior.mean + prior.modes[..., -m:] @ (c - prior.rig.mean)
     std = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     # of σ: the mean is linearised where the frame left the window
     assert np.abs((given_c - q - (gain @ off[..., None])[..., 0]) / std).max() < 0.05
     assert np.abs(prior.cov - cov).max() < 1e-5 * np.abs(cov).max()  # the same Jacobian at slightly other points
     by_c = -gain @ effects
-    found = np.linalg.solve(prior.rig.root.T, np.swapaxes(prior.modes[..., -m:], 1, 2))
-    assert (
-        np.abs((np.swapaxes(found, 1, 2) - by_c) / std[..., None]).max()
-        < 0.02 * np.abs(by_c / std[..., None]).max()
-    )
+    off_by_c = np.abs((prior.modes[..., -m:] - by_c) / std[..., None])
+    assert off_by_c.max() < 0.02 * np.abs(by_c / std[..., None]).max()
 
 
 def _projected(projection: StereoProjection, q: Array) -> Array:

@@ -82,12 +82,7 @@ class Map:
     @property
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
-        return self.prior.rig.at(self.rig_amplitudes)
-
-    @property
-    def rig_amplitudes(self) -> Array:
-        """The present amplitudes (m,) of the rig's errors: those of the last modes."""
-        return self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :]
+        return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -347,10 +342,9 @@ class Map:
         if not len(self.prior.rig):
             return None
         rig, model = self.prior.rig, self.frames[-1].rig
-        by_all = self.system.rig_amplitudes(self.rig_amplitudes)
-        mean, cov = rig.errors(*by_all)
+        mean, cov, information = self.system.rig_errors()
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
-        counted = (mean, cov) if changes else rig.errors(*rig.tempered(*by_all))
+        counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
         rig, found = rig.judged(*counted, misfit)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = replace(self.prior, rig=rig)
@@ -368,10 +362,7 @@ class Map:
             size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
             more = more + size**-2.0 - rig.size**-2.0
             rig = replace(rig, size=size)
-        rig, u = rig.informed(more, weighted)
-        of_rig = core.invert_triangle(u.T, np.ones(len(rig))).T @ self.rig_amplitudes  # a = U a'
-        self.prior = self.prior.with_rig(rig, u)
-        self.amplitudes = np.concatenate([self.amplitudes[: len(self.amplitudes) - len(rig)], of_rig])
+        self.prior = replace(self.prior, rig=rig.informed(more, weighted))
 
     def begin_field(self, model: RigModel) -> None:
         """Add a field to the rig's errors, and what it does to the views of the window."""

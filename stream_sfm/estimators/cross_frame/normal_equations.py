@@ -44,27 +44,23 @@ class System:
         k = prior.modes.shape[2]
         size = self.poses + k
         self.rig = slice(size - len(prior.rig), None)  # its amplitudes come last
-        rig_point = product(blocks.rig_point, prior.rig.root)
         # `pull` (N, 3, k): D⁻¹F; `std_given` (P, 3, 3): of a point once poses and modes are given; `reach` (P, 3, n):
         # of the others, in units of it
         self.d_inv, self.pull, self.std_given, self.reach = core.eliminate_points(
-            blocks.v, blocks.w, rig_point, known, prior.cov, prior.modes
+            blocks.v, blocks.w, blocks.rig_point, known, prior.cov, prior.modes
         )
         h = np.zeros((size, size))
         for s in range(frames):
             h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
         h[self.poses :, self.poses :] = _flat(prior.modes).T @ _flat(self.pull)
-        h.flat[self.poses * (size + 1) :: size + 1] += 1.0
-        h[self.rig, self.rig] += prior.rig.root.T @ blocks.rig @ prior.rig.root
-        rig_pose = blocks.rig_pose.reshape(self.poses, len(prior.rig)) @ prior.rig.root
-        h[: self.poses, self.rig] += rig_pose
-        h[self.rig, : self.poses] += rig_pose.T
+        own = slice(self.poses * (size + 1), self.rig.start * (size + 1), size + 1)  # on the diagonal
+        h.flat[own] += 1.0
+        h[self.rig, self.rig] += blocks.rig + prior.rig.information
+        h[self.rig, : self.poses] = blocks.rig_pose.reshape(self.poses, len(prior.rig)).T  # below the diagonal
         h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(h)
         self.rig_offset = np.zeros(len(prior.rig))
-        # of the errors' own covariance; and the other way round
-        self._rig_root = prior.rig.root @ self.chol.root[self.rig, self.rig]
-        self._rig_whitening = core.invert_triangle(self._rig_root.T, np.ones(len(prior.rig))).T
+        self._rig_whitening = self.chol.lower[self.rig, self.rig].T
         # of the covariance of poses and amplitudes; its last columns are of the rig's errors
         self.root = self.chol.root
 
@@ -78,11 +74,11 @@ class System:
         g_point = blocks.g_point.copy()
         g_point[self.known] -= matvec(self.d_inv, away)
         g = np.concatenate([blocks.g_pose.ravel(), _flat(self.pull).T @ away.ravel() - amplitudes])
-        g[self.rig] += self.prior.rig.root.T @ blocks.g_rig + self.prior.rig.offset
+        rig, of_rig = self.prior.rig, amplitudes[len(amplitudes) - len(self.prior.rig) :]
+        g[self.rig] += of_rig - rig.information @ of_rig + blocks.g_rig + rig.weighted
         given = matvec(np.swapaxes(self.std_given, 1, 2), g_point)
         whitened = self.chol.root.T @ (g - _flat(self.reach).T @ given.ravel())
-        rig = self.prior.rig
-        to_held = self._rig_whitening @ (rig.held - rig.at(amplitudes[len(amplitudes) - len(rig) :]))
+        to_held = self._rig_whitening @ (rig.held - rig.at(of_rig))
         self.rig_offset = whitened[self.rig] - to_held
         whitened[self.rig] = to_held
         delta = self.chol.root @ whitened
@@ -90,13 +86,10 @@ class System:
         decrease = float(g @ delta + (g_point * dq).sum())
         return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
 
-    def rig_amplitudes(self, held: Array) -> tuple[Array, Array]:
-        """Return mean (m,) and root (m, m) of the rig's amplitudes by all views, where they are held at `held` (m,).
-
-        The root is upper triangular.
-        """
-        root = self.chol.root[self.rig, self.rig]
-        return held + root @ self.rig_offset, root
+    def rig_errors(self) -> tuple[Array, Array, Array]:
+        """Return mean (m,), covariance and information (m, m) of the rig's errors by all views; held where they are."""
+        root, lower = self.chol.root[self.rig, self.rig], self.chol.lower[self.rig, self.rig]
+        return self.prior.rig.held + root @ self.rig_offset, root @ root.T, lower @ lower.T
 
     def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
         """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""

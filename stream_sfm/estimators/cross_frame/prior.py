@@ -4,13 +4,13 @@ Points that were seen from the same uncertain cameras err together. The prior ke
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
-with common modes F and their amplitudes y; the last m of the modes are those of the rig's errors (`rig_knowledge.py`),
-whose amplitudes need not have the mean 0. Once the few amplitudes are given, points are independent of each other: a
-window of any number of points is solved with one small dense system, the drift of a patch over its surface just adds
-to D_i, and a point that is no longer seen is marginalised by dropping its row. Each frame that is absorbed brings the
-six modes of its unknown pose; modes that no longer matter beside the points' own noise are folded into D, where every
-point keeps its marginal covariance. (A dense information matrix over 200 points holds the same and costs fifty times as
-much.)
+with common modes F and their amplitudes y; the last m of the modes are ∂q and ∂ω by the rig's errors, whose amplitudes
+are the errors themselves, as far as they are off the mean (`rig_knowledge.py`). Once the few amplitudes are given,
+points are independent of each other: a window of any number of points is solved with one small dense system, the drift
+of a patch over its surface just adds to D_i, and a point that is no longer seen is marginalised by dropping its row.
+Each frame that is absorbed brings the six modes of its unknown pose; modes that no longer matter beside the points' own
+noise are folded into D, where every point keeps its marginal covariance. (A dense information matrix over 200 points
+holds the same and costs fifty times as much.)
 
 Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
 relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
@@ -73,7 +73,7 @@ class Prior:
         """
         anchors = np.broadcast_to(np.eye(4), (len(ids), 4, 4))
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
-        modes = np.concatenate([np.zeros((len(ids), 3, 6)), product(by_rig, rig.root)], axis=2)
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig], axis=2)
         world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
         return cls(ids, anchors, mean, cov, modes, world_from_ref, world_modes, rig)
 
@@ -84,7 +84,7 @@ class Prior:
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., modes.shape[2] - len(self.rig) :] = product(by_rig, self.rig.root)
+        modes[..., modes.shape[2] - len(self.rig) :] = by_rig
         return replace(self, mean=mean, cov=cov, modes=modes)
 
     def points(self, amplitudes: Array) -> Array:
@@ -136,26 +136,25 @@ class Prior:
 
         # `half` is −(std of the points)ᵀ of what the modes reach of them, G
         d_inv, pull, std, half = core.eliminate_points(
-            blocks.v, np.zeros((n, 3, 0)), product(blocks.rig_point, self.rig.root), np.arange(n), self.cov, modes
+            blocks.v, np.zeros((n, 3, 0)), blocks.rig_point, np.arange(n), self.cov, modes
         )
         size = (3 * n, k + 6 + m)  # said, as no points have any
         flat_pull, flat_half = pull.reshape(size), half.reshape(size)
         given = matvec(np.swapaxes(std, 1, 2), matvec(d_inv, away) + blocks.g_point)
         s = modes.reshape(size).T @ flat_pull - flat_half.T @ flat_half
-        known = np.ones(size[1])  # the modes that have prior information
-        known[k : k + 6] = 0.0
-        s.flat[:: size[1] + 1] += known
-        s[rig, rig] += self.rig.root.T @ blocks.rig @ self.rig.root
+        s.flat[: k * (size[1] + 1) : size[1] + 1] += 1.0  # on the diagonal: the new ones have no prior information
+        s[rig, rig] += blocks.rig + self.rig.information
         right = -flat_half.T @ given.ravel() - flat_pull.T @ away.ravel()
         right[:k] -= amplitudes[:k]
-        right[rig] -= amplitudes[k:]
-        right[rig] += self.rig.root.T @ blocks.g_rig + self.rig.offset
+        right[rig] += blocks.g_rig + self.rig.weighted - self.rig.information @ amplitudes[k:]
         chol = Cholesky(s)
+        lower = chol.lower[rig, rig]
         whitened = chol.root.T @ right
-        updated_rig = self.rig.after(amplitudes[k:], chol.root[rig, rig], whitened[rig].copy())
+        updated_rig = self.rig.after(amplitudes[k:], lower, whitened[rig])
         whitened[rig] = 0.0  # held, and moved by the window
         step = chol.root @ whitened
-        modes = -core.multiply_blocks(std, product(half, np.column_stack([chol.root, step])))
+        by_new = np.column_stack([chol.root[:, : k + 6], chol.root[:, rig] @ lower.T])
+        modes = -core.multiply_blocks(std, product(half, np.column_stack([by_new, step])))
         return Prior(
             ids=self.ids,
             ref_from_anchor=anchors,
@@ -163,16 +162,9 @@ class Prior:
             cov=std @ np.swapaxes(std, 1, 2),
             modes=modes[..., :-1],
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes @ step)),
-            world_modes=world_modes @ chol.root,
+            world_modes=world_modes @ by_new,
             rig=updated_rig,
         )
-
-    def with_rig(self, rig: RigKnowledge, u: Array) -> "Prior":
-        """Return the prior with other knowledge about the rig: its amplitudes a are now a', a = U a', eq. (72b)."""
-        own = self.modes.shape[2] - len(rig)
-        modes = np.concatenate([self.modes[..., :own], product(self.modes[..., own:], u)], axis=2)
-        world_modes = np.concatenate([self.world_modes[:, :own], self.world_modes[:, own:] @ u], axis=1)
-        return replace(self, modes=modes, world_modes=world_modes, rig=rig)
 
     def with_field(self, n: int) -> "Prior":
         """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
@@ -185,18 +177,14 @@ class Prior:
 
         Points and world stay where they are, with j modes more: they have met the errors as they were.
         """
-        m = len(self.rig)
-        rig, u = self.rig.changed(root)
-        own = self.modes.shape[2] - m
-        of_rig, world_of_rig = product(self.modes[..., own:], u), self.world_modes[:, own:] @ u
-        return replace(
-            self,
-            modes=np.concatenate([of_rig[..., m:], self.modes[..., :own], of_rig[..., :m]], axis=2),
-            world_modes=np.concatenate(
-                [world_of_rig[:, m:], self.world_modes[:, :own], world_of_rig[:, :m]], axis=1
-            ),
-            rig=rig,
-        )
+        rig, kept, apart = self.rig.changed(root)
+        own = self.modes.shape[2] - len(rig)
+
+        def changed(modes: Array) -> Array:
+            of_rig = modes[..., own:]
+            return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
+
+        return replace(self, modes=changed(self.modes), world_modes=changed(self.world_modes), rig=rig)
 
     def with_points(
         self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
@@ -208,7 +196,7 @@ class Prior:
         all_ids = np.concatenate([self.ids, ids])
         order = np.argsort(all_ids)
         modes = np.zeros((len(ids), 3, self.modes.shape[2]))
-        modes[..., modes.shape[2] - len(self.rig) :] = product(by_rig, self.rig.root)
+        modes[..., modes.shape[2] - len(self.rig) :] = by_rig
         return replace(
             self,
             ids=all_ids[order],

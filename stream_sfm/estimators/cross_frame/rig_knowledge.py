@@ -4,6 +4,7 @@ A view of the camera pair is z = h(P) + B c + noise, with B given (`rig_model/`)
 permanently. The estimates are those of a mixture over what may be exactly zero: c is held at the mixture's mean, and
 counts in every covariance with the mixture's own. So an exact calibration is not harmed by the attempt to improve it.
 As c stays in the joint state, its prior can be exchanged for one of another size at any time, and nothing is lost.
+It is kept as information: what is learnt about c by other means, or a prior of another size, only adds to that.
 """
 
 from dataclasses import replace
@@ -11,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...geometry.linear import Cholesky
+from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import record
 from ...rig_model.estimate import RigEstimate
@@ -27,17 +27,18 @@ _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 @record
 class RigKnowledge:
-    """c = `mean` (m,) + `root` (m, m) a, with whitened amplitudes a ~ N(`offset` (m,), I); `root` is upper triangular.
+    """c = `mean` (m,) + a, with a of the `information` Λ (m, m) and the `weighted` sum Λ E[a] (m,).
 
-    `mean` is taken out of all views. `held` (m,): where the window holds c, the mean of the mixture, and `cov_held`
-    (m, m): its covariance. `size` (m,): σ of each error before any view, which is learnt where `sizes_unknown`.
+    `mean` is where the points of the prior are given; a are the amplitudes of its last modes. `held` (m,): where the
+    window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
+    any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
     `since_ns`: from when on errors have grown, if they do.
     """
 
     mean: Array
-    root: Array
-    offset: Array
+    information: Array
+    weighted: Array
     size: Array
     held: Array
     cov_held: Array
@@ -58,36 +59,30 @@ class RigKnowledge:
         size, mean = size.copy(), np.zeros(m) + mean
         size[len(TERMS) :] = _LEAST_FIELD_PX
         cov = np.diag(size**2)
-        return cls(mean, np.diag(size), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
+        return cls(mean, np.diag(size**-2.0), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
 
     def __len__(self) -> int:
         return len(self.mean)
 
     def at(self, amplitudes: Array) -> Array:
         """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
-        return self.mean + self.root @ amplitudes
+        return self.mean + amplitudes
 
     def age_s(self, stamp_ns: int) -> float:
         """Return for how long errors may have grown."""
         return (stamp_ns - self.since_ns) / 1e9
 
-    def errors(self, amplitudes: Array, root: Array) -> tuple[Array, Array]:
-        """Return mean (m,) and covariance (m, m) of c, of amplitudes a ~ N(`amplitudes`, `root` rootᵀ)."""
-        root = self.root @ root
-        return self.at(amplitudes), root @ root.T
-
-    def tempered(self, amplitudes: Array, root: Array) -> tuple[Array, Array]:
-        """Return what all views say of a, N(`amplitudes`, `root` rootᵀ), with the window by its share, eq. (72h).
+    def tempered(self, mean: Array, cov: Array, information: Array) -> tuple[Array, Array]:
+        """Return what all views say of c, N(`mean`, `cov`), with the window by its share, eq. (72h).
 
         What lasts of the views' errors is counted where frames leave the window, not inside, and all of it goes into
         what its views have in common. So the window's information counts by the share that it has in the result.
-        `root` (m, m) is upper triangular, and so is that of the result.
+        `information` (m, m): the inverse of `cov`.
         """
-        whitening = core.invert_triangle(root.T, np.ones(len(self)))
-        information = whitening @ whitening.T
-        counted = Cholesky(information + root @ root.T - np.eye(len(self))).root
-        away = amplitudes - self.offset
-        return self.offset + counted @ (counted.T @ (information @ away - away)), counted
+        before = self.mean + np.linalg.solve(self.information, self.weighted)
+        by_window = information - self.information
+        counted = Cholesky(by_window + self.information @ cov @ self.information).inverse()
+        return before + counted @ (by_window @ (mean - before)), counted
 
     def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
@@ -105,54 +100,52 @@ class RigKnowledge:
         size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
         return size
 
-    def informed(self, more: Array, weighted: Array) -> tuple["RigKnowledge", Array]:
+    def informed(self, more: Array, weighted: Array) -> "RigKnowledge":
         """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).
 
-        And U (m, m), upper triangular: amplitudes a are now a', with a = U a'. Information may be negative, eq. (72b).
+        Information may be negative, eq. (72b).
         """
-        added = more[:, None] * self.root
-        u = Cholesky(np.eye(len(self)) + self.root.T @ added).root
-        offset = u.T @ (self.offset + self.root.T @ weighted - added.T @ self.mean)
-        return replace(self, root=self.root @ u, offset=offset), u
+        information = self.information + np.diag(more)
+        return replace(self, information=information, weighted=self.weighted + weighted - more * self.mean)
 
-    def changed(self, root: Array) -> tuple["RigKnowledge", Array]:
+    def changed(self, root: Array) -> tuple["RigKnowledge", Array, Array]:
         """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
 
-        And U (m, m + j): the amplitudes of before are a = U (a', y) with a' the new ones and y ~ N(0, I), of which the
-        errors do not depend. An estimate of y that is held back makes y that much larger.
+        And what the amplitudes of before are, G a' + H y, with G (m, m), a' the new ones and y ~ N(0, I), of which the
+        errors do not depend. An estimate of y that is held back makes H (m, j) that much larger.
         """
-        m = len(self)
-        q, r = np.linalg.qr(np.concatenate([self.root, root], axis=1)[::-1].T, mode="complete")
-        q[:, :m] = q[:, :m][:, ::-1]
-        offset = q[:m].T @ self.offset
-        u = q[:m].copy()
-        u[:, m:] = u[:, m:] @ np.linalg.cholesky(np.eye(root.shape[1]) + np.outer(offset[m:], offset[m:]))
-        return replace(self, root=r[:m].T[::-1, ::-1], offset=offset[:m], steady=False), u
+        by_change = root.T @ self.information
+        cov_change = Cholesky(np.eye(root.shape[1]) + by_change @ root).inverse()  # in units of the root, given c
+        kept = np.eye(len(self)) - root @ (cov_change @ by_change)
+        held_back = cov_change @ (root.T @ self.weighted)
+        apart = root @ np.linalg.cholesky(cov_change + np.outer(held_back, held_back))
+        information = symmetric(self.information @ kept)
+        return replace(self, information=information, weighted=kept.T @ self.weighted, steady=False), kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""
         m, none, least = len(self), np.zeros(n), np.full(n, _LEAST_FIELD_PX)
-        root, cov = np.zeros((2, m + n, m + n))
-        root[:m, :m], cov[:m, :m] = self.root, self.cov_held
-        root[range(m, m + n), range(m, m + n)] = least
+        information, cov = np.zeros((2, m + n, m + n))
+        information[:m, :m], cov[:m, :m] = self.information, self.cov_held
+        information[range(m, m + n), range(m, m + n)] = least**-2.0
         cov[range(m, m + n), range(m, m + n)] = least**2
         return replace(
             self,
             mean=np.concatenate([self.mean, none]),
-            root=root,
-            offset=np.concatenate([self.offset, none]),
+            information=information,
+            weighted=np.concatenate([self.weighted, none]),
             size=np.concatenate([self.size, least]),
             held=np.concatenate([self.held, none]),
             cov_held=cov,
             sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
         )
 
-    def after(self, amplitudes: Array, root: Array, step: Array) -> "RigKnowledge":
+    def after(self, amplitudes: Array, lower: Array, whitened: Array) -> "RigKnowledge":
         """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
 
-        What is left of them has the root (m, m), and the whitened estimate `step` (m,).
+        What is left of them has the information `lower` (m, m) lowerᵀ, and the `whitened` estimate (m,).
         """
-        return replace(self, mean=self.at(amplitudes), root=self.root @ root, offset=step)
+        return replace(self, mean=self.at(amplitudes), information=lower @ lower.T, weighted=lower @ whitened)
 
 
 def impossible(rig: RigEstimate | None) -> str:

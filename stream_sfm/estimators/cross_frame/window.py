@@ -91,7 +91,7 @@ class CrossFrame:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
         rig = _unknown_rig(observations) if self.rig is None else self.rig
-        self.rig, _ = rig.informed(*self._since_by_rows(observations, len(rig)))
+        self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
         corrected = _corrected(observations, frame, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
