@@ -5,13 +5,6 @@ from .camera.models import Camera as Camera
 from .camera.rig import MonoRig as MonoRig
 from .camera.rig import StereoRig as StereoRig
 from .config import Config as Config
-from .config import DenseConfig as DenseConfig
-from .config import FrontendConfig as FrontendConfig
-from .config import MotionConfig as MotionConfig
-from .config import RigConfig as RigConfig
-from .config import RobustConfig as RobustConfig
-from .config import RosConfig as RosConfig
-from .config import WindowConfig as WindowConfig
 from .config import config_to_toml as config_to_toml
 from .config import read_config as read_config
 from .dense.ply import write_ply as write_ply
@@ -33,7 +26,6 @@ from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .places.place_map import PlaceMap as PlaceMap
-from .recording.stereo_log import StereoLog as StereoLog
 from .recording.stereo_log import open_camera as open_camera
 from .recording.stereo_log import open_log as open_log
 from .recording.truth_file import GroundTruthFile as GroundTruthFile
@@ -46,7 +38,6 @@ from .results.run_results import read_results as read_results
 from .run.compare import compare as compare
 from .run.refine import refine as refine
 from .run.replay import ReplayInterrupted as ReplayInterrupted
-from .run.replay import ReplayResult as ReplayResult
 from .run.replay import replay as replay
 from .simulation.experiments import simulate as simulate
 from .types import Estimator as Estimator

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config import RigConfig
 from tests.helpers.places import DEMO, LAB_LATERAL, ROOM, ROOT
 
 pytestmark = pytest.mark.slow
@@ -78,7 +79,7 @@ def test_read_results(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, sfm.RunResults]:
     """Runs over rendered logs, of which only the demo's baseline and axes are not exact."""
-    exact, runs = sfm.Config(rig=sfm.RigConfig(std_baseline=0.0, std_axes_rad=0.0)), {}
+    exact, runs = sfm.Config(rig=RigConfig(std_baseline=0.0, std_axes_rad=0.0)), {}
     for log in filter(Path.exists, (ROOM, LAB_LATERAL, DEMO)):
         folder = tmp_path_factory.mktemp(log.stem)
         sfm.replay(log, folder, sfm.Config() if log == DEMO else exact)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
+from stream_sfm.config import RigConfig
 from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
 from stream_sfm.recording.log_writer import MessageWriter
@@ -21,7 +22,7 @@ from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 FRAMES, KNOCK = 26, 12
 TURNS = {"pitch": [1e-3, 0, 0], "yaw": [0, 1e-3, 0], "roll": [0, 0, 3e-3], "all, small": [4e-4, -4e-4, 1e-3]}
-EXACT = sfm.Config(rig=sfm.RigConfig(exact=True))
+EXACT = sfm.Config(rig=RigConfig(exact=True))
 
 
 def turned(stereo: StereoRig, rad: ArrayLike) -> StereoRig:

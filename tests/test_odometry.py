@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import stream_sfm as sfm
+from stream_sfm.config import RigConfig
 from stream_sfm.geometry import se3
 from stream_sfm.motion import Odometry
 from stream_sfm.types import CommonErrors, FrameEstimate, RelativeMotions
@@ -99,7 +100,7 @@ def test_its_covariance_and_that_of_the_velocity_are_those_of_its_errors() -> No
 def replayed() -> tuple[list[Odometry], sfm.Trajectory]:
     """With the calibration taken for what it is in a rendered log, exact: else σ is of errors that are not there."""
     log = sfm.open_log(ROOM)
-    engine = sfm.Engine(log.rig, sfm.Config(rig=sfm.RigConfig(exact=True)))
+    engine = sfm.Engine(log.rig, sfm.Config(rig=RigConfig(exact=True)))
     truth = log.ground_truth()
     assert truth is not None
     return run([engine.step(f) for f in log.frames(sfm.Selection(max_frames=25))]), truth

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config import RigConfig
 from stream_sfm.evaluation.trajectory import nees_pose
 from tests.helpers.turning import AXES, Corner, FarWall, turning
 from tests.helpers.wall import Wall, rig
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 SCENES = {"wall": Wall, "box": Corner, "far": FarWall}
 FRAMES = 20
-EXACT = sfm.Config(rig=sfm.RigConfig(exact=True))
+EXACT = sfm.Config(rig=RigConfig(exact=True))
 
 
 @cache

@@ -19,11 +19,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from stream_sfm import Engine, StereoLog, Trajectory, open_log
+from stream_sfm import Engine, Trajectory, open_log
 from stream_sfm.config import Config
 from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
 from stream_sfm.geometry.resection import resect
+from stream_sfm.recording.stereo_log import StereoLog
 
 WORSE = 1.1  # times the ATE: starting one frame later changes it by as much
 RULES: dict[str, tuple[str, Any]] = {

@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from stream_sfm import Engine, StereoLog, open_log
+from stream_sfm import Engine, open_log
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.evaluation.association import matched
 from stream_sfm.frontend.persistence import _whitened_rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
+from stream_sfm.recording.stereo_log import StereoLog
 from stream_sfm.types import Observations, Selection, Trajectory
 
 LAGS = (1, 2, 5, 10, 20)

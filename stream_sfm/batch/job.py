@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from signal import Signals
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
@@ -24,34 +24,14 @@ from ..files import json_bytes, write_whole
 from ..inputs import open_regular
 from ..outputs import RESULTS, only_writer
 
+T = TypeVar("T")
+
 _RECORD, _STDERR = "job.json", "stderr.txt"
 FILES = (*RESULTS, _RECORD, _STDERR)  # what a job writes to its folder
 _ERROR_PREFIX = "stream-sfm: "  # how the command line begins the line that states an error
 JobStatus = Literal["done", "incomplete", "failed", "interrupted"]
 POLL_S = 0.2  # how soon a request to end is seen
-SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and its files; then it is killed
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One log to replay; `log` and `folder` are absolute paths.
-
-    `options` are further arguments of `replay`; `inputs` the files and folders that they name. The replay is ended when
-    the file `stop` appears.
-    """
-
-    name: str
-    log: Path
-    folder: Path
-    config_toml: str
-    options: tuple[str, ...]
-    inputs: tuple[Path, ...]
-    stop: Path
-
-    @property
-    def log_name(self) -> str:
-        """The path of the log as text; bytes that are not UTF-8 are escaped, as such a log fails and is listed."""
-        return os.fsencode(self.log).decode(errors="backslashreplace")
+_SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and its files; then it is killed
 
 
 class JobResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,47 +52,82 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     reused: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One log to replay; `log` and `folder` are absolute paths.
+
+    `options` are further arguments of `replay`; `inputs` the files and folders that they name. The replay is ended when
+    the file `stop` appears.
+    """
+
+    name: str
+    log: Path
+    folder: Path
+    config_toml: str
+    options: tuple[str, ...]
+    inputs: tuple[Path, ...]
+    stop: Path
+
+    def ended(self, status: JobStatus, reason: str, **known: Any) -> JobResult:
+        """The result of this job. Bytes of the path that are not UTF-8 are escaped: such a log fails and is listed."""
+        log = os.fsencode(self.log).decode(errors="backslashreplace")
+        return JobResult(name=self.name, log=log, status=status, reason=reason, **known)
+
+
 def run_job(job: Job) -> JobResult:
     """Run a job unless an earlier one has done the same; a failure of any kind is a result, not an exception."""
-    started_s = time.monotonic()
     if job.stop.exists():
-        return _result(job, "interrupted", "not started")
+        return job.ended("interrupted", "not started")
     try:
-        key = _fingerprint(job)
-        if (previous := _previous(job.folder)) is not None and previous.status in ("done", "incomplete"):
-            if previous.key == key and all((job.folder / name).exists() for name in RESULTS):
-                return msgspec.structs.replace(previous, name=job.name, log=job.log_name, reused=True)
-            if previous.log != job.log_name:
-                reason = f"{job.folder} holds the results of another log, {previous.log}: choose another folder"
-                return _result(job, "failed", reason)
-        if previous is None and (foreign := [name for name in RESULTS if os.path.lexists(job.folder / name)]):
-            reason = f"{job.folder} holds files that no batch wrote ({', '.join(foreign)}): choose another folder"
-            return _result(job, "failed", reason)
-        _clear(job.folder)
-        # Written first: what an ended batch leaves behind is known as ours by it.
-        write_whole(job.folder / _RECORD, json_bytes(_result(job, "interrupted", "not finished")))
-        status, reason = _replay(job)
-        seconds = time.monotonic() - started_s
-        result = _result(job, status, reason, seconds=seconds, key=key)
-        write_whole(job.folder / _RECORD, json_bytes(result))
+        return _done_before(job, key := _fingerprint(job)) or _run(job, key)
     except OSError as error:
-        return _result(job, "failed", f"{error.filename or job.log}: {error.strerror}")
+        return job.ended("failed", f"{error.filename or job.log}: {error.strerror}")
     except OutputError as error:
-        return _result(job, "failed", str(error))
+        return job.ended("failed", str(error))
+
+
+def _done_before(job: Job, key: str) -> JobResult | None:
+    """The result of an earlier job that did the same, or a refusal where the folder is not ours; else None."""
+    own: JobResult | None = _decoded(job.folder / _RECORD, JobResult)
+    if own is None:
+        foreign = [name for name in RESULTS if os.path.lexists(job.folder / name)]
+        reason = f"{job.folder} holds files that no batch wrote ({', '.join(foreign)}): choose another folder"
+        return job.ended("failed", reason) if foreign else None
+    now = job.ended(own.status, own.reason, seconds=own.seconds, key=key, reused=True)
+    complete = own.status in ("done", "incomplete") and all((job.folder / name).exists() for name in RESULTS)
+    if complete and own.key == key:
+        return now
+    reason = f"{job.folder} holds the results of another log, {own.log}: choose another folder"
+    return job.ended("failed", reason) if own.log != now.log else None
+
+
+def _run(job: Job, key: str) -> JobResult:
+    """Replay the log anew, and record how it went."""
+    started_s = time.monotonic()
+    job.folder.mkdir(parents=True, exist_ok=True)
+    with only_writer(job.folder):  # no result of an earlier attempt is taken for one of this; other files stay
+        for name in FILES:
+            (job.folder / name).unlink(missing_ok=True)
+            (job.folder / f"{name}.part").unlink(missing_ok=True)
+    # Written first: what an ended batch leaves behind is known as ours by it.
+    write_whole(job.folder / _RECORD, json_bytes(job.ended("interrupted", "not finished")))
+    status, reason = _replay(job)
+    result = job.ended(status, reason, seconds=time.monotonic() - started_s, key=key)
+    write_whole(job.folder / _RECORD, json_bytes(result))
     return result
-
-
-def _result(job: Job, status: JobStatus, reason: str, **known: Any) -> JobResult:
-    return JobResult(name=job.name, log=job.log_name, status=status, reason=reason, **known)
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
     """The content of the summary.json of a replay, None where there is none."""
+    return _decoded(folder / "summary.json", dict[str, Any])
+
+
+def _decoded(path: Path, kind: type[T]) -> T | None:
+    """The content of a JSON file; None where there is none of this kind."""
     try:
-        summary: dict[str, Any] = msgspec.json.decode((folder / "summary.json").read_bytes())
+        return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):
         return None
-    return summary
 
 
 def _fingerprint(job: Job) -> str:
@@ -132,34 +147,17 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _previous(folder: Path) -> JobResult | None:
-    try:
-        return msgspec.json.decode((folder / _RECORD).read_bytes(), type=JobResult)
-    except (OSError, msgspec.DecodeError):
-        return None
-
-
-def _clear(folder: Path) -> None:
-    """Remove the results of an earlier attempt, so that none is taken for one of this; keep all other files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with only_writer(folder):
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-            (folder / f"{name}.part").unlink(missing_ok=True)
-
-
 def _replay(job: Job) -> tuple[JobStatus, str]:
     """Status and reason of a replay in its own process."""
-    config = job.folder / "config.toml"
+    config, errors = job.folder / "config.toml", job.folder / _STDERR
     config.write_text(job.config_toml, encoding="utf-8")
-    command = [sys.executable, "-m", "stream_sfm.cli.supervised", "replay", f"--config={config}", *job.options]
+    command = [sys.executable, "-m", "stream_sfm", "replay", f"--config={config}", *job.options]
     command += [f"--out={job.folder}", "--quiet", "--debug", str(job.log)]
-    errors = job.folder / _STDERR
     with (
         open(errors, "wb") as stderr,
         subprocess.Popen(
             command,
-            stdin=subprocess.PIPE,  # closing it ends the replay, and so does the end of this process
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=stderr,
             env=os.environ | ONE_THREAD,
@@ -183,10 +181,9 @@ def _watch(child: subprocess.Popen[bytes], job: Job) -> bool:
             child.wait(POLL_S)
             return False
         if job.stop.exists():
-            assert child.stdin is not None
-            child.stdin.close()
+            child.terminate()  # it ends after the frame in hand, with everything written
             with suppress(subprocess.TimeoutExpired):
-                child.wait(SHUTDOWN_S)
+                child.wait(_SHUTDOWN_S)
             return True
 
 

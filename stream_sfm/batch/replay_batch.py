@@ -5,7 +5,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -62,60 +62,58 @@ def replay_batch(
     skipped: list[str] = []
     names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
-    options = _replay_options(left, right, selection or Selection(), truth)
+    options = _options(left, right, selection or Selection(), truth)
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml, jobs = config_to_toml(config), []
     for log, name in names.items():
         inputs = [("calibration", path) for path in calibrations]
         inputs += [("ground-truth", truths[log])] if log in truths else []
-        named = [f"--{option}={path}" for option, path in inputs]
-        paths = tuple(path for _, path in inputs)
-        jobs.append(Job(name, log, out / name, toml, (*options, *named), paths, stop))
+        named = (f"--{option}={path}" for option, path in inputs)
+        jobs.append(Job(name, log, out / name, toml, (*options, *named), tuple(path for _, path in inputs), stop))
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
     refuse_overwriting(outputs, [*names, *calibrations, *truths.values()])
-    known = {"method": config.method, "configuration": toml, "options": options, "skipped": skipped}
     with cluster(scheduler) if scheduler else _threads(workers or os.cpu_count() or 1) as (executor, lost):
         make_folder(out)
         with only_writer(out):
             started_s = time.monotonic()
             results, interrupted = _run_jobs(executor, lost, jobs, stop, on_done)
-            ended = {"interrupted": interrupted, "wall_s": time.monotonic() - started_s}
-            content = _content(jobs, results) | known | ended
+            content = {
+                "schema_version": SCHEMA_VERSION,
+                "software_version": __version__,
+                "method": config.method,
+                "configuration": toml,
+                "options": options,
+                "skipped": skipped,
+                "interrupted": interrupted,
+                "wall_s": time.monotonic() - started_s,
+                **_of_results(jobs, results),
+            }
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content
 
 
-def _replay_options(
-    left: str | None, right: str | None, selection: Selection, truth: GroundTruthFile | None
-) -> list[str]:
+def _options(left: str | None, right: str | None, chosen: Selection, truth: GroundTruthFile | None) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
-    chosen: dict[str, object] = {
+    frame = truth.frame if truth is not None else None
+    if frame is not None and os.path.isfile(frame):
+        frame = os.path.abspath(frame)  # for a process in another folder
+    values = {
         "left": left,
         "right": right,
-        "start": selection.start_s,
-        "end": selection.end_s,
-        "max-frames": selection.max_frames,
-        "stride": None if selection.stride == 1 else selection.stride,
+        "start": chosen.start_s,
+        "end": chosen.end_s,
+        "max-frames": chosen.max_frames,
+        "stride": chosen.stride if chosen.stride > 1 else None,
+        "ground-truth-frame": frame,
+        "ground-truth-offset": (truth.offset_s or None) if truth is not None else None,
     }
-    if truth is not None:
-        chosen |= {"ground-truth-frame": _frame(truth), "ground-truth-offset": truth.offset_s or None}
-    return [f"--{name}={value}" for name, value in chosen.items() if value is not None]
+    return [f"--{name}={value}" for name, value in values.items() if value is not None]
 
 
-def _frame(truth: GroundTruthFile) -> str | None:
-    """The frame for a process in another folder: a file by its absolute path."""
-    if truth.frame is None:
-        return None
-    path = Path(truth.frame)
-    return str(path.resolve() if path.is_file() else truth.frame)
-
-
-def _content(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any]:
+def _of_results(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any]:
     """The part of batch.json that follows from the results of the jobs."""
     return {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
         "complete": all(result.status == "done" for result in results),
         "counts": dict(Counter(result.status for result in results)),
         "reused": sum(result.reused for result in results),
@@ -134,41 +132,30 @@ def _run_jobs(
     on_done: Callable[[JobResult], None] | None,
 ) -> tuple[list[JobResult], bool]:
     """The results in the order of the jobs, and whether a signal ended the batch."""
-    results: dict[str, JobResult] = {}
+    results: dict[Job, JobResult] = {}
     with deferred_interrupts() as interruption:
         futures = {executor.submit(run_job, job): job for job in jobs}
         waiting = set(futures)
         try:
-            while waiting:
+            while waiting and not lost():
                 ended, waiting = wait(waiting, POLL_S, FIRST_COMPLETED)
                 for future in ended:
                     job = futures[future]
-                    results[job.name] = _result(future, job)
+                    try:
+                        results[job] = future.result()
+                    except Exception as error:  # the worker itself was lost, or cannot write
+                        results[job] = job.ended("failed", f"{type(error).__name__}: {error}")
                     if on_done is not None:
-                        on_done(results[job.name])
+                        on_done(results[job])
                 if interruption.requested:
                     stop.touch()
-                if lost():
-                    results |= {job.name: _failed(job, _LOST) for job in map(futures.__getitem__, waiting)}
-                    break
         except BaseException:  # a second Ctrl-C: no job is waited for any longer
             stop.touch()
             for future in waiting:
                 future.cancel()
             raise
     stop.unlink(missing_ok=True)
-    return [results[job.name] for job in jobs], interruption.requested
-
-
-def _result(future: Future[JobResult], job: Job) -> JobResult:
-    try:
-        return future.result()
-    except Exception as error:  # the worker itself was lost, or cannot write
-        return _failed(job, f"{type(error).__name__}: {error}")
-
-
-def _failed(job: Job, reason: str) -> JobResult:
-    return JobResult(name=job.name, log=job.log_name, status="failed", reason=reason)
+    return [results.get(job) or job.ended("failed", _LOST) for job in jobs], interruption.requested
 
 
 @contextmanager

@@ -1,14 +1,14 @@
 """`stream-sfm batch`: many logs in parallel, one result folder per log, one table and one page."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from ..errors import ConfigError, ExitCode
 from ..wording import printable
 from . import options
-from .usage import print_error
+from .printing import print_error, print_json, print_notes
 
 
 def batch(
@@ -16,7 +16,8 @@ def batch(
     out: options.Folder,
     cameras: options.Cameras = options.Cameras(),
     frames: options.Frames = options.Frames(),
-    settings: options.MethodSettings = options.MethodSettings(),
+    settings: options.Settings = options.Settings(),
+    method: options.MethodName = None,
     truth: options.TruthFile = options.TruthFile(),
     workers: options.Workers = None,
     scheduler: Annotated[str | None, Parameter(group=options.PARALLEL, metavar="ADDRESS")] = None,
@@ -36,13 +37,14 @@ def batch(
     """
     from ..batch.logs import find_logs
     from ..batch.replay_batch import replay_batch
+    from ..report.batch_page import conclusion
     from .progress import counter
+    from .summaries import print_batch
 
-    if not logs:
-        raise ConfigError("LOG is missing: name recordings, folders of them, or patterns")
+    options.at_least_one(logs, "LOG", "recordings, folders of them, or patterns")
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers and --scheduler exclude each other: leave one out")
-    config, selection = settings.read(), frames.selection()
+    config, selection = settings.read(method=method), frames.selection()
     left, right, calibration = cameras.chosen
     with counter("batch", "logs", len(find_logs(logs)), quiet) as advance:
         content = replay_batch(
@@ -58,17 +60,6 @@ def batch(
             scheduler=scheduler,
             on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
         )
-    _print(content, Path(out), json, quiet)
-    if content["interrupted"]:
-        return ExitCode.INTERRUPTED
-    return ExitCode.DONE if content["complete"] else ExitCode.INPUT
-
-
-def _print(content: dict[str, Any], out: Path, json: bool, quiet: bool) -> None:
-    from ..report.batch_page import conclusion
-    from .printing import print_json, print_notes
-    from .summaries import print_batch
-
     if not quiet:
         print_notes("skipped", content["skipped"])
     if json:
@@ -76,7 +67,10 @@ def _print(content: dict[str, Any], out: Path, json: bool, quiet: bool) -> None:
     elif not quiet:
         print_batch(content)
         print(conclusion(content))
-        print(printable(str(out / "report.html")))
+        print(printable(str(Path(out) / "report.html")))
     for log in content["logs"]:
         if log["status"] != "done":
             print_error(f"{log['name']}: {log['status']}: {log['reason']}")
+    if content["interrupted"]:
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE if content["complete"] else ExitCode.INPUT

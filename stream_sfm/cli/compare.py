@@ -1,15 +1,11 @@
 """`stream-sfm compare`: every method on the same observations, and the drift report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import ExitCode
 from ..wording import printable
 from . import options
-from .usage import print_error
-
-if TYPE_CHECKING:
-    from ..run.compare import ComparisonResult
+from .printing import print_error, print_json, print_notes
 
 
 def compare(
@@ -22,7 +18,8 @@ def compare(
     loops: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
     frames: options.Frames = options.Frames(),
-    truth: options.Truth = options.Truth(),
+    truth: options.TruthFile = options.TruthFile(),
+    errors: options.TruthErrors = options.TruthErrors(),
     settings: options.Settings = options.Settings(),
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -42,17 +39,16 @@ def compare(
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log
+    from ..report.verdict import verdict
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
-    from .printing import print_notes
     from .progress import frame_progress
+    from .summaries import print_comparison
 
     config, selection = settings.read(), frames.selection()
     recording = open_log(log, *cameras.chosen, ground_truth=truth.read())
     folder = Path(out) if out else new_run_folder(log)
-    names = (
-        tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) if methods else comparison.COMPARED
-    )
+    names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) or comparison.COMPARED
     written = comparison.outputs(folder, names)
     options.protect(written, log, truth.ground_truth, settings.config, cameras.calibration)
     inspection = inspect_log(log, *cameras.chosen)
@@ -64,36 +60,26 @@ def compare(
             config,
             selection,
             methods=names,
-            ignore_ground_truth=truth.ignore_ground_truth,
+            ignore_ground_truth=errors.ignore_ground_truth,
             inspection=inspection,
             self_test=self_test,
             loops=loops,
-            std_truth=truth.ground_truth_std,
+            std_truth=errors.ground_truth_std,
             sinks=[progress],
         )
     if not out:
         point_latest_to(folder)
-    _print(result, folder, json, quiet)
+    if json:
+        print_json(result.report)
+    elif not quiet:
+        print_notes("warning", result.comparison.warnings)
+        print_comparison(result.report)
+        for line in (*verdict(result.report).sentences, printable(str(folder / "report.html"))):
+            print(line)
+    for problem in inspection["problems"]:
+        print_error(problem)
     if result.comparison.interrupted:
         return ExitCode.INTERRUPTED
     if any(run.failure for run in result.comparison.runs):
         return ExitCode.DEFECT
     return ExitCode.INPUT if inspection["problems"] or not result.comparison.complete else ExitCode.DONE
-
-
-def _print(result: "ComparisonResult", folder: Path, json: bool, quiet: bool) -> None:
-    from ..report.verdict import verdict
-    from .printing import print_json, print_notes
-    from .summaries import print_comparison
-
-    content = result.report
-    if json:
-        print_json(content)
-    elif not quiet:
-        print_notes("warning", result.comparison.warnings)
-        print_comparison(content)
-        for sentence in verdict(content).sentences:
-            print(sentence)
-        print(printable(str(folder / "report.html")))
-    for problem in result.comparison.inspection["problems"]:
-        print_error(problem)

@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from ..errors import ConfigError, ExitCode, InputError
 from . import options
+from .printing import print_json, print_notes
 
 if TYPE_CHECKING:
     from ..results.run_results import RunResults
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
 
 def evaluate(
     *runs: Annotated[str, Parameter("RUN")],
-    out: options.MaybeOutFile = None,
-    truth: options.Truth = options.Truth(),
+    out: options.ResultFile = None,
+    truth: options.TruthFile = options.TruthFile(),
+    errors: options.TruthErrors = options.TruthErrors(),
     json: options.Json = False,
 ) -> int:
     """Compare finished runs with ground truth, one row per run.
@@ -32,29 +34,24 @@ def evaluate(
     from ..files import write_whole
     from ..report.evaluation_page import Evaluated, render_evaluation
     from ..results.run_results import read_results
-    from .printing import print_json, print_notes
     from .summaries import print_evaluation
 
-    if not runs:
-        raise ConfigError("RUN is missing: name result folders, such as runs/latest")
+    options.at_least_one(runs, "RUN", "result folders, such as runs/latest")
     if out is not None and Path(out).suffix.lower() != ".html":
         raise ConfigError(f"--out {out}: the name must end in .html")
     options.protect([out], *runs, truth.ground_truth)
-    found, logs, missing = [], [], []
+    found, told, missing = [], [], []
     for name in dict.fromkeys(runs):
         run = read_results(name)
         missing += run.warnings
-        used = without_frames(_truth(run, truth), run.stamps_ns, truth.ignore_ground_truth)
-        found.append(Evaluated(name, run.config.method, _figures(run, used, truth), run.trajectory, used))
-        if not found[-1].figures["frames_compared"]:
+        used = without_frames(_truth(run, truth), run.stamps_ns, errors.ignore_ground_truth)
+        figures, method = _figures(run, used, errors), run.config.method
+        found.append(Evaluated(name, method, figures, run.trajectory, used))
+        told.append({"run": name, "method": method, "log": run.summary.get("log"), "ground_truth": figures})
+        if not figures["frames_compared"]:
             missing.append(_why_none(run, used, truth.ground_truth or "of the log"))
-        logs.append(run.summary.get("log"))
     if out is not None:
         write_whole(out, render_evaluation(found).encode())
-    told = [
-        {"run": e.name, "method": e.method, "log": log, "ground_truth": e.figures}
-        for e, log in zip(found, logs, strict=True)
-    ]
     if json:
         print_json({"runs": told})
     else:
@@ -63,7 +60,7 @@ def evaluate(
     return ExitCode.INPUT if missing else ExitCode.DONE
 
 
-def _truth(run: "RunResults", given: options.Truth) -> "Trajectory":
+def _truth(run: "RunResults", given: options.TruthFile) -> "Trajectory":
     """The ground truth of a run, in the time of its frames. The log is opened where it has what is needed."""
     from ..recording.stereo_log import open_log
 
@@ -86,12 +83,11 @@ def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
 
     if not len(truth) or not len(run):
         return f"{run.folder}: there is nothing to compare: {len(run)} frames, {len(truth)} poses of ground truth"
-    first_ns, last_ns = (int(run.stamps_ns[k]) for k in (0, -1))
-    elsewhere = time_warning(truth, name, first_ns, last_ns)
+    elsewhere = time_warning(truth, name, int(run.stamps_ns[0]), int(run.stamps_ns[-1]))
     return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} is of the time of a frame'}"
 
 
-def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> dict[str, Any]:
+def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors) -> dict[str, Any]:
     from ..evaluation.relative_consistency import RelativeRecord
     from ..evaluation.summary import evaluate_run, evaluate_unscaled
 
@@ -100,5 +96,5 @@ def _figures(run: "RunResults", truth: "Trajectory", given: options.Truth) -> di
     motions = RelativeRecord()
     for estimate in run.estimates():
         motions.add(estimate)
-    figures = evaluate_run(run.trajectory, motions, truth, given.ground_truth_std)
-    return figures | {"frames_ignored": [list(frames) for frames in given.ignore_ground_truth]}
+    figures = evaluate_run(run.trajectory, motions, truth, known.ground_truth_std)
+    return figures | {"frames_ignored": [list(frames) for frames in known.ignore_ground_truth]}

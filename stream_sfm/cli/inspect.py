@@ -1,9 +1,16 @@
 """`stream-sfm inspect`: what a log contains, and whether it can be replayed."""
 
+from collections.abc import Iterator
+from typing import Any
+
 from ..errors import ExitCode, StreamSfmError
 from . import options
+from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
 _LOOK_FRAMES = 60  # some seconds, in which most cameras turn
+_MAX_TOPICS = 200  # shown; --json lists all
+_MAX_GAPS = 5  # listed; more would hide the rest of the table
+_OTHER_COLUMNS = 44  # characters: the columns of numbers and all borders
 
 
 def inspect(
@@ -20,8 +27,6 @@ def inspect(
     from ..recording.stereo_log import open_log
     from ..run import replay
     from ..types import Selection
-    from .inspection_tables import print_inspection
-    from .printing import print_json
 
     found = inspect_log(log, *cameras.chosen)
     found["rig_errors"] = None
@@ -36,3 +41,77 @@ def inspect(
     else:
         print_inspection(found)
     return ExitCode.INPUT if found["problems"] else ExitCode.DONE
+
+
+def print_inspection(found: dict[str, Any]) -> None:
+    """Print the description that `inspect_log` returns."""
+    headings = ("topic", "schema", "kind", "messages", "rate")
+    print_table(_topics(found), headings, title=found["log"], text_columns=3)
+    if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
+        print(f"and {more} more topics")
+    print_table(_facts(found))
+    print_notes("warning", found["warnings"], stderr=False)
+    print_notes("problem", found["problems"], stderr=False)
+    if not found["problems"]:
+        print("this log can be replayed")
+
+
+def _topics(found: dict[str, Any]) -> Iterator[list[str]]:
+    width = max(16, (output_width() - _OTHER_COLUMNS) // 2)
+    for t in found["topics"][:_MAX_TOPICS]:
+        rate = f"{t['rate_hz']:.1f} Hz" if t["rate_hz"] else ""
+        names = (broken_at(text, "/._", width) for text in (t["topic"], t["schema"] or "–"))
+        yield [*names, t["kind"] or "", "" if t["count"] is None else str(t["count"]), rate]
+
+
+def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    whole = "complete" if found["complete"] else "damaged or cut off"
+    index = "indexed" if found["indexed"] else "without an index"
+    length = f", {found['duration_s']:.2f} s" if found["duration_s"] is not None else ""
+    files = f" in {found['files']} files" if found.get("files", 1) > 1 else ""
+    yield "recording", f"{found['format']}{files}, {found['size_bytes'] / 1e6:.2f} MB, {whole}, {index}{length}"
+    if pair := found["pair"]:
+        yield "stereo pair", f"{pair['left']} and {pair['right']}: {pair['reason']}"
+    if images := found["images"]:
+        kinds = (f"{'×'.join(map(str, i['size'] or '?'))} {i['encoding']}" for i in images.values())
+        yield "images", " and ".join(dict.fromkeys(kinds))
+    if found["frames"]:
+        yield from _frames(found["frames"])
+    if found["rig"]:
+        yield from _rig(found["rig"])
+    check = found["calibration_check"]
+    if check and check["vertical_px"] is not None:
+        yield (
+            "calibration check",
+            f"{check['matches']} matched corners: vertical difference {check['vertical_px']:+.2f} ± "
+            f"{check['vertical_spread_px']:.2f} px, median disparity {check['median_disparity_px']:.1f} px",
+        )
+    if errors := found.get("rig_errors"):
+        yield "first frames", errors["text"]
+    depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
+    yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
+
+
+def _frames(frames: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
+    offset = number(frames["median_offset_ms"])
+    yield (
+        "stereo frames",
+        f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
+    )
+    yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
+    gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:_MAX_GAPS]]
+    more = frames["gap_count"] - _MAX_GAPS
+    yield "gaps", "; ".join(gaps) + (f" and {more} more" if more > 0 else "") if gaps else "none"
+
+
+def _rig(rig: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    images = "rectified" if rig["rectified_images"] else "unrectified"
+    refined = rig["refined_by_px"]
+    by = "" if refined is None else f"; refined by {refined:.2f} px of disparity"
+    yield "calibration", f"{rig['source']}; for {images} images{by}"
+    yield (
+        "rig",
+        f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
+        f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
+    )

@@ -21,20 +21,18 @@ from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
 from .batch import batch
+from .calibrations import convert_calibration, refine
 from .compare import compare
 from .config import config
-from .convert_calibration import convert_calibration
+from .copies import import_, recover
 from .evaluate import evaluate
-from .import_ import import_
 from .inspect import inspect
-from .live import live
+from .printing import print_error
 from .process import settle
-from .recover import recover
-from .refine import refine
-from .replay import replay
+from .replay import live, replay
 from .simulate import simulate
 from .surface import surface
-from .usage import hint, option_names, print_error, rewritten, usage_error
+from .usage import hint, option_names, rewritten, usage_error
 from .view import view
 
 COMMANDS: dict[str, App | Callable[..., int | None]] = {
@@ -149,22 +147,6 @@ def _logging_to_stderr() -> Iterator[None]:
 
 def _run(app: App, words: list[str], debug: bool) -> int:
     """Run one command: the one place where errors become exit codes."""
-
-    def failed(error: BaseException, code: int, message: str, advice: str = "") -> int:
-        if debug:
-            import traceback
-
-            traceback.print_exception(error)
-        print_error(message)
-        if advice:
-            print(advice, file=sys.stderr)
-        return code
-
-    def defect(error: Exception) -> int:
-        text = f"{type(error).__name__}: {error}".splitlines()[0]
-        advice = "this is a defect of stream-sfm; please report it with the output of --debug"
-        return failed(error, ExitCode.DEFECT, text, advice)
-
     try:
         _, apps, rest = app.parse_commands(words)
         if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
@@ -174,33 +156,40 @@ def _run(app: App, words: list[str], debug: bool) -> int:
             code = app(words)
             sys.stdout.flush()
             return ExitCode.DONE if code is None else int(code)  # None: nothing to be told, as of --help
-    except CycloptsError as error:
-        return failed(error, ExitCode.USAGE, *usage_error(app, words, error))
-    except StreamSfmError as error:
-        return failed(error, error.exit_code, str(error), hint(error, words, option_names(app, words)))
-    except KeyboardInterrupt as error:
-        return failed(error, ExitCode.INTERRUPTED, "interrupted")
     except BrokenPipeError:
         raise
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.startswith("stream_sfm"):
-            return defect(error)
-        text = (
-            f"the package {error.name} is missing, which stream-sfm needs: pip install --force-reinstall stream-sfm"
-        )
-        return failed(error, ExitCode.USAGE, text)
-    except OSError as error:
-        if error.errno in (errno.EMFILE, errno.ENFILE):
-            return failed(
-                error, ExitCode.USAGE, "too many open files; raise the limit, for example by ulimit -n 256"
-            )
-        if error.errno not in _REFUSED_BY_THE_DISK:
-            return defect(error)
-        _discard(sys.stdout)
-        where = f"{error.filename}" if error.filename else "the standard output"
-        return failed(error, ExitCode.INPUT, f"cannot write {where}: {error.strerror}")
-    except Exception as error:
-        return defect(error)
+    except (Exception, KeyboardInterrupt) as error:
+        ended, message, advice = _told(app, words, error)
+        if debug:
+            import traceback
+
+            traceback.print_exception(error)
+        print_error(message)
+        if advice:
+            print(advice, file=sys.stderr)
+        return ended
+
+
+def _told(app: App, words: list[str], error: BaseException) -> tuple[int, str, str]:
+    """Exit code, message and advice of an error."""
+    match error:
+        case CycloptsError():
+            return ExitCode.USAGE, *usage_error(app, words, error)
+        case StreamSfmError():
+            return error.exit_code, str(error), hint(error, words, option_names(app, words))
+        case KeyboardInterrupt():
+            return ExitCode.INTERRUPTED, "interrupted", ""
+        case ModuleNotFoundError(name=str(name)) if not name.startswith("stream_sfm"):
+            cure = "pip install --force-reinstall stream-sfm"
+            return ExitCode.USAGE, f"the package {name} is missing, which stream-sfm needs: {cure}", ""
+        case OSError(errno=errno.EMFILE | errno.ENFILE):
+            return ExitCode.USAGE, "too many open files; raise the limit, for example by ulimit -n 256", ""
+        case OSError() if error.errno in _REFUSED_BY_THE_DISK:
+            _discard(sys.stdout)
+            where = error.filename or "the standard output"
+            return ExitCode.INPUT, f"cannot write {where}: {error.strerror}", ""
+    advice = "this is a defect of stream-sfm; please report it with the output of --debug"
+    return ExitCode.DEFECT, f"{type(error).__name__}: {error}".splitlines()[0], advice
 
 
 if __name__ == "__main__":

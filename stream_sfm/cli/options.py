@@ -1,12 +1,15 @@
 """Options shared by several commands: records whose fields are options, and parsers that say what is wrong."""
 
+import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from cyclopts import Group, Parameter, Token
+
+from ..errors import ConfigError
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -35,69 +38,59 @@ Method = Literal[
 
 
 def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
-    """Convert each word after an option with `parse`, which raises ValueError with the text to show."""
-
-    def convert(_kind: Any, tokens: Sequence[Token]) -> Any:
-        values = [parse(token.value) for token in tokens]
-        return values[0] if len(values) == 1 else tuple(values)
-
-    return convert
+    """Convert the word after an option with `parse`, which raises ValueError with the text to show."""
+    return lambda _kind, tokens: parse(tokens[-1].value)
 
 
-def whole(least: int) -> Callable[[str], int]:
+def whole(least: int) -> Callable[[Any, Sequence[Token]], Any]:
     """Reads whole numbers of at least `least`."""
 
     def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if value < least:
+        if not text.strip().isdecimal() or int(text) < least:
             raise ValueError(f"{text!r} is not a whole number of at least {least}")
-        return value
+        return int(text)
 
-    return parse
+    return each(parse)
 
 
-def finite(text: str, meaning: str, least: float = -math.inf, most: float = math.inf) -> float:
-    """A finite number from `least` to `most`."""
+def finite(text: str, meaning: str = "a number of seconds", least: float = -math.inf) -> float:
+    """A finite number of at least `least`; `meaning` completes "is not …"."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and least <= value <= most):
+    if not (math.isfinite(value) and value >= least):
         raise ValueError(f"{text!r} is not {meaning}")
     return value
 
 
-def seconds(text: str) -> float:
-    """A time, not negative."""
+def _seconds(text: str) -> float:
     return finite(text, "a number of seconds (0 or more)", 0)
 
 
-def place(text: str) -> str:
+def _place(text: str) -> str:
     """A path to write to; an empty one, as an unset variable of a script leaves it, is refused."""
     if not text.strip():
         raise ValueError("the name is empty")
     return text
 
 
-def _frame_ranges(text: str) -> list[tuple[int, int]]:
+def _frame_ranges(text: str) -> tuple[tuple[int, int], ...]:
     ranges = []
     for part in text.split(","):
         first, _, end = part.partition(":")
         if not (first.strip().isdecimal() and end.strip().isdecimal() and int(first) < int(end)):
             raise ValueError(f"{part!r} is not a range of frames: give it as 0:15 for frames 0 to 14")
         ranges.append((int(first), int(end)))
-    return ranges
+    return tuple(ranges)
 
 
 def _std_truth(text: str) -> tuple[float, float]:
     meaning = "a σ in metres and one in radians, such as 0.001,0.0005"
-    if text.count(",") != 1:
+    std_m, comma, std_rad = text.partition(",")
+    if not comma or "," in std_rad:
         raise ValueError(f"{text!r} is not {meaning}")
-    std_m, std_rad = (finite(part, meaning, 0) for part in text.split(","))
-    return std_m, std_rad
+    return finite(std_m, meaning, 0), finite(std_rad, meaning, 0)
 
 
 def _one_or_two(_kind: Any, files: list[str] | None) -> None:
@@ -112,46 +105,50 @@ def _setting_names(_context: Any) -> list[str]:
     return [f"{name}=" for name in setting_names()]
 
 
-# Kinds of arguments; the docstring of a command, or of a record below, says what each is for.
+# Kinds of arguments; where there is no help here, the docstring of a command says what each is for.
+_PLACE = each(_place)
 Log = Annotated[str, Parameter("LOG")]
 Recording = Annotated[
     str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders")
 ]
 NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
-MaybeSeconds = Annotated[float | None, Parameter(converter=each(seconds), metavar="S")]
-Offset = Annotated[float, Parameter(converter=each(lambda text: finite(text, "a number of seconds")), metavar="S")]
-Count = Annotated[int, Parameter(converter=each(whole(1)), metavar="N")]
-MaybeCount = Annotated[int | None, Parameter(converter=each(whole(1)), metavar="N")]
+MaybeSeconds = Annotated[float | None, Parameter(converter=each(_seconds), metavar="S")]
+Count = Annotated[int, Parameter(converter=whole(1), metavar="N")]
+MaybeCount = Annotated[int | None, Parameter(converter=whole(1), metavar="N")]
+MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, converter=whole(0), metavar="N")]
 Workers = Annotated[
-    int | None,
-    Parameter(
-        group=PARALLEL,
-        converter=each(whole(1)),
-        metavar="N",
-        help="number of processes; one per CPU core if not given",
-    ),
+    MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
 ]
-MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, converter=each(whole(0)), metavar="N")]
-Folder = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
-MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=each(place), metavar="DIR")]
-OutFile = Annotated[str, Parameter(group=RESULTS, converter=each(place), metavar="FILE")]
-MaybeOutFile = Annotated[str | None, Parameter(group=RESULTS, metavar="FILE")]
-MaybeInFile = Annotated[str | None, Parameter(group=RESULTS, metavar="FILE")]
+Folder = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
+MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
+OutFile = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="FILE")]
 MaybeFile = Annotated[str | None, Parameter(metavar="FILE")]
 MaybeTopic = Annotated[str | None, Parameter(metavar="TOPIC")]
+ResultFile = Annotated[MaybeFile, Parameter(group=RESULTS)]
+ResultFlag = Annotated[bool, Parameter(group=RESULTS)]
+MethodName = Annotated[
+    Method | None, Parameter(group=SETTINGS, metavar="NAME", help="the estimator; cross-frame if not given")
+]
 Names = Annotated[str, Parameter(group=RESULTS, metavar="NAME,…")]
 Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE", validator=_one_or_two)]
-ResultFlag = Annotated[bool, Parameter(group=RESULTS)]
-Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
 CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
+Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
 Quiet = Annotated[bool, Parameter(alias="-q", group=GENERAL, help="print errors only")]
-Verbose = Annotated[bool, Parameter(alias="-v", group=GENERAL)]
+Verbose = Annotated[
+    bool, Parameter(alias="-v", group=GENERAL, help="report every change of status, and the time per stage")
+]
 Json = Annotated[bool, Parameter(group=GENERAL, help="print one JSON object on standard output and nothing else")]
 
 
 def calibration_files(calibration: list[str] | None) -> str | list[str] | None:
     """As the functions of this package take it: None, one path, or those of left and right."""
     return calibration[0] if calibration and len(calibration) == 1 else calibration or None
+
+
+def at_least_one(values: Sequence[str], name: str, cure: str) -> None:
+    """Raise a ConfigError where a command that takes any number of arguments is given none."""
+    if not values:
+        raise ConfigError(f"{name} is missing: name {cure}")
 
 
 @Parameter(name="*", group=CAMERAS)
@@ -171,7 +168,7 @@ class Cameras:
 
     @property
     def chosen(self) -> tuple[str | None, str | None, str | list[str] | None]:
-        """Left topic, right topic and calibration."""
+        """Left topic, right topic and calibration, as `open_log` takes them."""
         return self.left, self.right, calibration_files(self.calibration)
 
 
@@ -202,7 +199,7 @@ class Frames:
 @Parameter(name="*", group=SETTINGS)
 @dataclass(frozen=True)
 class Settings:
-    """All settings but the method.
+    """All settings.
 
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
@@ -212,29 +209,15 @@ class Settings:
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
 
-    def read(self, *further: str) -> "Config":
-        """The configuration, with `further` settings. Raises ConfigError."""
+    def read(self, **chosen: str | bool | None) -> "Config":
+        """The configuration, with settings that have an option of their own (None or False: not given).
+
+        Raises ConfigError.
+        """
         from ..config import read_config
 
+        further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
         return read_config(self.config, [*(self.set or []), *further])
-
-
-@Parameter(name="*", group=SETTINGS)
-@dataclass(frozen=True)
-class MethodSettings(Settings):
-    """All settings.
-
-    Attributes:
-        config: read settings from this file; `stream-sfm config` prints one
-        set: change one setting, for example window.frames=12; may be repeated
-        method: the estimator; cross-frame if not given
-    """
-
-    method: Annotated[Method | None, Parameter(metavar="NAME")] = None
-
-    def read(self, *further: str) -> "Config":
-        """The configuration, with `further` settings. Raises ConfigError."""
-        return super().read(*([f'method="{self.method}"'] if self.method else []), *further)
 
 
 @Parameter(name="*", group=TRUTH)
@@ -250,7 +233,7 @@ class TruthFile:
 
     ground_truth: MaybeFile = None
     ground_truth_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
-    ground_truth_offset: Offset = 0.0
+    ground_truth_offset: Annotated[float, Parameter(converter=each(finite), metavar="S")] = 0.0
 
     def read(self) -> "GroundTruthFile | None":
         """The file chosen, if any."""
@@ -267,18 +250,15 @@ _Std = Parameter(converter=each(_std_truth), n_tokens=1, metavar="M,RAD")
 
 @Parameter(name="*", group=TRUTH)
 @dataclass(frozen=True)
-class Truth(TruthFile):
-    """Ground truth that is not in the log, and what is known of it.
+class TruthErrors:
+    """What is known of errors of the ground truth.
 
     Attributes:
-        ground_truth: compare with the poses in this file, not with the log's: TUM, EuRoC's CSV, or KITTI with stamps
-        ground_truth_frame: whose poses they are: a frame of the log's transforms, or a sensor.yaml
-        ground_truth_offset: add S seconds to their stamps
         ignore_ground_truth: do not compare frames A to B-1, because the ground truth is wrong there
         ground_truth_std: σ of the ground truth itself: of positions in metres, of rotations in radians
     """
 
-    ignore_ground_truth: Annotated[list[tuple[int, int]], _Ranges] = field(default_factory=list)
+    ignore_ground_truth: Annotated[tuple[tuple[int, int], ...], _Ranges] = ()
     ground_truth_std: Annotated[tuple[float, float], _Std] = (0.0, 0.0)
 
 

@@ -24,11 +24,44 @@ class Advance(Protocol):
 def counter(label: str, unit: str, total: int | None, quiet: bool = False) -> Iterator[Advance]:
     """Shows how many of `total` (None: unknown) are finished, such as "simulate rates: 40 of 600 trials"."""
     if quiet:
-        yield _silent
-    elif sys.stderr.isatty():
-        yield from _bar(label, unit, total)
-    else:
+        yield lambda finished=1, line="": None
+    elif not sys.stderr.isatty():
         yield _lines(label, unit, total)
+    else:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        from .printing import rich_console
+
+        columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
+        with Progress(*columns, console=rich_console(stderr=True), transient=True) as bar:
+            task = bar.add_task(label, total=total)
+
+            def advance(finished: int = 1, line: str = "") -> None:
+                if line:
+                    bar.console.print(printable(line), markup=False, highlight=False)
+                bar.advance(task, finished)
+
+            yield advance
+
+
+def _lines(label: str, unit: str, total: int | None) -> Advance:
+    started_s = printed_s = time.monotonic()
+    done = 0
+
+    def advance(finished: int = 1, line: str = "") -> None:
+        nonlocal done, printed_s
+        done += finished
+        lines, now_s = [printable(line)] if line else [], time.monotonic()
+        if now_s - printed_s >= LINE_INTERVAL_S:
+            printed_s, elapsed_s = now_s, now_s - started_s
+            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if total and done else ""
+            count = f"{done} of {total}" if total else str(done)
+            lines.append(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}")
+        for text in lines:
+            with suppress(BrokenPipeError):  # nobody reads it: no reason to end the run
+                print(text, file=sys.stderr, flush=True)
+
+    return advance
 
 
 class ProgressSink:
@@ -42,8 +75,7 @@ class ProgressSink:
         """Count one frame."""
         line = ""
         if self._verbose and estimate.status != self._status:
-            line = f"frame {estimate.frame_index}: {estimate.status}"
-            line += f": {estimate.reason}" if estimate.reason else ""
+            line = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))
             self._status = estimate.status
         self._advance(1, line)
 
@@ -56,49 +88,3 @@ def frame_progress(label: str, total: int | None, quiet: bool, verbose: bool = F
     """A sink that shows how many of `total` frames (None: unknown) have been estimated."""
     with counter(label, "frames", total, quiet) as advance:
         yield ProgressSink(advance, verbose)
-
-
-def _silent(finished: int = 1, line: str = "") -> None:
-    """Nothing is shown."""
-
-
-def _bar(label: str, unit: str, total: int | None) -> Iterator[Advance]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from .tables import Console
-
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(label, total=total)
-
-        def advance(finished: int = 1, line: str = "") -> None:
-            if line:
-                bar.console.print(printable(line), markup=False, highlight=False)
-            bar.advance(task, finished)
-
-        yield advance
-
-
-def _lines(label: str, unit: str, total: int | None) -> Advance:
-    started_s = printed_s = time.monotonic()
-    done = 0
-
-    def advance(finished: int = 1, line: str = "") -> None:
-        nonlocal done, printed_s
-        done += finished
-        if line:
-            _print(printable(line))
-        now_s = time.monotonic()
-        if now_s - printed_s >= LINE_INTERVAL_S:
-            printed_s = now_s
-            elapsed_s = now_s - started_s
-            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if total and done else ""
-            count = f"{done} of {total}" if total else str(done)
-            _print(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}")
-
-    return advance
-
-
-def _print(line: str) -> None:
-    with suppress(BrokenPipeError):  # nobody reads it: no reason to end the run
-        print(line, file=sys.stderr, flush=True)

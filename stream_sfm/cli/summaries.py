@@ -4,9 +4,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from .inspection_tables import broken_at
-from .printing import factors_text, number
-from .tables import print_table
+from .printing import broken_at, factors_text, interval, number, print_table
 
 # Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
 _ERRORS = {
@@ -47,7 +45,8 @@ def print_comparison(content: dict[str, Any]) -> None:
     for key, figures in content["methods"].items():
         rows.append([key.replace("_", "-"), *_cells(figures, columns)])
         if ratios:
-            rows[-1].append(_interval(ratios[key]["position"]) if key in ratios else "–")
+            ratio = ratios.get(key, {}).get("position")
+            rows[-1].append(interval(ratio["value"], ratio["ci95"]) if ratio else "–")
     print_table(rows, headings + ["position error\nover cross-frame"] * bool(ratios))
     for name, spans in (content["self_test"] or {}).items():
         print(f"halves of the {name} differ by {factors_text(spans)}")
@@ -85,11 +84,6 @@ def print_batch(content: dict[str, Any]) -> None:
 
 def _cells(figures: dict[str, Any], columns: dict[str, tuple[str, str]]) -> Iterator[str]:
     return (number(figures.get(key), form) for key, (_, form) in columns.items())
-
-
-def _interval(figure: dict[str, Any]) -> str:
-    low_high = figure["ci95"]
-    return f"{figure['value']:.2f}" + ("" if low_high is None else f" [{low_high[0]:.2f}, {low_high[1]:.2f}]")
 
 
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from ..errors import ConfigError, ExitCode, OutputError
 from ..wording import printable
 from . import options
+from .printing import print_json, print_notes
 
 if TYPE_CHECKING:
     from ..dense.surface import Surface
@@ -24,7 +25,8 @@ def surface(
     frame: options.MaybeIndex = None,
     all: Annotated[bool, Parameter(group=options.FRAMES)] = False,
     frames: options.Frames = options.Frames(),
-    settings: options.MethodSettings = options.MethodSettings(),
+    settings: options.Settings = options.Settings(),
+    method: options.MethodName = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -42,14 +44,13 @@ def surface(
     from ..dense import surface as dense
     from ..dense.ply import write_ply
     from ..recording.stereo_log import open_log
-    from .printing import print_json, print_notes
     from .progress import frame_progress
 
     started_s = time.process_time()
     if all and frame is not None:
         raise ConfigError("--frame and --all exclude each other: leave one out")
     number = None if all else frame or 0
-    config, selection = settings.read(), frames.selection()
+    config, selection = settings.read(method=method), frames.selection()
     _check_file(out)
     options.protect([out], log, settings.config, cameras.calibration)
     recording = open_log(log, *cameras.chosen)

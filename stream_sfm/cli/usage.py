@@ -1,6 +1,5 @@
 """Usage errors, and hints to the options and commands that help."""
 
-import sys
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
@@ -16,7 +15,7 @@ from cyclopts import (
 )
 
 from ..errors import StreamSfmError
-from ..wording import did_you_mean, printable, unknown_name
+from ..wording import did_you_mean, unknown_name
 
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
 _OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz")
@@ -113,8 +112,3 @@ def hint(error: StreamSfmError, words: Sequence[str], known: Sequence[str]) -> s
     parts = [f"use {' '.join(options)}"] if options else []
     parts += [COMMANDS[name] for name in error.hint if name in COMMANDS and name != words[0]]
     return f"hint: {'; '.join(parts)}" if parts else ""
-
-
-def print_error(message: str) -> None:
-    """One line on standard error; `batch` finds the errors of a replay by this prefix."""
-    print(f"stream-sfm: {printable(message)}", file=sys.stderr)

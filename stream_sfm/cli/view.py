@@ -1,24 +1,23 @@
 """`stream-sfm view`: a finished run in the Rerun viewer."""
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from ..errors import InputError
 from . import options
+from .printing import print_notes
 
 if TYPE_CHECKING:
     from ..recording.stereo_log import StereoLog
     from ..results.run_results import RunResults
-    from ..types import Frame
 
 
 def view(
     run: Annotated[str, Parameter("RUN")],
     /,
     *,
-    rrd: options.MaybeOutFile = None,
+    rrd: options.ResultFile = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Open a finished run in the Rerun viewer.
@@ -32,7 +31,6 @@ def view(
     from ..results.estimates_reader import read_estimates, recorded_rig
     from ..results.run_results import read_results
     from ..viewer import open_viewer, require_rerun
-    from .printing import print_notes
     from .progress import counter
 
     require_rerun()
@@ -44,12 +42,10 @@ def view(
     truth = log.ground_truth() if log is not None and not found.config.mono else None
     name = log.path.stem if log is not None else found.folder.name
     viewer = open_viewer(recorded_rig(found.estimates_path), rrd, rrd is None, truth, name)
-    frames = _frames(log, found)
+    frames = iter(log.frames() if log is not None else ())
     with counter("view", "frames", len(found), quiet) as advance:
         for estimate in read_estimates(found.estimates_path, [], points=True):
-            frame = next(frames, None)
-            while frame is not None and frame.stamp_ns < estimate.stamp_ns:
-                frame = next(frames, None)
+            frame = next((frame for frame in frames if frame.stamp_ns >= estimate.stamp_ns), None)
             shown = frame if frame is not None and frame.stamp_ns == estimate.stamp_ns else None
             viewer.write(estimate, shown)  # type: ignore[arg-type]  # it takes estimates without images, too
             advance()
@@ -67,12 +63,3 @@ def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
         return open_log(path, mono=found.config.mono), []
     except InputError as error:
         return None, [f"the run is shown without images: {error}"]
-
-
-def _frames(log: "StereoLog | None", found: "RunResults") -> "Iterator[Frame]":
-    """The frames of the log from the first of the run on."""
-    if log is None or not len(found):
-        return
-    for frame in log.frames():
-        if frame.stamp_ns >= found.stamps_ns[0]:
-            yield frame

@@ -8,8 +8,8 @@ import msgspec
 from ..errors import ConfigError, OutputError
 from ..executors import processes
 from ..files import json_bytes, make_folder, write_whole
+from . import figure6
 from .calibration import CALIBRATION
-from .figure6 import FIGURE6
 from .rates import RATES
 from .studies import CONSISTENCY, EFFICIENCY
 from .trials import Progress, Report
@@ -19,7 +19,7 @@ EXPERIMENTS = {
     "consistency": CONSISTENCY,
     "rates": RATES,
     "calibration": CALIBRATION,
-    "figure6": FIGURE6,
+    "figure6": figure6.FIGURE6,
 }
 
 
@@ -40,25 +40,16 @@ def simulate(
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
-    folder = None if out_dir is None else Path(out_dir)
-    if folder is not None:
-        make_folder(folder)
+    if out_dir is not None:
+        make_folder(Path(out_dir))
     with processes(workers or os.cpu_count() or 1) as executor:
         found = EXPERIMENTS[experiment].run(trials, seed, executor, on_progress)
     report: Report = msgspec.to_builtins({"experiment": experiment, "trials": trials, "seed": seed, **found})
-    if folder is not None:
-        _write(experiment, report, folder)
+    if out_dir is not None:
+        write_whole(Path(out_dir, "results.json"), json_bytes(report))
+        try:
+            if experiment == "figure6":
+                figure6.draw(report, Path(out_dir))
+        except OSError as error:
+            raise OutputError(f"cannot write to {out_dir}: {error.strerror}") from None
     return report
-
-
-def _write(name: str, report: Report, folder: Path) -> None:
-    """Write results.json, and for figure6 the picture (PNG, SVG), into the folder. Raises OutputError."""
-    write_whole(folder / "results.json", json_bytes(report))
-    if name != "figure6":
-        return
-    from . import figures  # matplotlib takes a second to import, and may be missing: after what took minutes
-
-    try:
-        figures.save(figures.figure6(report), folder, name)
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {error.strerror}") from None

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import stream_sfm as sfm
 from stream_sfm.batch import job as jobs
 from stream_sfm.batch.job import RESULTS, Job, run_job
 from stream_sfm.config import Config, config_to_toml
-from tests.batch.running import GOOD, NEEDS_PROC, in_the_midst, outcomes, process_of
+from stream_sfm.results.trajectory_files import tum_line
+from tests.batch.running import GOOD, NEEDS_PROC, in_the_midst, outcomes
 from tests.helpers.same_results import assert_same_results
 
 pytestmark = [NEEDS_PROC, pytest.mark.slow]
@@ -63,11 +64,6 @@ def test_a_rerun_does_only_what_is_missing(first: Any, logs: Path, cli) -> None:
     assert not list((out / "victim").glob("*.part"))
 
 
-def a_job(log: Path, out: Path, **changes: Any) -> Job:
-    plain = Job(log.stem, log, out / log.stem, config_to_toml(Config()), (), (), out / "stop")
-    return replace(plain, **changes)
-
-
 def test_done_means_the_same_log_configuration_selection_and_software(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,23 +73,26 @@ def test_done_means_the_same_log_configuration_selection_and_software(
         return "done", ""
 
     monkeypatch.setattr(jobs, "_replay", write_results)
-    log, calibration = tmp_path / "a.mcap", tmp_path / "c.toml"
-    log.write_text("first")
-    calibration.write_text("[left]")
-    job = a_job(log, tmp_path)
-    assert not run_job(job).reused and run_job(job).reused
-    moved = tmp_path / "moved.mcap"
-    moved.write_text("first")
+    log, moved, calibration = tmp_path / "a.mcap", tmp_path / "moved.mcap", tmp_path / "c" / "left.toml"
+    calibration.parent.mkdir()
+    for path, text in ((log, "first"), (moved, "first"), (calibration, "[left]")):
+        path.write_text(text)
+    job = Job("a", log, tmp_path / "a", config_to_toml(Config()), (), (), tmp_path / "stop")
+
+    def anew(**changes: Any) -> None:
+        changed = replace(job, **changes)
+        assert not run_job(changed).reused and run_job(changed).reused, changes
+
+    anew()
     assert run_job(replace(job, log=moved)).reused
-    for change in ({"config_toml": "x"}, {"options": ("--stride=2",)}, {"inputs": (calibration,)}):
-        changed = replace(job, **change)
-        assert not run_job(changed).reused and run_job(changed).reused, change
+    for change in ({"config_toml": "x"}, {"options": ("--stride=2",)}, {"inputs": (calibration.parent,)}):
+        anew(**change)
     calibration.write_text("[right]")
-    assert not run_job(replace(job, inputs=(calibration,))).reused
+    anew(inputs=(calibration.parent,))
     log.write_text("second")
-    assert not run_job(job).reused and run_job(job).reused
+    anew()
     monkeypatch.setattr(jobs, "__version__", "9.9")
-    assert not run_job(job).reused and run_job(job).reused
+    anew()
     (job.folder / "trajectory.tum").unlink()
     assert not run_job(job).reused
     refused = run_job(replace(job, log=moved))
@@ -121,17 +120,6 @@ def test_ctrl_c_keeps_what_is_done(logs: Path, tmp_path: Path) -> None:
     assert not (out / "stop").exists()
 
 
-def test_a_replay_ends_with_the_batch_that_started_it(logs: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "stream_sfm", "batch", str(logs / "victim.mcap"), "--out", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:
-        assert in_the_midst(logs / "victim.mcap", tmp_path / "victim") is not None
-        run.kill()
-    deadline = time.monotonic() + 600  # ends only what hangs
-    while process_of(logs / "victim.mcap") is not None and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert json.loads((tmp_path / "victim" / "summary.json").read_text())["complete"] is False
-
-
 def test_wrong_use_begins_nothing(logs: Path, tmp_path: Path, cli) -> None:
     out = tmp_path / "out"
     (tmp_path / "empty").mkdir()
@@ -152,3 +140,16 @@ def test_a_missing_log_is_reported_and_the_others_done(logs: Path, tmp_path: Pat
     assert "stream-sfm: gone: failed: " in said.err and "gone.mcap: No such file" in said.err
     assert "1 of 2 logs done, 1 failed." in said.out and str(tmp_path / "report.html") in said.out
     assert outcomes(tmp_path)["good1"]["summary"]["frames"]["estimated"] == 2
+
+
+def test_logs_are_compared_with_the_files_that_are_named_after_them(logs: Path, tmp_path: Path, cli) -> None:
+    """The truth twice as large: the scale must say so."""
+    truth = sfm.open_log(logs / "good2.mcap").ground_truth()
+    assert truth is not None
+    doubled = truth.world_from_cam.copy()
+    doubled[:, :3, 3] *= 2
+    lines = [tum_line(stamp, pose) for stamp, pose in zip(truth.stamps_ns.tolist(), doubled, strict=True)]
+    (tmp_path / "good2.txt").write_text("\n".join(lines))
+    cli("batch", logs / "good2.mcap", "--out", tmp_path / "out", "--ground-truth", tmp_path, "-q")
+    found = outcomes(tmp_path / "out")["good2"]["summary"]["ground_truth"]["scale_error_percent"]
+    assert found == pytest.approx(-50, abs=1)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from stream_sfm.batch.logs import find_logs, names_for
-from stream_sfm.errors import LogError
+from stream_sfm.batch.logs import find_logs, names_for, truth_files
+from stream_sfm.errors import ConfigError, LogError
 
 
 @pytest.fixture
@@ -82,3 +82,21 @@ def test_a_folder_without_logs_is_an_error(tree: Path):
 def test_no_two_logs_have_one_name(logs: list[str], names: list[str]):
     found = names_for({Path(log): 1 for log in logs}, reserved=("report.html", "stop"))
     assert list(found.values()) == names
+
+
+def test_truth_is_found_by_the_name_of_the_log_or_of_its_results(tmp_path: Path) -> None:
+    a, b, c = (tmp_path / name for name in ("x/a.mcap", "y/a.mcap", "c.bag"))
+    names, folder, empty = {a: "x-a", b: "y-a", c: "c"}, tmp_path / "truth", tmp_path / "x"
+    for path in (folder, empty):
+        path.mkdir()
+    for name in ("a.txt", "y-a.tum", "other.csv", "c.png"):
+        (folder / name).touch()
+    assert truth_files(folder, names) == {a: folder / "a.txt", b: folder / "y-a.tum"}
+    assert truth_files(folder / "a.txt", names) == dict.fromkeys(names, folder / "a.txt")
+    for given, others, said in (
+        (folder / "none.txt", names, "the file or folder does not exist"),
+        (folder, {tmp_path / "d.mcap": "d"}, r"such as d\.txt; it holds a\.txt"),
+        (empty, names, r"such as x-a\.txt; it holds no \.txt"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            truth_files(given, others)

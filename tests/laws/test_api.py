@@ -36,6 +36,15 @@ OF_COMMAND = {
 }
 # Parameters that are results of another public name, and need not be named.
 HANDED_ON = {
+    "DenseConfig": "Config.dense, as the sections below",
+    "FrontendConfig": "Config.frontend",
+    "MotionConfig": "Config.motion",
+    "RigConfig": "Config.rig",
+    "RobustConfig": "Config.robust",
+    "RosConfig": "Config.ros",
+    "WindowConfig": "Config.window",
+    "StereoLog": "of open_log and open_camera",
+    "ReplayResult": "of replay",
     "Ambiguity": "Observations.ambiguity",
     "LastingErrors": "Observations.lasting",
     "RigView": "Observations.rig",

@@ -60,7 +60,7 @@ HOMES = {
     "gtsam": ("places/graph.py",),
     "filterpy": ("estimators/baselines/ekf.py",),
     "rerun": ("viewer",),
-    "matplotlib": ("simulation/figures.py", "report/svg.py"),
+    "matplotlib": ("simulation/figure6.py", "report/svg.py"),
     "jinja2": ("report",),
     "markupsafe": ("report",),
     "rich": ("cli",),

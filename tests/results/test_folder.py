@@ -8,6 +8,7 @@ from evo.tools import file_interface
 from rosbags.rosbag2 import Reader
 
 import stream_sfm as sfm
+from stream_sfm.config import RosConfig
 from stream_sfm.results.folder import ResultFolder, close_all, new_run_folder, point_latest_to
 from stream_sfm.sources.recognise import is_recording
 from tests.helpers.wall import Wall, camera_path, rig
@@ -86,7 +87,7 @@ def test_run_folders_are_never_used_twice(tmp_path: Path):
 def test_the_folder_is_a_bag(steps, tmp_path: Path, base_frame: str) -> None:
     """Read by rosbags, and by evo as users call it."""
     path = tmp_path / "run"
-    write(path, steps, sfm.Config(ros=sfm.RosConfig(base_frame=base_frame)))
+    write(path, steps, sfm.Config(ros=RosConfig(base_frame=base_frame)))
     with Reader(path) as bag, Reader(path / "estimates.mcap") as file:
         assert bag.message_count == file.message_count == len(list(bag.messages()))
         assert (bag.start_time, bag.end_time) == (file.start_time, file.end_time)

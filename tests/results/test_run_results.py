@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config import RosConfig
 from stream_sfm.geometry import se3
 from stream_sfm.results.folder import ResultFolder
 from stream_sfm.results.frames import fixed_axis_covariance
 from tests.results.test_estimates import estimate, rig
 
 FRAMES = 9
-ROBOT = sfm.RosConfig(base_frame="base_link", camera_x_m=1.0, camera_yaw_deg=30)
+ROBOT = RosConfig(base_frame="base_link", camera_x_m=1.0, camera_yaw_deg=30)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def estimates() -> list[sfm.FrameEstimate]:
     return [estimate(i, points=0 if i == 3 else 5) for i in range(FRAMES)]
 
 
-@pytest.fixture(scope="module", params=[sfm.RosConfig(), ROBOT], ids=["camera", "robot"])
+@pytest.fixture(scope="module", params=[RosConfig(), ROBOT], ids=["camera", "robot"])
 def run(request: pytest.FixtureRequest, tmp_path_factory, estimates) -> sfm.RunResults:
     folder = ResultFolder(tmp_path_factory.mktemp("run"), rig(), sfm.Config(ros=request.param))
     for e in estimates:

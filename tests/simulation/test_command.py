@@ -71,7 +71,5 @@ def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_re
 def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatch, cli):
     """The studies take minutes; matplotlib is asked for at their end."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "stream_sfm.simulation.figures", raising=False)
-    monkeypatch.delattr("stream_sfm.simulation.figures", raising=False)
     assert "the package matplotlib is missing" in cli("simulate", "figure6", *TRIALS, tmp_path, "-q", code=2).err
     assert json.loads((tmp_path / "results.json").read_text())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.recording.stereo_log import StereoLog
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES, RATE_HZ = 6, 25.0
@@ -37,7 +38,7 @@ def write(path: Path, images: list[np.ndarray], codec: int = FFV1) -> Path:
     return path
 
 
-def assert_same_frames(log: sfm.StereoLog, pairs: Pairs) -> None:
+def assert_same_frames(log: StereoLog, pairs: Pairs) -> None:
     frames = list(log.frames())
     # times of videos are whole milliseconds
     assert np.allclose([f.stamp_ns for f in frames], np.arange(len(pairs)) * 1e9 / RATE_HZ, atol=1e6)

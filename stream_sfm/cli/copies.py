@@ -1,11 +1,13 @@
-"""`stream-sfm import`: data sets and folders of images to a log."""
+"""`stream-sfm import` and `stream-sfm recover`: data sets, image files and damaged files as whole logs."""
 
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from ..errors import ExitCode
 from ..wording import printable
 from . import options
+from .printing import print_json, print_notes
 
 if TYPE_CHECKING:
     from ..importers.data_sets import Imported
@@ -14,14 +16,13 @@ import_ = App(name="import", help_epilogue="")
 import_.help = """Convert a KITTI or EuRoC recording, or folders of images, to a log.
 
 Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged."""
-Pair = Annotated[options.Calibration, Parameter(required=True)]
+DataSet = Annotated[str, Parameter("DIR")]
 Files = Annotated[list[str], Parameter(consume_multiple=True, metavar="FILES")]
-Rate = Annotated[float | None, Parameter("--rate", metavar="HZ")]
 
 
 @import_.command
 def kitti(
-    folder: Annotated[str, Parameter("DIR")],
+    folder: DataSet,
     out: options.NewLog,
     /,
     *,
@@ -42,12 +43,7 @@ def kitti(
 
 @import_.command
 def euroc(
-    folder: Annotated[str, Parameter("DIR")],
-    out: options.NewLog,
-    /,
-    *,
-    force: options.Force = False,
-    json: options.Json = False,
+    folder: DataSet, out: options.NewLog, /, *, force: options.Force = False, json: options.Json = False
 ) -> None:
     """Convert one recording in the format of the EuRoC MAV data set.
 
@@ -66,9 +62,9 @@ def images(
     *,
     left: Files,
     right: Files,
-    calibration: Pair,
+    calibration: Annotated[options.Calibration, Parameter(required=True)],
     stamps: options.MaybeFile = None,
-    rate: Rate = None,
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -92,8 +88,6 @@ def images(
 
 
 def _report(imported: "Imported", json: bool) -> None:
-    from .printing import print_json, print_notes
-
     print_notes("warning", imported.warnings)
     if json:
         numbers = {"left": imported.left, "right": imported.right, "poses": imported.poses}
@@ -101,3 +95,40 @@ def _report(imported: "Imported", json: bool) -> None:
     else:
         counts = f"{imported.left} left and {imported.right} right images, {imported.poses} poses"
         print(f"{printable(str(imported.path))}: {counts}")
+
+
+def recover(
+    log: options.Log,
+    out: options.NewLog,
+    /,
+    *,
+    force: options.Force = False,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Copy what can be read of a damaged MCAP file.
+
+    Copies every message that can be read, of all topics and with unchanged bytes, into a new MCAP file with an index,
+    and says what was lost. `replay` and the other commands read damaged logs as they are; a recovered one is for
+    programs that do not. If something was lost, the exit code is 3.
+
+    Args:
+        log: the damaged MCAP file
+    """
+    from ..importers.recover import recover as recover_file
+    from .printing import print_table
+
+    done = recover_file(log, out, overwrite=force)
+    others = {"attachments": done.attachments, "metadata": done.metadata}
+    if json:
+        report = {"out": str(done.path), "complete": done.complete, "messages": done.messages}
+        print_json(report | others | {"warnings": done.warnings})
+    else:
+        print_notes("warning", done.warnings)
+        if not quiet:
+            lost = "nothing was lost" if done.complete else "what was damaged is lost"
+            print(printable(f"{done.path}: {sum(done.messages.values())} messages; {lost}"))
+            records = {"attachments": done.attachments, "metadata records": done.metadata}
+            counts = [*done.messages.items(), *((kind, count) for kind, count in records.items() if count)]
+            print_table([(name, str(count)) for name, count in counts])
+    return ExitCode.DONE if done.complete else ExitCode.INPUT

@@ -1,22 +1,29 @@
-"""Calibrations of other tools become TOML that gives the same rig."""
+"""Calibrations on the command line: of other tools as TOML, and the files of left and right wherever they stand."""
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from stream_sfm import StereoRig
+from stream_sfm import StereoRig, open_log
+from stream_sfm.cli.main import build_app
+from stream_sfm.cli.usage import rewritten
 from tests.helpers.data_sets import RIGHT_FROM_LEFT, write_euroc, write_kitti
 
 
-def test_a_calibration_is_converted(tmp_path: Path, cli) -> None:
+def test_two_files_are_converted_as_their_folder_is_and_import_takes_them(tmp_path: Path, cli) -> None:
     write_euroc(tmp_path / "MH")
-    out = tmp_path / "rig.toml"
+    out, again, log = (tmp_path / name for name in ("rig.toml", "again.toml", "o.mcap"))
     assert "baseline 0.11" in cli("convert-calibration", tmp_path / "MH", "--out", out).out
     np.testing.assert_allclose(StereoRig.from_calibration(out).right_from_left, RIGHT_FROM_LEFT, atol=1e-9)
-    sensors = [str(tmp_path / "MH" / "mav0" / cam / "sensor.yaml") for cam in ("cam0", "cam1")]
-    again = tmp_path / "again.toml"
+    sensors = [tmp_path / "MH" / "mav0" / cam / "sensor.yaml" for cam in ("cam0", "cam1")]
     assert cli("convert-calibration", *sensors, "--out", again, "--json").json["width"] == 64
     assert again.read_bytes() == out.read_bytes()
+    left, right = (sensor.parent / "data" for sensor in sensors)
+    cli("import", "images", "--left", left, "--right", right, "--calibration", *sensors, log)
+    np.testing.assert_allclose(open_log(log).stereo_rig.right_from_left, RIGHT_FROM_LEFT, atol=1e-9)
+    sensors[0] = tmp_path / "nowhere.yaml"
+    assert "cannot read calibration" in cli("inspect", log, "--calibration", *sensors, code=2).err
 
 
 def test_the_size_is_given_where_the_format_has_none(tmp_path: Path, cli) -> None:
@@ -48,3 +55,26 @@ def test_the_input_is_never_overwritten(tmp_path: Path, cli) -> None:
     before = path.read_bytes()
     said = cli("convert-calibration", path, "--out", path, "--size", "64x48", code=3)
     assert "it is an input of this run" in said.err and path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "arguments, calibration",
+    [
+        (["LOG", "--calibration", "l.yaml", "r.yaml"], ["l.yaml", "r.yaml"]),
+        (["LOG", "--calibration", "l.yaml", "--calibration", "r.yaml"], ["l.yaml", "r.yaml"]),
+        (["--calibration", "l.yaml", "r.yaml", "LOG"], ["l.yaml", "r.yaml"]),
+        (["--calibration", "l.yaml", "LOG"], "l.yaml"),
+        (["--calibration", "c.toml", "log.mcap", "-q"], "c.toml"),
+        (["--calibration=l.yaml", "LOG"], "l.yaml"),
+        (["LOG", "--calibration", "folder", "-q"], "folder"),
+    ],
+)
+def test_the_log_stays_the_log(arguments: list[str], calibration: object) -> None:
+    _, bound, _ = build_app().parse_args(rewritten(["replay", *arguments]))
+    assert bound.args[0] in ("LOG", "log.mcap")
+    assert bound.kwargs["cameras"].chosen[2] == calibration
+
+
+def test_three_are_refused(cli) -> None:
+    said = cli("replay", "LOG", *(3 * ["--calibration", "a.yaml"]), code=2)
+    assert "give one file, or two: left and right" in said.err

@@ -1,0 +1,100 @@
+"""`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and of other tools."""
+
+import re
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ..errors import ConfigError, RigError
+from . import options
+from .printing import print_json, print_notes
+
+
+def refine(
+    *logs: options.Log,
+    out: options.OutFile,
+    calibration: options.Calibration = None,
+    frames: options.Frames = options.Frames(),
+    settings: options.Settings = options.Settings(),
+    json: options.Json = False,
+) -> None:
+    """Refine the calibration of a rig from its recordings.
+
+    Estimates from one log or several of the same cameras how their calibration errs, and writes the calibration with
+    these errors, and with delay and readout where they are certain, to be given to other commands with --calibration.
+    Errors of the baseline cannot be seen: they scale everything alike.
+
+    Args:
+        logs: recordings of the same cameras
+        out: the calibration to write (TOML)
+        calibration: refine this calibration instead of the one in the logs
+    """
+    from ..camera.rectification import Rectifier
+    from ..files import write_whole
+    from ..report.calibration_field import describe
+    from ..run import refine as run
+
+    options.at_least_one(logs, "LOG", "recordings of the same cameras")
+    options.protect([out], list(logs), calibration)
+    given = options.calibration_files(calibration)
+    refined = run.refine(logs, settings.read(), frames.selection(), calibration=given)
+    write_whole(out, refined.rig.to_toml().encode())
+    projection = Rectifier(refined.rig).projection
+    nothing = {"text": "no frame was tracked, so nothing was learnt"}
+    told = [
+        {"log": log, **(nothing if estimate is None else describe(projection, estimate))}
+        for log, estimate in zip(logs, refined.estimates, strict=True)
+    ]
+    if json:
+        print_json({"out": out, "logs": told})
+    else:
+        for of_log in told:
+            print(f"{of_log['log']}: {of_log['text']}")
+        print(f"written to {out}: give it to other commands with --calibration {out}")
+
+
+def convert_calibration(
+    *files: Annotated[str, Parameter("FILE")],
+    out: options.OutFile,
+    size: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="W×H")] = None,
+    json: options.Json = False,
+) -> None:
+    """Convert the calibration of another tool to TOML.
+
+    Recognises a calibration of Kalibr, ROS, EuRoC, KITTI or OpenCV by its content: a file, the files of the left and
+    of the right camera, or the folder they are in. Wherever a calibration is given to another command, it need not be
+    converted.
+
+    Args:
+        files: file or folder; the left camera's file first
+        out: the calibration to write (TOML)
+        size: size of the images in pixels, for formats that do not contain it
+    """
+    from ..camera.rectification import check_rectifiable
+    from ..camera.rig import StereoRig, baseline_warnings
+    from ..files import write_whole
+    from ..inspection.overview import describe_rig
+
+    options.at_least_one(files, "FILE", "a calibration, or the files of left and right")
+    options.protect([out], list(files))
+    rig = StereoRig.from_calibration(files[0] if len(files) == 1 else list(files), _size(size))
+    write_whole(out, rig.to_toml().encode())
+    questions = baseline_warnings(rig)
+    try:
+        check_rectifiable(rig)
+    except RigError as error:  # the file may be converted in order to be corrected
+        questions.append(str(error))
+    print_notes("warning", questions)
+    if json:
+        print_json({"out": out, **describe_rig(rig)})
+    else:
+        left = rig.left
+        print(f"written to {out}: {left.width}×{left.height} pixels, baseline {rig.baseline_m:.4g} m")
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    if (found := re.fullmatch(r"(\d{1,6})\s*[x×,]\s*(\d{1,6})", text)) is None:
+        raise ConfigError(f"the size {text!r} is not a width and a height: write it as 1241x376")
+    return int(found[1]), int(found[2])
