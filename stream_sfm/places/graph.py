@@ -9,6 +9,7 @@ prediction could not exclude another place are judged together with all others b
 2020).
 """
 
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -37,14 +38,6 @@ _SPREADS = (10.0, 1.0)
 _KEPT_WEIGHT = 0.5
 
 
-def require_gtsam() -> None:
-    """Raise a ConfigError where GTSAM is not installed."""
-    if gtsam is None:
-        raise ConfigError(
-            "maps need GTSAM, which is not installed: pip install gtsam, or this package with its extra [map]"
-        )
-
-
 @record
 class Loop:
     """A place seen again: `motion` carries points of node `new` to node `old`."""
@@ -71,19 +64,22 @@ class GraphState:
 class PoseGraph:
     """Poses of nodes, in the world of the oldest segment that each is joined to.
 
-    `numbers`: of the nodes, in the order they came; `poses` (n, 4, 4) in the same order.
+    Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`; world from camera, `poses`
+    (n, 4, 4). `links`: odometry between nodes, by their numbers. Raises ConfigError where GTSAM is not installed.
     """
 
     def __init__(self) -> None:
-        require_gtsam()
+        if gtsam is None:
+            raise ConfigError(
+                "maps need GTSAM, which is not installed: pip install gtsam, or this package with its extra [map]"
+            )
         self.numbers: list[int] = []
         self.loops: list[Loop] = []
-        self.links: dict[tuple[int, int], Motion] = {}  # odometry between nodes, by their numbers
-        self._segments = np.zeros(64, np.int64)
-        self._row: dict[int, int] = {}
-        self._poses = np.zeros((64, 4, 4))
-        self._chain = np.zeros((64, 6, 6))  # own covariance of a pose in its segment by odometry alone
-        self._jacobian = np.zeros((64, 6, 0))  # of the same poses by the common errors
+        self.links: dict[tuple[int, int], Motion] = {}
+        self.segments = np.zeros(0, np.int64)
+        self.poses = np.zeros((0, 4, 4))
+        self._chain = np.zeros((0, 6, 6))  # own covariance of a pose in its segment by odometry alone
+        self._jacobian = np.zeros((0, 6, 0))  # of the same poses by the common errors
         self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
         self._home: dict[int, int] = {}  # of a segment: the one whose world it is in
         self._began: dict[int, tuple[Array, Array]] = {}  # of a segment: its first pose, with covariance
@@ -95,36 +91,42 @@ class PoseGraph:
     def __len__(self) -> int:
         return len(self.numbers)
 
-    @property
-    def poses(self) -> Array:
-        """World from camera (n, 4, 4)."""
-        return self._poses[: len(self.numbers)]
+    def _row(self, number: int) -> int:
+        return bisect_left(self.numbers, number)
 
     def pose(self, number: int) -> Array:
         """World from camera (4, 4) of one node."""
-        return self._poses[self._row[number]]
+        return self.poses[self._row(number)]
+
+    def segment(self, number: int) -> int:
+        """The segment of one node."""
+        return int(self.segments[self._row(number)])
 
     def home(self, number: int) -> int:
         """The segment in whose world a node's pose is."""
         return self._home[self.segment(number)]
 
-    def segment(self, number: int) -> int:
-        """The segment of one node."""
-        return int(self._segments[self._row[number]])
-
     @property
-    def segments(self) -> list[int]:
-        """The segment (n,) of each node."""
-        return self._segments[: len(self)].tolist()
+    def homes(self) -> NDArray[np.int64]:
+        """The segment (n,) in whose world each pose is."""
+        return np.array([self._home[segment] for segment in self.segments.tolist()], np.int64)
+
+    def in_world_of(self, number: int) -> NDArray[np.bool_]:
+        """Which nodes (n,) are in the same world as one."""
+        return np.asarray(self.homes == self.home(number))
 
     def state(self) -> GraphState:
         """What is to be kept of the graph."""
-        j, rows = self._jacobian[: len(self)], len(self)
-        covs = self._chain[:rows] + j @ self._cov_common @ np.swapaxes(j, 1, 2)
-        homes = [self.home(number) for number in self.numbers]
-        links = {pair: self._whole(link) for pair, link in self.links.items()}
-        loops = [Loop(loop.old, loop.new, self._whole(loop.motion)) for loop in self.loops]
-        return GraphState(list(self.numbers), self.segments, homes, self.poses.copy(), covs, links, loops)
+        j = self._jacobian
+        return GraphState(
+            list(self.numbers),
+            self.segments.tolist(),
+            self.homes.tolist(),
+            self.poses.copy(),
+            self._chain + j @ self._cov_common @ np.swapaxes(j, 1, 2),
+            {pair: self._whole(link) for pair, link in self.links.items()},
+            [Loop(loop.old, loop.new, self._whole(loop.motion)) for loop in self.loops],
+        )
 
     def _whole(self, link: Motion) -> Motion:
         """The same motion whose common errors are its own."""
@@ -133,90 +135,64 @@ class PoseGraph:
 
     def restore(self, state: GraphState) -> None:
         """Begin with a graph that was kept; what is added next begins a segment."""
-        for number, segment, home, pose, cov in zip(
-            state.numbers, state.segments, state.homes, state.poses, state.covs, strict=True
-        ):
-            self.add(number, pose, None, segment)
-            self._chain[self._row[number]] = cov
-            self._home[segment] = home
-        self.links, self.loops = dict(state.links), list(state.loops)
+        self.numbers, self.segments = list(state.numbers), np.array(state.segments, np.int64)
+        self.poses, self._chain, self._jacobian = state.poses, state.covs, np.zeros((len(state.numbers), 6, 0))
+        self._home = dict(zip(state.segments, state.homes, strict=True))
+        first = dict(zip(reversed(state.segments), state.poses[::-1], strict=True))
+        self._began = {segment: (pose, np.zeros((6, 6))) for segment, pose in first.items()}
+        self.links, self.loops, self._asked = dict(state.links), list(state.loops), list(state.loops)
         self._bridges = [loop for loop in self.loops if self._joins(loop)]
-        self._asked = list(self.loops)
 
-    def add(
-        self,
-        number: int,
-        pose: Array,
-        link: Motion | None,
-        segment: int | None = None,
-        cov: Array | None = None,
-    ) -> None:
+    def add(self, number: int, pose: Array, link: Motion | None, cov: Array | None = None) -> None:
         """Add a node after the last one, moved by `link` since; without it a segment begins, at `pose`.
 
-        With `segment` it is in that one, at `pose`; `cov` (6, 6): of a pose where a segment begins, None: exact.
+        `cov` (6, 6): of the pose where a segment begins, None: exact.
         """
-        row = len(self.numbers)
-        if row == len(self._poses):
-            for name in ("_poses", "_chain", "_jacobian", "_segments"):
-                array = getattr(self, name)
-                setattr(self, name, np.concatenate([array, np.zeros_like(array)]))
+        chain, jacobian = np.zeros((6, 6)), np.zeros((6, len(self._mean)))
         if link is None or not self.numbers:
-            new_segment = max(self._home, default=-1) + 1 if segment is None else segment
-            self._home.setdefault(new_segment, new_segment)
-            self._began.setdefault(new_segment, (pose, np.zeros((6, 6)) if cov is None else cov))
-            self._segments[row] = new_segment
-            self._poses[row], self._chain[row], self._jacobian[row] = pose, 0.0, 0.0
+            segment = max(self._home, default=-1) + 1
+            self._home[segment] = segment
+            self._began[segment] = pose, chain if cov is None else cov
         else:
-            last, before = self.numbers[-1], row - 1
-            self._segments[row] = self._segments[before]
-            self.links[last, number] = link
+            segment = int(self.segments[-1])
+            self.links[self.numbers[-1], number] = link
             motion = link.given(self._mean, self._cov_common)
             turn = se3.adjoint(se3.inverse(motion.earlier_from_newest))
-            self._poses[row] = se3.orthonormalise(self._poses[before] @ motion.earlier_from_newest)
-            self._chain[row] = turn @ self._chain[before] @ turn.T + link.cov_own
-            self._jacobian[row] = turn @ self._jacobian[before] + motion.common_jacobian
+            pose = se3.orthonormalise(self.poses[-1] @ motion.earlier_from_newest)
+            chain = turn @ self._chain[-1] @ turn.T + link.cov_own
+            jacobian = turn @ self._jacobian[-1] + motion.common_jacobian
         self.numbers.append(number)
-        self._row[number] = row
+        self.segments = np.append(self.segments, segment)
+        self.poses = np.concatenate([self.poses, pose[None]])
+        self._chain = np.concatenate([self._chain, chain[None]])
+        self._jacobian = np.concatenate([self._jacobian, jacobian[None]])
 
     def know(self, mean: Array, cov: Array) -> None:
         """Take the engine's present knowledge of the errors c (m,) common to this run's motions."""
         if len(mean) != len(self._mean):
-            self._jacobian = np.zeros((*self._jacobian.shape[:2], len(mean)))
+            self._jacobian = np.zeros((len(self), 6, len(mean)))
         elif not self.loops:  # else the next solution says how the poses change
-            rows = len(self.numbers)
-            change = self._jacobian[:rows] @ (mean - self._mean)
-            self._poses[:rows] = se3.orthonormalise(self._poses[:rows] @ se3.exp(change))
+            self.poses = se3.orthonormalise(self.poses @ se3.exp(self._jacobian @ (mean - self._mean)))
         self._mean, self._cov_common = mean, symmetric(cov)
-
-    def in_world_of(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) are in the same world as one."""
-        home = self.home(number)
-        return np.isin(self._segments[: len(self)], [s for s, other in self._home.items() if other == home])
-
-    def in_other_worlds(self, number: int) -> set[int]:
-        """Return the other nodes."""
-        if len(set(self._home.values())) == 1:
-            return set()
-        return {self.numbers[row] for row in np.flatnonzero(~self.in_world_of(number))}
 
     def predicted(self, number: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Motions (k, 4, 4) from nodes in rows (k,) to this one, their covariances (k, 6, 6), infinite if unknown.
 
         The covariance is that of the best of few ways: odometry alone, or over one of the latest bridges between.
         """
-        motions = se3.inverse(self._poses[rows]) @ self.pose(number)
+        motions = se3.inverse(self.poses[rows]) @ self.pose(number)
         covs = np.full((len(rows), 6, 6), np.inf)
         known = self._mean, self._cov_common
         ways = [(number, Motion(np.eye(4), np.zeros((6, 6))).given(*known))]
         for bridge in self._bridges:
             if self.segment(bridge.new) == self.segment(number):
-                row = self._row[bridge.new]
-                own, jacobian = self._to(np.array([row]), self._row[number])
-                onward = se3.inverse(self._poses[row]) @ self.pose(number)
+                row = self._row(bridge.new)
+                own, jacobian = self._to(np.array([row]), self._row(number))
+                onward = se3.inverse(self.poses[row]) @ self.pose(number)
                 ways.append((bridge.old, bridge.motion.then(Motion(onward, own[0], jacobian[0], *known))))
         for start, rest in ways:
-            here = np.flatnonzero(self._segments[rows] == self.segment(start))
-            own, jacobian = self._to(rows[here], self._row[start])
+            here = np.flatnonzero(self.segments[rows] == self.segment(start))
+            own, jacobian = self._to(rows[here], self._row(start))
             turn = se3.adjoint(se3.inverse(rest.earlier_from_newest))
             j = turn @ jacobian + rest.common_jacobian
             cov = turn @ own @ turn.T + rest.cov_own + j @ self._cov_common @ np.swapaxes(j, 1, 2)
@@ -226,13 +202,13 @@ class PoseGraph:
 
     def between(self, first: int, second: int) -> Motion | None:
         """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
-        (motion,), (cov,) = self.predicted(second, np.array([self._row[first]]))
+        (motion,), (cov,) = self.predicted(second, np.array([self._row(first)]))
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
         """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
         Jacobians (k, 6, m) by the common errors."""
-        motion = se3.inverse(self._poses[rows]) @ self._poses[to]
+        motion = se3.inverse(self.poses[rows]) @ self.poses[to]
         turn = se3.adjoint(se3.inverse(motion))
         jacobian = self._jacobian[to] - turn @ self._jacobian[rows]
         turned = turn @ self._chain[rows] @ np.swapaxes(turn, 1, 2)
@@ -269,11 +245,9 @@ class PoseGraph:
         shift = here @ se3.inverse(self.pose(loop.new))
         if move == old:
             shift = se3.inverse(shift)
-        moved = [row for row, number in enumerate(self.numbers) if self.home(number) == move]
-        self._poses[moved] = se3.orthonormalise(shift @ self._poses[moved])
-        for segment, home in self._home.items():
-            if home == move:
-                self._home[segment] = keep
+        moved = self.homes == move
+        self.poses[moved] = se3.orthonormalise(shift @ self.poses[moved])
+        self._home.update({segment: keep for segment, home in self._home.items() if home == move})
         return True
 
     def solve(self) -> None:
@@ -289,31 +263,34 @@ class PoseGraph:
         if self._isam is None:
             self.solve()
             return
-        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        new = self.numbers[self._solved :]
-        for number in new:
-            values.insert(number, _pose3(self.pose(number)))
-        self._add_odometry(factors, new, {self._home[s] for s in self.segments[: self._solved]})
-        for loop in self._asked:
-            factors.add(self._factor(loop.old, loop.new, loop.motion))
+        factors, values, _ = self._problem(self._solved, self._asked)
         self._isam.update(factors, values)
         self._isam.update()  # a second step: the first one is linearised before the loop
         self._solved, self._asked = len(self.numbers), []
         values = self._isam.calculateBestEstimate()
-        poses = np.array([values.atPose3(number).matrix() for number in self.numbers])
-        self._poses[: len(poses)] = se3.orthonormalise(poses)
+        self.poses = se3.orthonormalise(np.array([values.atPose3(number).matrix() for number in self.numbers]))
 
-    def _add_odometry(self, factors: Any, numbers: Sequence[int], seen: set[int]) -> None:
-        """The motions to nodes, and of each world that is not among those `seen` where it begins."""
-        wanted = set(numbers)
-        for number in numbers:
-            if (home := self.home(number)) not in seen:
-                seen.add(home)
+    def _problem(self, solved: int, loops: Sequence[Loop], spread: float = 1.0) -> tuple[Any, Any, int]:
+        """All factors and poses of the nodes after the first `solved`, and how many factors come before the loops.
+
+        These have σ that are `spread` times as large. A world whose first node is new is held there.
+        """
+        factors, values, new = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.numbers[solved:]
+        held = {self._home[segment] for segment in self.segments[:solved].tolist()}
+        for number in new:
+            values.insert(number, _pose3(self.pose(number)))
+            if (home := self.home(number)) not in held:
+                held.add(home)
                 anchor = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR)
                 factors.add(gtsam.PriorFactorPose3(number, _pose3(self.pose(number)), anchor))
+        wanted = set(new)
         for (first, second), link in self.links.items():
             if second in wanted:
                 factors.add(self._factor(first, second, link))
+        sure = factors.size()
+        for loop in loops:
+            factors.add(self._factor(loop.old, loop.new, loop.motion, spread))
+        return factors, values, sure
 
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
         """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
@@ -322,24 +299,13 @@ class PoseGraph:
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
         return gtsam.BetweenFactorPose3(first, second, _pose3(motion.earlier_from_newest), noise)
 
-    def _batch(self, loops: Sequence[Loop], spread: float = 1.0) -> tuple[Any, Any, int]:
-        """All factors, all poses, and how many factors come before the loops, whose σ are `spread` times as large."""
-        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        for number in self.numbers:
-            values.insert(number, _pose3(self.pose(number)))
-        self._add_odometry(factors, self.numbers, set())
-        sure = factors.size()
-        for loop in loops:
-            factors.add(self._factor(loop.old, loop.new, loop.motion, spread))
-        return factors, values, sure
-
     def _false(self) -> list[Loop]:
         """Return the loops that graduated non-convexity rejects."""
         kept, values = list(self.loops), None
         for spread in _SPREADS:
             if not kept:
                 break
-            factors, start, sure = self._batch(kept, spread)
+            factors, start, sure = self._problem(0, kept, spread)
             settings = gtsam.GncLMParams(gtsam.LevenbergMarquardtParams())
             settings.setKnownInliers(list(range(sure)))
             optimizer = gtsam.GncLMOptimizer(factors, start if values is None else values, settings)
@@ -361,7 +327,7 @@ class PoseGraph:
         covs = covs[:, _ORDER][:, :, _ORDER] + by_common @ self._cov_common @ np.swapaxes(by_common, 1, 2)
         for row in np.flatnonzero(~self.in_world_of(self.numbers[0])):
             pose, cov = self._began[self.home(self.numbers[row])]
-            turn = se3.adjoint(se3.inverse(self._poses[row]) @ pose)
+            turn = se3.adjoint(se3.inverse(self.poses[row]) @ pose)
             covs[row] += turn @ cov @ turn.T
         return covs
 
@@ -370,7 +336,7 @@ class PoseGraph:
         mean, solutions = self._mean, []
         for change in (np.zeros_like(mean), *np.eye(len(mean))):
             self._mean = mean + change
-            factors, values, _ = self._batch(self.loops)
+            factors, values, _ = self._problem(0, self.loops)
             moved = factors.linearize(values).optimize()
             solutions.append([moved.at(number)[_ORDER] for number in self.numbers])
         self._mean = mean
@@ -391,19 +357,15 @@ class PoseGraph:
                 a, b = (first, neighbour) if second == number else (neighbour, second)
                 if a != b:
                     self.links[a, b] = moved
-            self.loops = [m for loop in self.loops if (m := _moved(loop, number, neighbour, onward)) is not None]
-            self._bridges = [
-                m for loop in self._bridges if (m := _moved(loop, number, neighbour, onward)) is not None
-            ]
-            self._drop(number)
+            self.loops, self._bridges = (
+                [m for loop in loops if (m := _moved(loop, number, neighbour, onward)) is not None]
+                for loops in (self.loops, self._bridges)
+            )
+            row = self._row(number)
+            for name in ("segments", "poses", "_chain", "_jacobian"):
+                setattr(self, name, np.delete(getattr(self, name), row, axis=0))
+            self.numbers.pop(row)
         self.solve()
-
-    def _drop(self, number: int) -> None:
-        row, n = self._row[number], len(self.numbers)
-        for array in (self._poses, self._chain, self._jacobian, self._segments):
-            array[row : n - 1] = array[row + 1 : n]
-        self.numbers.pop(row)
-        self._row = {other: k for k, other in enumerate(self.numbers)}
 
 
 def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Motion) -> Loop | None:

@@ -309,7 +309,8 @@ class PlaceMap:
                 if gain(sure[old], loop.motion) > _MIN_GAIN:
                     self._graph.close([loop], doubtful=False)
                 return
-        doubtful = {*near} - {*sure} | graph.in_other_worlds(number)
+        elsewhere = np.flatnonzero(~graph.in_world_of(number))
+        doubtful = {*near} - {*sure} | {graph.numbers[row] for row in elsewhere}
         alike = filter(
             self._unseen_since(number), self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
         )
