@@ -20,10 +20,6 @@ MAX_POINTS = 150  # with patches; an engine reports 60 to 140 of 200 on most sam
 RADIUS_PX = 7  # of the patches that are aligned
 _SIDE_PX = TemplateAtlas.empty(1, RADIUS_PX).grey.shape[1]  # of those that are kept, with room for warps
 _COLUMNS = 10  # of the mosaic of patches
-_QUALITY = 90  # of its JPEG; with it recall and errors are those of lossless patches
-_SMOOTHING_PX = 1.0  # as in the front-end: without it interpolation shifts patches towards whole pixels
-_FEATURES = 500  # ORB; points of the engine alone gave a recall of .2 instead of 1.0 on a corridor
-_FAST_THRESHOLD = 10  # grey values; the default of 20 leaves bare walls without features
 _MAX_ROW_DIFFERENCE_PX = 1.5
 _MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
 _FEATURE_STD_PX = 0.3  # of the flow from left to right
@@ -61,14 +57,8 @@ def make_keyframe(
 ) -> Keyframe:
     """Describe a frame by its rectified images and the points (n, 3) with covariances that the engine reported."""
     z = projection.project(points)
-    inside = (
-        (points[:, 2] > 0)
-        & (z[:, 0] >= 0)
-        & (z[:, 0] <= projection.width - 1)
-        & (z[:, 1] >= 0)
-        & (z[:, 1] <= projection.height - 1)
-    )
-    rows = np.flatnonzero(inside)
+    last = projection.width - 1, projection.height - 1
+    rows = np.flatnonzero((points[:, 2] > 0) & ((z[:, :2] >= 0) & (z[:, :2] <= last)).all(axis=1))
     if len(rows) > MAX_POINTS:
         rows = rows[np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)]
     points, cov_points, z = points[rows], cov_points[rows], z[rows]
@@ -93,8 +83,11 @@ def make_keyframe(
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:
-    """The image (h, w) as patches are cut from it and aligned with it."""
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _SMOOTHING_PX), np.float32)
+    """The image (h, w) as patches are cut from it and aligned with it.
+
+    Smoothed as in the front-end: else interpolation shifts patches towards whole pixels.
+    """
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0), np.float32)
 
 
 def are_patches(jpeg: bytes, count: int) -> bool:
@@ -123,7 +116,8 @@ def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
     for k, at in enumerate(px.tolist()):
         mosaic[divmod(k, _COLUMNS)] = np.rint(cv2.getRectSubPix(image, (_SIDE_PX, _SIDE_PX), at))
     picture = mosaic.transpose(0, 2, 1, 3).reshape(-1, _COLUMNS * _SIDE_PX)
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    # With this quality recall and errors are those of lossless patches.
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
 
 
 def _features(
@@ -134,16 +128,26 @@ def _features(
     Where they are in the right image is found by flow, from the disparity of the nearest point (n) with views `z_px`.
     """
     none = np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 32), np.uint8)
-    corners, descriptors = cv2.ORB.create(_FEATURES, fastThreshold=_FAST_THRESHOLD).detectAndCompute(
-        images[0], None
-    )
+    # Points of the engine alone gave a recall of .2 instead of 1.0 on a corridor; the usual threshold of 20 grey values
+    # leaves bare walls without features.
+    corners, descriptors = cv2.ORB.create(500, fastThreshold=10).detectAndCompute(images[0], None)
     if not corners or not len(z_px):
         return none
     left = np.array([corner.pt for corner in corners], np.float32)
     nearest = np.argmin(((left[:, None] - z_px[None, :, :2]) ** 2).sum(axis=2), axis=1)
     start = left.copy()
     start[:, 0] += (z_px[:, 2] - z_px[:, 0])[nearest]
-    right, found = _flow(images[0], images[1], left, start)
+    at, status, _ = cv2.calcOpticalFlowPyrLK(
+        images[0],
+        images[1],
+        left[:, None],
+        start[:, None].copy(),
+        winSize=(15, 15),
+        maxLevel=1,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    right, found = np.asarray(at, np.float32)[:, 0], np.asarray(status)[:, 0] > 0
     z = np.hstack([left, right]).astype(float)
     found &= np.abs(left[:, 1] - right[:, 1]) < _MAX_ROW_DIFFERENCE_PX
     found &= projection.inverse_depth(z) > _MIN_INVERSE_DEPTH
@@ -155,20 +159,3 @@ def _cov_features(projection: StereoProjection, points: Array) -> Array:
     """Covariances (k, 3, 3) of points (k, 3) that were triangulated."""
     j = projection.jacobian(points.astype(float))
     return np.asarray(_FEATURE_STD_PX**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))
-
-
-def _flow(
-    a: Image, b: Image, px: NDArray[np.float32], start_px: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points (n, 2) of image a are in image b, and which are found."""
-    at, status, _ = cv2.calcOpticalFlowPyrLK(
-        a,
-        b,
-        px[:, None],
-        start_px[:, None].copy(),
-        winSize=(15, 15),
-        maxLevel=1,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    return np.asarray(at, np.float32)[:, 0], np.asarray(status)[:, 0] > 0

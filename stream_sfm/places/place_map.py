@@ -7,7 +7,8 @@ loops must agree.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,15 +56,6 @@ _MAX_PENDING = 30
 _SEARCH_FRAMES = 30  # after a loss, in which every other frame is a keyframe; later only if a place looks known
 _WAITING = 2  # keyframes, of which one is being worked on
 _THINNED = 0.1  # of all keyframes, at once
-
-
-class _Job(NamedTuple):
-    """A frame that becomes a keyframe."""
-
-    estimate: FrameEstimate
-    images: tuple[NDArray[Any], ...]
-    link: Motion | None
-    path_m: float
 
 
 class _Found(NamedTuple):
@@ -152,12 +144,11 @@ class PlaceMap:
     def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
         """What a picture shows: the ways of all keyframes before and after loops, each (n, 3) in metres, and the rows
         (m, 2) that loops join; after `close`."""
-        graph = self._graph
-        after, rows = graph.poses[:, :3, 3].copy(), {number: row for row, number in enumerate(graph.numbers)}
-        own, before = self._own()[2], after.copy()
-        before[own] = [self._nodes[number].keyframe.odom_from_cam[:3, 3] for number in graph.numbers[own]]
-        joined = [(rows[loop.old], rows[loop.new]) for loop in graph.loops]
-        return before, after, np.array(joined, np.intp).reshape(-1, 2)
+        graph, (_, odom_from_cam, rows) = self._graph, self._own()
+        after = graph.poses[:, :3, 3].copy()
+        before = np.concatenate([after[: rows.start], odom_from_cam[:, :3, 3]])
+        joined = np.searchsorted(graph.numbers, [(loop.old, loop.new) for loop in graph.loops])
+        return before, after, joined.reshape(-1, 2)
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
@@ -178,9 +169,8 @@ class PlaceMap:
         if len(self._jobs) >= _WAITING:
             return
         images = tuple(np.array(image) for image in frame.images)  # a camera may write the next ones over them
-        job = _Job(estimate, images, self._chain.link, self._path_m)
+        self._jobs.append(self._pool.submit(self._take, estimate, images, self._chain.link, self._path_m))
         self._chain.set_keyframe(estimate)
-        self._jobs.append(self._pool.submit(self._take, job))
 
     def close(self) -> None:
         """Finish what is waiting, and compute the covariances."""
@@ -191,7 +181,7 @@ class PlaceMap:
                 self._covs = self._graph.covariances()
         except (RuntimeError, IndexError) as error:  # of GTSAM
             if not self.problem:
-                self._end(f"the map has no solution: {_first_line(error)}")
+                self._end("the map has no solution", error)
             self._covs = self._graph.state().covs
 
     def save(self, path: str | Path) -> None:
@@ -201,7 +191,8 @@ class PlaceMap:
 
     def poses(self) -> Trajectory:
         """The poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
-        stamps_ns, poses, rows = self._own()
+        stamps_ns, _, rows = self._own()
+        poses = self._graph.poses[rows].copy()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
         covs = self._covs[rows] + self._axes.cov_pose(self._unseen.of_pose(in_rect))
         return Trajectory(stamps_ns, poses, covs)
@@ -214,10 +205,8 @@ class PlaceMap:
         if not self.loops or self.problem:
             return trajectory
         known = self.poses()
-        stamps_ns, poses, rows = known.stamps_ns, known.world_from_cam, self._own()[2]
-        numbers = self._graph.numbers[rows]
-        odom_from_cam = np.array([self._nodes[number].keyframe.odom_from_cam for number in numbers])
-        corrections = poses @ se3.inverse(odom_from_cam)
+        stamps_ns, poses = known.stamps_ns, known.world_from_cam
+        corrections = poses @ se3.inverse(self._own()[1])
         after = np.clip(np.searchsorted(stamps_ns, trajectory.stamps_ns), 1, max(1, len(stamps_ns) - 1))
         before, after = after - 1, np.minimum(after, len(stamps_ns) - 1)
         span = np.maximum(stamps_ns[after] - stamps_ns[before], 1)
@@ -232,11 +221,12 @@ class PlaceMap:
         return Trajectory(trajectory.stamps_ns, corrected, covs)
 
     def _own(self) -> tuple[NDArray[np.int64], Array, slice]:
-        """Stamps (n,) and poses (n, 4, 4) of this run's keyframes, and their rows among all."""
-        numbers = self._graph.numbers
-        rows = slice(sum(number < self._first for number in numbers), None)
-        stamps_ns = np.array([self._nodes[number].keyframe.stamp_ns for number in numbers[rows]], np.int64)
-        return stamps_ns, self._graph.poses[rows].copy(), rows
+        """Stamps (n,) and odom from camera (n, 4, 4) of this run's keyframes, and their rows among all."""
+        first = bisect_left(self._graph.numbers, self._first)
+        own = [self._nodes[number].keyframe for number in self._graph.numbers[first:]]
+        stamps_ns = np.array([keyframe.stamp_ns for keyframe in own], np.int64)
+        odom_from_cam = np.array([keyframe.odom_from_cam for keyframe in own]).reshape(-1, 4, 4)
+        return stamps_ns, odom_from_cam, slice(first, None)
 
     def _settle(self, everything: bool) -> None:
         """Take the results of jobs that are finished; wait for all if `everything` is to be."""
@@ -246,30 +236,45 @@ class PlaceMap:
                 self.world_from_odom, self.located = found.world_from_odom, found.located
                 self._hopeful = found.hopeful
 
-    def _take(self, job: _Job) -> "_Found | None":
+    def _take(
+        self, estimate: FrameEstimate, images: tuple[NDArray[Any], ...], link: Motion | None, path_m: float
+    ) -> _Found | None:
+        """Make a keyframe of a frame, moved by `link` since the last one; None where the map has ended."""
         if self.problem:
             return None
         try:
             with one_thread:
-                return self._add(job)
+                return self._add(estimate, images, link, path_m)
         except (RuntimeError, np.linalg.LinAlgError, cv2.error) as error:  # GTSAM raises RuntimeErrors
-            self._end(f"the map ends at frame {job.estimate.frame_index}: {_first_line(error)}")
+            self._end(f"the map ends at frame {estimate.frame_index}", error)
             return None
 
-    def _end(self, problem: str) -> None:
-        self.problem = problem
-        logging.getLogger("stream_sfm").warning(problem)
+    def _end(self, where: str, error: Exception) -> None:
+        """Record why the map has ended: the first line of GTSAM's pages."""
+        what, _, _ = str(error).strip().partition("\n")
+        self.problem = f"{where}: {what}"
+        logging.getLogger("stream_sfm").warning(self.problem)
 
-    def _add(self, job: _Job) -> "_Found":
+    def _add(
+        self, estimate: FrameEstimate, images: tuple[NDArray[Any], ...], link: Motion | None, path_m: float
+    ) -> _Found:
         """Make the next keyframe, and look whether its place is known."""
-        number, self._number, estimate = self._number, self._number + 1, job.estimate
-        images = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in job.images)))
-        keyframe = self._described(estimate, images)
+        number, self._number, turn = self._number, self._number + 1, self._rectifier.rect_from_cam
+        rectified = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in images)))
+        keyframe = make_keyframe(
+            rectified,
+            self._rectifier.projection,
+            estimate.frame_index,
+            estimate.stamp_ns,
+            estimate.world_from_cam,
+            estimate.points_in_cam @ turn.T,
+            turn @ estimate.cov_points @ turn.T,
+        )
         if (common := estimate.common) is not None:
             self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])
-        self._graph.add(number, estimate.world_from_cam, job.link, cov=estimate.cov_pose)
-        self._nodes[number] = _Node(keyframe, job.path_m, estimate.track_ids)
-        self._find(number, Seen(keyframe, images))
+        self._graph.add(number, estimate.world_from_cam, link, cov=estimate.cov_pose)
+        self._nodes[number] = _Node(keyframe, path_m, estimate.track_ids)
+        self._find(number, Seen(keyframe, rectified))
         self._words.add(number, keyframe.descriptors)
         if len(self._nodes) > self._max_keyframes:
             self._thin()
@@ -279,18 +284,6 @@ class PlaceMap:
         located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
         hopeful = bool(self._pending) and self._pending[-1].new == number
         return _Found(estimate.frame_index, se3.orthonormalise(corrected), located, hopeful)
-
-    def _described(self, estimate: FrameEstimate, images: Sequence[NDArray[np.uint8]]) -> Keyframe:
-        turn = self._rectifier.rect_from_cam
-        return make_keyframe(
-            images,
-            self._rectifier.projection,
-            estimate.frame_index,
-            estimate.stamp_ns,
-            estimate.world_from_cam,
-            estimate.points_in_cam @ turn.T,
-            turn @ estimate.cov_points @ turn.T,
-        )
 
     def _find(self, number: int, seen: Seen) -> None:
         """Look for older keyframes of the same place: by the predicted pose, and where that is not enough by words."""
@@ -392,11 +385,6 @@ def is_ambiguous(cov: Array, depth_m: float) -> bool:
     """Whether another place may lie within a prediction's covariance (6, 6)."""
     (std_m,), (std_rad,) = stds(cov[None])
     return bool(_CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
-
-
-def _first_line(error: Exception) -> str:
-    """What an error says, of GTSAM's whole pages of it."""
-    return str(error).strip().partition("\n")[0]
 
 
 def gain(known: Motion, loop: Motion) -> float:
