@@ -32,7 +32,7 @@ VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
 VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
 VIEWER_TRIES = 4
-REPORT_SIZE = (1280, 1205)
+REPORT_SIZE = (1280, 1150)
 TRANSITORY_SIZE = (1000, 370)
 REPORT_LEFT_OUT = (  # of the last column, too: times are those of this machine at this moment
     "<style>main > .scroll tr > :last-child, details, .how:last-child { display: none }</style>"
@@ -81,7 +81,7 @@ def viewer(folder: Path) -> None:
 
 
 def drift(folder: Path) -> None:
-    """The page of a comparison in a browser: its sentences, its table and its charts."""
+    """The page of a comparison in a browser: its table and its charts."""
     stream_sfm("compare", DEMO, "--out", folder, "-q", "--methods", "cross-frame,ekf,iterated-ekf,frame-to-frame")
     report = (folder / "report.html").read_text(encoding="utf-8")
     photograph(report.replace("</head>", f"{REPORT_LEFT_OUT}</head>"), folder, "drift", REPORT_SIZE)

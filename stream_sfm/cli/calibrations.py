@@ -31,7 +31,7 @@ def refine(
     """
     from ..camera.rectification import Rectifier
     from ..files import write_whole
-    from ..report.calibration_field import describe
+    from ..report.calibration import describe
     from ..run import refine as run
 
     options.at_least_one(logs, "LOG", "recordings of the same cameras")

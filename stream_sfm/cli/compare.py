@@ -39,7 +39,6 @@ def compare(
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log
-    from ..report.verdict import verdict
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
     from .progress import frame_progress
@@ -74,8 +73,7 @@ def compare(
     elif not quiet:
         print_notes("warning", result.comparison.warnings)
         print_comparison(result.report)
-        for line in (*verdict(result.report).sentences, printable(str(folder / "report.html"))):
-            print(line)
+        print(printable(str(folder / "report.html")))
     for problem in inspection["problems"]:
         print_error(problem)
     if result.comparison.interrupted:

@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 from ..types import Trajectory
 from ..wording import counted
 from . import charts
-from .figures import ACCURACY, FURTHER, table
-from .lengths import unit_for
-from .methods import label, of_runs
+from .methods import of_method, of_runs
+from .tables import ACCURACY, FURTHER, Figure, Name, table, unit_for
 from .template import render
 from .traces import trace_of
 
@@ -30,16 +29,16 @@ def render_evaluation(runs: Sequence[Evaluated]) -> str:
     traces = {name: trace for name, trace in found.items() if trace is not None}
     unit = unit_for(*(trace.position_m for trace in traces.values()))
     looks = of_runs([run.name for run in runs])
-    poses = {run.name: run.trajectory.world_from_cam for run in scaled if len(run.trajectory)}
+    names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]
+    figures = (Figure("frames_compared", "frames"), *ACCURACY, *FURTHER[:2])
     return render(
         "evaluation.html.j2",
         title=counted(len(runs), "run"),
-        runs=[(run, looks(run.name), label(run.method)) for run in runs],
-        accuracy=table((*ACCURACY, *FURTHER[:2]), [run.figures for run in runs], {"errors": unit}),
+        accuracy=table(figures, names, [run.figures for run in runs], {"errors": unit}),
         charts=[
             charts.errors(traces, unit, looks),
             charts.rotation_errors(traces, looks),
             charts.nees(traces, looks=looks),
-            charts.path(poses, traces, unit, looks=looks),
+            charts.path({r.name: r.trajectory.world_from_cam for r in scaled if len(r.trajectory)}, traces, looks),
         ],
     )

@@ -24,49 +24,41 @@ class FrontRecord:
         self.lives: dict[int, list[int]] = {}
         self.gaps: list[int] = []
         self.local_difference_m: list[float] = []
-        self._frames = 0
         self._stamps_ns: list[int] = []  # the latest
 
     def __len__(self) -> int:
-        return self._frames
+        return len(self.times_ms["decode"])
 
     def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
         """Keep one frame; `estimates`: by method."""
-        observations = observed.observations
-        index = observations.frame_index
-        self._frames += 1
+        index = observed.observations.frame_index
         for stage, times in self.times_ms.items():
             times.append(observed.timings_ms[stage])
-        for track in observations.track_ids.tolist():
+        for track in observed.observations.track_ids.tolist():
             self.lives.setdefault(track, [index, index])[1] = index
-        if self._after_a_gap(frame.stamp_ns):
-            self.gaps.append(index)
-        difference_m = local_difference_m(estimates.get("cross-frame-cc"), estimates.get("cross-frame-wc"))
-        if difference_m is not None:
-            self.local_difference_m.append(difference_m)
-
-    def _after_a_gap(self, stamp_ns: int) -> bool:
-        self._stamps_ns = [*self._stamps_ns[1 - _STEPS :], stamp_ns]
+        self._stamps_ns = [*self._stamps_ns[1 - _STEPS :], frame.stamp_ns]
         steps = np.diff(self._stamps_ns)
-        return len(steps) > 2 and bool(steps[-1] > _GAP * np.median(steps))
+        if len(steps) > 2 and steps[-1] > _GAP * np.median(steps):
+            self.gaps.append(index)
+        self._compare_points(estimates.get("cross-frame-cc"), estimates.get("cross-frame-wc"))
+
+    def _compare_points(self, cc: FrameEstimate | None, wc: FrameEstimate | None) -> None:
+        """Keep the median distance between the points that two methods have in common."""
+        if cc is None or wc is None:
+            return
+        _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
+        if len(i):
+            apart_m = np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)
+            self.local_difference_m.append(float(np.median(apart_m)))
 
     def tracks(self) -> dict[str, Any]:
         """How many points were tracked, and over how many frames."""
         lengths = np.array([last - first + 1 for first, last in self.lives.values()])
-        known = len(lengths) > 0
+        if not len(lengths):
+            return {"count": 0, "mean_frames": None, "median_frames": None, "longest_frames": None}
         return {
             "count": len(lengths),
-            "mean_frames": float(lengths.mean()) if known else None,
-            "median_frames": float(np.median(lengths)) if known else None,
-            "longest_frames": int(lengths.max()) if known else None,
+            "mean_frames": float(lengths.mean()),
+            "median_frames": float(np.median(lengths)),
+            "longest_frames": int(lengths.max()),
         }
-
-
-def local_difference_m(cc: FrameEstimate | None, wc: FrameEstimate | None) -> float | None:
-    """The median distance between the points that two methods have in common; None without any."""
-    if cc is None or wc is None:
-        return None
-    _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
-    if not len(i):
-        return None
-    return float(np.median(np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)))

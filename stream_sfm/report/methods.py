@@ -4,68 +4,37 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-LABELS = {
-    "cross-frame": "cross-frame",
-    "cross-frame-loops": "cross-frame with loops",
-    "cross-frame-wc": "per-point WC",
-    "cross-frame-cc": "per-point CC",
-    "ekf": "EKF",
-    "iterated-ekf": "iterated EKF",
-    "ekf-cv": "constant-velocity EKF",
-    "frame-to-frame": "frame-to-frame",
-}
-_IN_COLOUR = (
-    "cross-frame",
-    "ekf",
-    "frame-to-frame",
-    "iterated-ekf",
-)  # four lines are the most that a chart shows well
-_LONGEST = 20  # characters of a name beside a line
-_SHORT = {"ekf-cv": "const.-velocity EKF"}  # where a chart has no room
+REFERENCE = "cross-frame"  # errors of the others are given over its errors
 
 
 class Look(NamedTuple):
-    """The name of a line in a chart, its CSS class, and whether it is grey."""
+    """The name of a line in a chart, and its colour, a variable of page.css."""
 
     name: str
-    style: str
-    quiet: bool
+    colour: str
 
 
-def label(name: str) -> str:
-    """A method's name in tables and sentences."""
-    return LABELS.get(_plain(name), name)
-
-
-def short(name: str) -> str:
-    """A method's name in charts."""
-    return _SHORT.get(_plain(name), label(name))
-
-
-def style(name: str) -> str:
-    """The CSS class of a method's lines."""
-    return f"m-{_plain(name)}" if _plain(name) in _IN_COLOUR else "m-other"
+Looks = Callable[[str], Look]
+_LOOKS = {
+    "cross-frame": Look("cross-frame", "c1"),
+    "ekf": Look("EKF", "c2"),
+    "iterated-ekf": Look("iterated EKF", "c3"),
+    "frame-to-frame": Look("frame-to-frame", "c4"),
+    "cross-frame-wc": Look("per-point WC", "c5"),
+    "cross-frame-cc": Look("per-point CC", "c6"),
+    "ekf-cv": Look("constant-velocity EKF", "c7"),
+    "cross-frame-loops": Look("cross-frame with loops", "c8"),
+}
 
 
 def of_method(name: str) -> Look:
-    """How a method is drawn."""
-    return Look(short(name), style(name), _plain(name) not in _IN_COLOUR)
+    """How a method is named and drawn."""
+    return _LOOKS.get(name.replace("_", "-"), Look(name, "other"))
 
 
-def of_runs(names: Sequence[str]) -> Callable[[str], Look]:
-    """How runs are drawn, by the names of their folders: the first four in colour."""
-    styles = [f"m-{method}" for method in _IN_COLOUR] + ["m-other"] * len(names)
+def of_runs(names: Sequence[str]) -> Looks:
+    """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
+    colours = [look.colour for look in _LOOKS.values()]
     last = [Path(name).name for name in names]
-    told = [
-        name if last.count(name) == 1 else f"{Path(whole).parent.name}/{name}"
-        for name, whole in zip(last, names, strict=True)
-    ]
-    looks = {
-        name: Look(text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}", style, style == "m-other")
-        for name, text, style in zip(names, told, styles, strict=False)
-    }
-    return looks.__getitem__
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", "-")
+    told = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
+    return {name: Look(told[k], colours[k % len(colours)]) for k, name in enumerate(names)}.__getitem__

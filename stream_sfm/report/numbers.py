@@ -23,7 +23,6 @@ from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory
 from .records import Comparison, RunRecord, quantiles
-from .verdict import verdict
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
@@ -40,7 +39,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
     if truth is not None:
         known += [len(matched(r.trajectory(), truth)[0]) for r in c.runs]
     ratios, away = _over_cross_frame(c), _divergence(c)
-    content = {
+    return {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
         "log": c.log,
@@ -58,7 +57,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "error_over_cross_frame": ratios,
         "there_and_back": None,  # not done any more; kept for programs that read it
         "self_test": c.self_test,
-        "rig": None if c.calibration is None else c.calibration.numbers,
+        "rig": c.calibration,
         "divergence_from_cross_frame_m": away,
         "local_structure_cc_minus_wc_median_m": _median(c.front.local_difference_m),
         "tracks": c.front.tracks(),
@@ -66,7 +65,6 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
-    return content | {"conclusion": " ".join(verdict(content).sentences)}
 
 
 def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:

@@ -16,18 +16,16 @@ from ..errors import FrameError
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
-from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, RigChange, Status, Trajectory
 from ..wording import counted
-from .calibration_field import CalibrationError
 from .front_record import FrontRecord
-from .view import View
 
 STAGES = ("decode", "frontend", "estimator", "total")
 _NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
-_STATUSES = list(Status)
+_POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame; the numbers follow
+_WIDTH = _COV.stop + len(_NUMBERS)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
 NO_LOOPS: Array = np.zeros((0, 2, 3))
@@ -37,10 +35,9 @@ _MANY_DEGRADED = 0.5  # share of the frames beyond which the recording, rather t
 class RunRecord:
     """What is kept of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
 
-    `reasons`: of the statuses; `depth_rows`:
-    (frame, RMS depth error, RMS estimated σ) of the frames with a depth image, and `structure` their sum, None where a
-    depth image could not be read; `failure`: why the method stopped early; `rig`: the latest estimate of the errors of
-    the calibration, in pixels.
+    `statuses`, and `reasons` of them; `depth_rows`: (frame, RMS depth error, RMS estimated σ) of the frames with a
+    depth image, and `structure` their sum, None where a depth image could not be read; `failure`: why the method
+    stopped early; `rig`: the latest estimate of the errors of the calibration, in pixels.
     """
 
     def __init__(self, name: str, disparity_at_1m_px: float = 1.0) -> None:
@@ -49,6 +46,7 @@ class RunRecord:
         self.failure = ""
         self.refused = 0
         self.first_refusal: FrameError | None = None
+        self.statuses: list[Status] = []
         self.reasons: list[str] = []
         self.depth_rows: list[tuple[int, float, float]] = []
         self.structure: StructureComparison | None = None
@@ -56,26 +54,29 @@ class RunRecord:
         self.rig: RigEstimate | None = None
         self.rig_changes: list[RigChange] = []
         self._corrected_from: tuple[int, RigEstimate] | None = None  # the first frame, and what was corrected in it
-        self._stamps_ns = array("q")
-        self._poses, self._covs, self._numbers = array("d"), array("d"), array("d")
-        self._statuses = array("b")  # places in Status
+        self._stamps_ns, self._rows = array("q"), array("d")
 
     @property
     def key(self) -> str:
         """The name of the method as a JSON key."""
         return self.name.replace("-", "_")
 
-    def add(self, estimate: FrameEstimate, total_ms: float = 0.0, reprojection_px: float = float("nan")) -> None:
-        """Keep one estimate; `total_ms`: from asking for the frame until its files were written."""
+    def add(
+        self, estimate: FrameEstimate, total_ms: float = 0.0, of_points: tuple[float, float] = (np.nan, np.nan)
+    ) -> None:
+        """Keep one estimate; `total_ms`: from asking for the frame until its files were written.
+
+        `of_points`: the median estimated σ of the points along their rays in metres, and the RMS reprojection error of
+        the views used in pixels.
+        """
         self._stamps_ns.append(estimate.stamp_ns)
-        self._poses.frombytes(np.ascontiguousarray(estimate.world_from_cam, dtype=float).tobytes())
-        self._covs.frombytes(np.ascontiguousarray(estimate.cov_pose, dtype=float).tobytes())
-        self._statuses.append(_STATUSES.index(estimate.status))
+        self.statuses.append(estimate.status)
         self.reasons.append(estimate.reason)
         t = estimate.timings_ms
         times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
-        last = (estimate.nis, estimate.nis_dof, _median_sigma(estimate), reprojection_px)
-        self._numbers.extend((*times_ms, total_ms, *last))
+        numbers = (*times_ms, total_ms, estimate.nis, estimate.nis_dof, *of_points)
+        row = np.concatenate((estimate.world_from_cam.ravel(), estimate.cov_pose.ravel(), numbers), dtype=float)
+        self._rows.frombytes(row.tobytes())
         self.relative.add(estimate)
         self.rig = estimate.rig or self.rig
         if estimate.rig_change is not None:
@@ -99,17 +100,15 @@ class RunRecord:
     @property
     def poses(self) -> Array:
         """Poses (n, 4, 4), `world_from_cam`."""
-        return np.array(self._poses).reshape(-1, 4, 4)
+        return self._table[:, _POSE].reshape(-1, 4, 4)
 
     @property
-    def statuses(self) -> list[Status]:
-        """The status of each frame."""
-        return [_STATUSES[k] for k in self._statuses]
+    def _table(self) -> Array:
+        return np.array(self._rows).reshape(-1, _WIDTH)
 
     def column(self, name: str) -> Array:
-        """One of the numbers of each frame (n,): a stage in ms, nis, nis_dof, sigma_local_m (median estimated
-        σ of the points along their rays), or reprojection_px (RMS over the views used)."""
-        return np.array(self._numbers).reshape(-1, len(_NUMBERS))[:, _NUMBERS.index(name)]
+        """One of the numbers of each frame (n,): a stage in ms, nis, nis_dof, sigma_local_m, reprojection_px."""
+        return self._table[:, _COV.stop + _NUMBERS.index(name)]
 
     @property
     def nis_over_dof(self) -> Array:
@@ -119,19 +118,19 @@ class RunRecord:
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
-        return Trajectory(self.stamps_ns, self.poses, np.array(self._covs).reshape(-1, 6, 6))
+        return Trajectory(self.stamps_ns, self.poses, self._table[:, _COV].reshape(-1, 6, 6))
 
     def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
         """The same run with other poses, and covariances, under another name."""
-        record = copy(self)
-        record.name = name
-        record._poses = array("d", trajectory.world_from_cam.tobytes())
-        record._covs = array("d", np.asarray(trajectory.cov_pose).tobytes())
+        record, rows = copy(self), self._table
+        rows[:, _POSE] = trajectory.world_from_cam.reshape(-1, 16)
+        rows[:, _COV] = np.asarray(trajectory.cov_pose).reshape(-1, 36)
+        record.name, record._rows = name, array("d", rows.tobytes())
         return record
 
     def count(self, status: Status) -> int:
         """Return how many frames have a status."""
-        return self._statuses.count(_STATUSES.index(status))
+        return self.statuses.count(status)
 
     def warnings(self) -> list[str]:
         """Sentences about a calibration that was wrong or has changed, about frames that are refused or lost, about
@@ -153,7 +152,7 @@ class RunRecord:
         return [*notes, *([self.failure] if self.failure else [])]
 
     def _first(self, status: Status) -> str:
-        row = self._statuses.index(_STATUSES.index(status))
+        row = self.statuses.index(status)
         return f"first at {(self._stamps_ns[row] - self._stamps_ns[0]) / 1e9:.2f} s: {self.reasons[row]}"
 
     def problem(self, one_wanted: bool) -> str:
@@ -188,15 +187,6 @@ def quantiles(values: Any) -> dict[str, float] | None:
     return {"p50": float(p50), "p95": float(p95), "max": float(ordered[-1])}
 
 
-def _median_sigma(estimate: FrameEstimate) -> float:
-    points = estimate.points_in_cam
-    if not len(points):
-        return float("nan")
-    rays = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-9)
-    variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
-    return float(np.sqrt(median(np.maximum(variance, 0))))
-
-
 class Truth(NamedTuple):
     """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
 
@@ -214,7 +204,7 @@ class Comparison:
     """Everything that the report of a comparison is made from.
 
     `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
-    `calibration`: what the images have told about it; `view`: a picture; `loops` (n, 2, 3): ends of the lines between
+    `calibration`: what the images have told about it, as in summary.json; `loops` (n, 2, 3): ends of the lines between
     places that were seen again.
     """
 
@@ -229,6 +219,5 @@ class Comparison:
     complete: bool = True
     interrupted: bool = False
     self_test: dict[str, list[dict[str, Any]]] | None = None
-    calibration: CalibrationError | None = None
-    view: View | None = None
+    calibration: dict[str, Any] | None = None
     loops: Array = field(default_factory=lambda: NO_LOOPS)

@@ -16,7 +16,7 @@ class Trace:
     """One method against ground truth, in the k frames that have one, first poses aligned.
 
     `position_m` (k,): lengths of the position errors; `rotation_deg` (k,): angles of the rotation errors; `nees` (k,):
-    None where the ground truth does not begin with the first frame.
+    NaN where the ground truth does not begin with the first frame.
     """
 
     frames: NDArray[np.int64]
@@ -25,7 +25,7 @@ class Trace:
     truth: Array
     position_m: Array
     rotation_deg: Array
-    nees: Array | None
+    nees: Array
 
 
 def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
@@ -35,7 +35,9 @@ def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
         return None
     e, t = from_first_camera(estimate.world_from_cam[rows]), from_first_camera(true.world_from_cam)
     xi = se3.log(se3.inverse(e) @ t)
-    known = estimate.cov_pose is not None and rows[0] == 0
+    nees = np.full(len(rows), np.nan)
+    if estimate.cov_pose is not None and rows[0] == 0:
+        nees = nees_pose(e, estimate.cov_pose[rows], t)
     return Trace(
         rows,
         distances_m(t),
@@ -43,11 +45,5 @@ def trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
         t,
         np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1),
         np.degrees(np.linalg.norm(xi[:, 3:], axis=1)),
-        nees_pose(e, estimate.cov_pose[rows], t) if known and estimate.cov_pose is not None else None,
+        nees,
     )
-
-
-def broken(frames: NDArray[np.int64], *columns: Array) -> list[Array]:
-    """Frames and columns (k,) as floats, with a NaN row wherever frames are missing in between."""
-    cuts = np.flatnonzero(np.diff(frames) > 1) + 1
-    return [np.insert(np.asarray(c, float), cuts, np.nan) for c in (frames, *columns)]

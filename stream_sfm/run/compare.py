@@ -18,13 +18,11 @@ from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording.ground_truth import DepthImages
 from ..recording.stereo_log import StereoLog, open_log
-from ..report.calibration_field import calibration_error
+from ..report.calibration import describe
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
 from ..report.records import NO_LOOPS, Comparison, Truth
-from ..report.view import View
-from ..rig_model.estimate import RigEstimate
 from ..types import Selection, Sink
 from .lane import Lane
 from .loop import Course, run
@@ -101,7 +99,7 @@ def compare(
     depth = log.depth_images()
     observer, lanes = _lanes(rig, config, methods, depth, folder)
     front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
-    view, with_loops = View(rig.left), []
+    with_loops = []
     if loops:
         from ..places.place_map import PlaceMap  # as in a replay
 
@@ -110,7 +108,7 @@ def compare(
         course = run(
             log,
             lanes,
-            [view, *with_loops, *sinks],
+            [*with_loops, *sinks],
             [front, *tests],
             selection=selection,
             interruption=interruption,
@@ -141,8 +139,7 @@ def compare(
         complete=log.stats.complete and course.complete,
         interrupted=course.interrupted,
         self_test=next((test.result() for test in tests), None),
-        calibration=calibration_error(observer.projection, _told(lanes)),
-        view=view,
+        calibration=next((describe(observer.projection, r.rig) for r in runs if r.rig is not None), None),
         loops=ends,
     )
     report = numbers(found)
@@ -163,7 +160,7 @@ def _lanes(
     with one_thread:
         observer = Observer(rig, config)
         of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
-        return observer, [Lane(c, observer, depth, folder and folder / _key(c.method)) for c in of_methods]
+        return observer, [Lane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
@@ -180,8 +177,3 @@ def _key(method: str) -> str:
 def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: DepthImages) -> list[str]:
     changes = [str(change) for lane in lanes[:1] for change in lane.record.rig_changes]
     return list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
-
-
-def _told(lanes: Sequence[Lane]) -> RigEstimate | None:
-    """Return what the methods have found out about the errors of the calibration, in pixels."""
-    return next((lane.record.rig for lane in lanes if lane.record.rig is not None), None)

@@ -12,6 +12,7 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.ids import among
 from ..evaluation.structure import StructureComparison
+from ..geometry.medians import median
 from ..observer import Observed, Observer
 from ..recording.frames import RecordedFrame
 from ..recording.ground_truth import DepthImages
@@ -23,14 +24,22 @@ from .world import World
 
 
 class Lane:
-    """One method: its estimator, its `record`, and its result `folder`, if results are written. With
-    `depth`, points are compared with these images.
+    """One method: its estimator, its `record`, and its result `folder`, if results are written.
+
+    With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
 
     If the estimator fails, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
     """
 
-    def __init__(self, config: Config, observer: Observer, depth: DepthImages | None, folder: Path | None) -> None:
-        self.config = config
+    def __init__(
+        self,
+        config: Config,
+        observer: Observer,
+        depth: DepthImages | None,
+        folder: Path | None,
+        in_detail: bool = False,
+    ) -> None:
+        self.config, self._in_detail = config, in_detail
         projection = observer.projection
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
@@ -59,7 +68,10 @@ class Lane:
         if self.folder is not None:
             self.folder.write(estimate, frame)
         total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.perf_counter() - began_s)
-        self.record.add(estimate, total_ms, self._reprojection_px(solution, observed.observations))
+        of_points = (np.nan, np.nan)
+        if self._in_detail and len(estimate.points_in_cam):
+            of_points = _median_sigma_m(estimate), self._reprojection_px(solution, observed.observations)
+        self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate
 
@@ -100,6 +112,13 @@ class Lane:
             return float("nan")
         residuals = observations.z_px[rows[front]] - self.observer.projection.project(points[front])
         return float(np.sqrt(np.nanmean(residuals**2)))
+
+
+def _median_sigma_m(estimate: FrameEstimate) -> float:
+    """The median σ of the points along their rays."""
+    rays = estimate.points_in_cam / np.maximum(np.linalg.norm(estimate.points_in_cam, axis=1, keepdims=True), 1e-9)
+    variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
+    return float(np.sqrt(median(np.maximum(variance, 0))))
 
 
 def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:

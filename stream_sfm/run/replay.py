@@ -16,7 +16,7 @@ from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
-from ..report.calibration_field import describe
+from ..report.calibration import describe
 from ..report.records import Truth
 from ..types import Selection, Sink, Trajectory
 from .calibration import CalibrationSink

