@@ -7,17 +7,17 @@ the pose of another body would be off by an unknown mounting, and is refused wit
 import re
 from array import array
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, LogError
-from ..mcap_file.damage import Damage
+from ..mcap_file.message import Message
 from ..sources.source import Source
 from ..types import Trajectory
 from .depth import decode_depth_m
-from .images import UndecodableImage
-from .messages import MessageDecoder, UndecodableMessage
+from .messages import MessageDecoder, decoded
 from .survey import Survey
 
 Depth = NDArray[np.float32]  # (h, w) metres along the optical axis, NaN where unknown
@@ -37,28 +37,22 @@ def truth_topic(survey: Survey) -> str | None:
 
 def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
     """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, where none can be used."""
-    decoder = MessageDecoder(source.path)
     stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
     other_frames: set[str] = set()
-    damaged = False
-    for message in source.messages(Damage(), frozenset([topic])):
-        try:
-            read = decoder.poses(message)
-        except UndecodableMessage as error:
-            if not damaged:
-                warnings.append(f"ground-truth messages that cannot be read were skipped, the first: {error}")
-            damaged = True
-            continue
-        except LogError as error:
-            warnings.append(f"ground truth is not used: {error}")
-            return None
-        for pose in read:
-            if pose.child and pose.child != camera_frame and not _LEFT_CAMERA.search(pose.child):
-                if len(other_frames) < _MAX_NAMED:
-                    other_frames.add(pose.child)
-            else:
+
+    def tell(problem: str) -> None:
+        warnings.append(f"ground-truth messages that cannot be read were skipped, the first: {problem}")
+
+    try:
+        for pose in chain.from_iterable(decoded(source, [topic], MessageDecoder.poses, tell)):
+            if not pose.child or pose.child == camera_frame or _LEFT_CAMERA.search(pose.child):
                 stamps_ns.append(pose.stamp_ns)
                 poses.frombytes(pose.parent_from_child.tobytes())
+            elif len(other_frames) < _MAX_NAMED:
+                other_frames.add(pose.child)
+    except LogError as error:
+        warnings.append(f"ground truth is not used: {error}")
+        return None
     if not stamps_ns:
         of = f": it is of {', '.join(sorted(other_frames))}, not of {camera_frame}" if other_frames else ""
         warnings.append(f"ground truth on {topic} is not used{of}")
@@ -75,18 +69,15 @@ def depth_topic(survey: Survey) -> str | None:
 
 def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tuple[int, Depth]]:
     """Yield (stamp_ns, depth) of each image on `topic`; images that cannot be read are skipped with a warning."""
-    decoder = MessageDecoder(source.path)
-    damaged = False
-    for message in source.messages(Damage(), frozenset([topic])):
-        try:
-            image = decoder.image(message)
-            depth_m = decode_depth_m(image)
-        except (UndecodableMessage, UndecodableImage) as error:
-            if not damaged:
-                warnings.append(f"depth images that cannot be read were skipped, the first: {error}")
-            damaged = True
-            continue
-        yield image.stamp_ns, depth_m
+
+    def decode(decoder: MessageDecoder, message: Message) -> tuple[int, Depth]:
+        image = decoder.image(message)
+        return image.stamp_ns, decode_depth_m(image)
+
+    def tell(problem: str) -> None:
+        warnings.append(f"depth images that cannot be read were skipped, the first: {problem}")
+
+    yield from decoded(source, [topic], decode, tell)
 
 
 class DepthImages:

@@ -11,7 +11,7 @@ from ..camera.models import MAX_PIXELS
 from ..camera.pixels import Grey
 from ..errors import LogError
 from ..sources import image_header
-from .messages import ImageMessage
+from .messages import ImageMessage, UndecodableMessage
 from .png import decode_plain_png
 
 # encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
@@ -44,7 +44,7 @@ _MAX_RAW_BYTES = 32 * 2**20  # several are in memory at a time: as recorded, dec
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
 
-class UndecodableImage(Exception):
+class UndecodableImage(UndecodableMessage):
     """The bytes of this image are damaged; the next one may be whole."""
 
 

@@ -1,7 +1,7 @@
 """Decodes the messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) into three records."""
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,8 +12,10 @@ from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import INT64
+from ..mcap_file.damage import Damage
 from ..mcap_file.message import MAX_NAME, Channel, Message
 from ..record import record
+from ..sources.source import Source
 from .message_limits import MAX_REPEATED_BYTES, decode_json
 
 T = TypeVar("T")
@@ -60,9 +62,6 @@ class ImageMessage:
     step: int = 0
     big_endian: bool = False
     calibration: "CalibrationMessage | None" = None  # of its camera, in force then; None: not asked for
-
-    def __repr__(self) -> str:
-        return f"<ImageMessage {self.topic} at {self.stamp_ns} ns, {self.encoding}, {len(self.data)} bytes>"
 
 
 @record
@@ -166,6 +165,28 @@ class MessageDecoder:
             return make(topic, decoded)
         except (ValueError, TypeError, OverflowError) as error:  # a field of another kind, JSON's infinity
             raise UndecodableMessage(f"{topic}: {error}") from None
+
+
+def decoded(
+    source: Source,
+    topics: Iterable[str],
+    decode: Callable[[MessageDecoder, Message], T],
+    tell: Callable[[str], object] | None = None,
+) -> Iterator[T]:
+    """Yield what `decode` makes of each message on some topics; what it cannot decode is skipped.
+
+    `tell` is called with the reason of the first one. Raises LogError where a topic as a whole cannot be read.
+    """
+    decoder = MessageDecoder(source.path)
+    for message in source.messages(Damage(), frozenset(topics)):
+        try:
+            made = decode(decoder, message)
+        except UndecodableMessage as error:
+            if tell is not None:
+                tell(str(error))
+                tell = None
+            continue
+        yield made
 
 
 def _image(topic: str, m: Any) -> ImageMessage:

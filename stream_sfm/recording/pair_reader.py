@@ -39,9 +39,6 @@ class StereoPair:
         """The stamp of the left image, nanoseconds: it is that of the pair."""
         return self.left.stamp_ns
 
-    def __repr__(self) -> str:
-        return f"<StereoPair at {self.stamp_ns} ns, {len(self.left.data)} and {len(self.right.data)} bytes>"
-
 
 @dataclass(slots=True)
 class ReadStats:

@@ -23,7 +23,7 @@ from ..mcap_file.damage import Damage
 from ..record import record
 from ..sources.source import Source
 from .images import image_size
-from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
+from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, decoded
 from .survey import Survey
 from .topics import PairChoice, choose_calibration, is_rectified
 from .transforms import fixed_transform
@@ -70,14 +70,8 @@ def find_rig(
 
 def first_size(source: Source, topic: str) -> tuple[int, int] | None:
     """The size of the first image of a topic that can be told, for calibrations that do not contain it."""
-    decoder = MessageDecoder(source.path)
-    for message in source.messages(Damage(), frozenset([topic])):
-        try:
-            if (size := image_size(decoder.image(message))) is not None:
-                return size
-        except UndecodableMessage:
-            continue
-    return None
+    sizes = map(image_size, decoded(source, [topic], MessageDecoder.image))
+    return next((size for size in sizes if size is not None), None)
 
 
 def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:

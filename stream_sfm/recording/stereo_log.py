@@ -19,7 +19,7 @@ from .both_sides import both_sides
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .log_writer import MessageWriter
-from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage
+from .messages import CalibrationMessage, MessageDecoder, decoded
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import FoundRig, check_rig, find_rig, rig_of_messages
 from .survey import Survey, survey_log
@@ -293,12 +293,8 @@ class StereoLog:
     def _left_frame(self) -> str:
         """The coordinate frame that the left images name."""
         if not self._camera_frame:
-            for message in self._source.messages(Damage(), frozenset([self.left_topic])):
-                try:
-                    self._camera_frame = MessageDecoder(self.path).image(message).frame_id
-                except UndecodableMessage:
-                    continue
-                break
+            images = decoded(self._source, [self.left_topic], MessageDecoder.image)
+            self._camera_frame = next((image.frame_id for image in images), "")
         return self._camera_frame
 
     def depths(self) -> Iterator[tuple[int, Depth]]:

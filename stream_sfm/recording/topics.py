@@ -89,40 +89,22 @@ def choose_pair(
     _check_named(path, image_topics, left, right)
     if left is not None and right is not None:
         return PairChoice(left, right, "named by the user")
-    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+    cameras = _cameras(image_topics)
     if not cameras:
-        empty = [t for t in image_topics if is_camera(t)]
-        more = f" (without any message: {', '.join(sorted(empty))})" if empty else ""
+        empty = sorted(filter(is_camera, image_topics))
+        more = f" (without any message: {', '.join(empty)})" if empty else ""
         raise LogError(f"{path} holds no camera images{more}; image topics are: {_listed(image_topics)}")
     pairs = possible_pairs(cameras)
-    named = left if left is not None else right
-    if named is not None:
-        side = 0 if left is not None else 1
-        pairs = [p for p in pairs if named in p]
+    if (named := left if left is not None else right) is not None:
+        pairs = [pair for pair in pairs if named in pair]
         others = [t for t in cameras if t != named]
         if not pairs and len(others) == 1:
-            pair = (named, others[0]) if side == 0 else (others[0], named)
-            return PairChoice(*pair, "one topic named by the user, the other is the only one left")
-        if pairs and named != pairs[0][side]:
-            pairs = [(pairs[0][1], pairs[0][0])]
-    return _choose_among(path, pairs, cameras, image_topics)
-
-
-def _choose_among(
-    path: Path, pairs: list[tuple[str, str]], cameras: list[str], image_topics: Iterable[str]
-) -> PairChoice:
-    if len(cameras) == 1 and not pairs:
-        raise LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; a replay with one camera is "
-            f"possible, without scale; image topics are: {_listed(image_topics)}",
-            hint=("mono",),
-        )
+            reason = "one topic named by the user, the other is the only one left"
+            return PairChoice(*((named, others[0]) if left is not None else (others[0], named)), reason)
+        if pairs and named != pairs[0][0 if left is not None else 1]:
+            pairs = [pairs[0][::-1]]
     if not pairs:
-        raise LogError(
-            f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
-            f"image topics are: {_listed(cameras)}",
-            hint=("left", "right"),
-        )
+        raise _no_pair(path, cameras, image_topics)
     if len(pairs) == 1:
         return PairChoice(*pairs[0], "their names differ only in the side")
     if len({_device(l) for l, _ in pairs}) == 1:  # one camera pair in several forms
@@ -130,6 +112,39 @@ def _choose_among(
         return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
     candidates = some_of([f"{l} and {r}" for l, r in pairs], "; ")
     raise LogError(f"{path} holds several stereo pairs, name one: {candidates}", hint=("left", "right"))
+
+
+def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:
+    """Choose one camera, as a pair of twice the same topic. Raises LogError as `choose_pair`.
+
+    It is the one named, the only one, or the left one of the pair that `choose_pair` would choose.
+    """
+    cameras = _cameras(image_topics)
+    if left is not None and (left := _transport(left, image_topics)) in image_topics:
+        return PairChoice(left, left, "named by the user")
+    if len(cameras) == 1 and left is None:
+        return PairChoice(cameras[0], cameras[0], "the only camera")
+    pair = choose_pair(path, image_topics, left)
+    return PairChoice(pair.left, pair.left, f"left of a pair: {pair.reason}")
+
+
+def _cameras(image_topics: Mapping[str, int | None]) -> list[str]:
+    """The topics of cameras that have sent something."""
+    return [t for t, count in image_topics.items() if is_camera(t) and count != 0]
+
+
+def _no_pair(path: Path, cameras: list[str], image_topics: Iterable[str]) -> LogError:
+    if len(cameras) == 1:
+        return LogError(
+            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two; a replay with one camera is "
+            f"possible, without scale; image topics are: {_listed(image_topics)}",
+            hint=("mono",),
+        )
+    return LogError(
+        f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
+        f"image topics are: {_listed(cameras)}",
+        hint=("left", "right"),
+    )
 
 
 def _transport(topic: str, image_topics: Iterable[str]) -> str:
@@ -152,22 +167,7 @@ def _check_named(path: Path, image_topics: Iterable[str], left: str | None, righ
 
 
 def _listed(topics: Iterable[str]) -> str:
-    return some_of(sorted(topics), ", ") or "none"
-
-
-def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:
-    """Choose one camera, as a pair of twice the same topic. Raises LogError as `choose_pair`.
-
-    It is the one named, the only one, or the left one of the pair that `choose_pair` would choose.
-    """
-    cameras = [t for t, count in image_topics.items() if is_camera(t) and count != 0]
-    left = None if left is None else _transport(left, image_topics)
-    if left is not None and left in image_topics:
-        return PairChoice(left, left, "named by the user")
-    if len(cameras) == 1 and left is None:
-        return PairChoice(cameras[0], cameras[0], "the only camera")
-    pair = choose_pair(path, image_topics, left)
-    return PairChoice(pair.left, pair.left, f"left of a pair: {pair.reason}")
+    return some_of(sorted(topics)) or "none"
 
 
 def _form_rank(topic: str) -> tuple[bool, bool, bool]:
@@ -176,8 +176,7 @@ def _form_rank(topic: str) -> tuple[bool, bool, bool]:
 
 def _device(left_topic: str) -> tuple[str, ...]:
     """What remains of a left topic without the words for the form of the images."""
-    words = re.split(r"[/_]+", _FORM.sub("", left_topic))
-    return tuple(w for w in words if w)
+    return tuple(_words(_FORM.sub("", left_topic)))
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:

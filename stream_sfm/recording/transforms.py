@@ -1,12 +1,13 @@
 """The pose between two coordinate frames, by the transforms that a log carries, as on `/tf_static`."""
 
+from itertools import chain
+
 import numpy as np
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.damage import Damage
 from ..sources.source import Source
-from .messages import MessageDecoder, UndecodableMessage
+from .messages import MessageDecoder, decoded
 from .survey import Survey
 
 # A transform any of whose numbers (metres, or elements of the rotation) changes by more moves, and says nothing of how
@@ -30,18 +31,11 @@ def fixed_transform(source: Source, survey: Survey, target: str, origin: str) ->
 
 def fixed_edges(source: Source, topics: frozenset[str]) -> dict[tuple[str, str], Array]:
     """(parent, child) -> parent_from_child of the transforms on `topics` that never change."""
-    decoder = MessageDecoder(source.path)
     first: dict[tuple[str, str], Array] = {}
     moving: set[tuple[str, str]] = set()
-    for message in source.messages(Damage(), topics):
-        try:
-            poses = decoder.poses(message)
-        except UndecodableMessage:
-            continue
-        for pose in poses:
-            edge = (pose.parent, pose.child)
-            if edge not in first and len(first) >= _MAX_EDGES:
-                continue
+    for pose in chain.from_iterable(decoded(source, topics, MessageDecoder.poses)):
+        edge = (pose.parent, pose.child)
+        if edge in first or len(first) < _MAX_EDGES:
             known = first.setdefault(edge, pose.parent_from_child)
             if not np.allclose(known, pose.parent_from_child, rtol=0, atol=_FIXED_WITHIN):
                 moving.add(edge)

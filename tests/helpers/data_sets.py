@@ -32,9 +32,9 @@ def write_picture(path: Path, suffix: str = ".png") -> Path:
     return path
 
 
-def write_image_folders(folder: Path, names: Sequence[str]) -> None:
-    """Images of these names in `left` and `right`."""
-    for side in ("left", "right"):
+def write_image_folders(folder: Path, names: Sequence[str], sides: Sequence[str] = ("left", "right")) -> None:
+    """Images of these names in both folders."""
+    for side in sides:
         for name in names:
             write_picture(folder / side / name)
 

@@ -125,15 +125,21 @@ def png(values: np.ndarray) -> bytes:
     return cv2.imencode(".png", values.astype(np.uint16))[1].tobytes()
 
 
-def test_depth_as_png_is_in_tenths_of_millimetres():
-    check_depth(ImageMessage("/d", 0, "c", True, "png", png(DEPTH_M * 1e4)), 1e-6)
+MILLIMETRES, METRES = DEPTH_M * 1e3, np.where(KNOWN, DEPTH_M, np.nan)
 
 
-def test_raw_depth_of_ros():
-    check_depth(raw("16UC1", (DEPTH_M * 1e3).astype("<u2")), 1e-6)
-    check_depth(raw("16UC1", (DEPTH_M * 1e3).astype(">u2"), True), 1e-6)
-    check_depth(raw("32FC1", np.where(KNOWN, DEPTH_M, np.nan).astype("<f4")), 0)
-    check_depth(raw("32FC1", np.where(KNOWN, DEPTH_M, np.inf).astype(">f4"), True), 0)
+@pytest.mark.parametrize(
+    "message",
+    [
+        ImageMessage("/d", 0, "c", True, "png", png(DEPTH_M * 1e4)),  # tenths of millimetres: the log profile
+        raw("16UC1", MILLIMETRES.astype("<u2")),
+        raw("16UC1", MILLIMETRES.astype(">u2"), True),
+        raw("32FC1", METRES.astype("<f4")),
+        raw("32FC1", np.nan_to_num(METRES, nan=np.inf).astype(">f4"), True),
+    ],
+)
+def test_depth_is_in_metres(message):
+    check_depth(message, 1e-6)
 
 
 def test_compressed_depth_of_ros():

@@ -3,6 +3,7 @@
 import shutil
 import sqlite3
 from contextlib import closing
+from itertools import product
 
 import numpy as np
 import pytest
@@ -37,28 +38,27 @@ def check_same(path, reference, complete=True):
     return log
 
 
-@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
-def test_ros1_bag(tmp_path, logs, compression):
-    log = check_same(write_bag1(tmp_path / "walk.bag", messages_of(logs["ros1"]), compression), logs["ros1"])
+FORMATS = {"ros1": "ROS 1 bag", "sqlite3": "ROS 2 bag (SQLite)", "mcap": "MCAP"}
+
+
+@pytest.mark.parametrize(
+    ("storage", "compression"),
+    [*product(["ros1"], ["none", "bz2", "lz4"]), *product(["sqlite3", "mcap"], [None, "message", "file"])],
+)
+def test_a_bag_is_its_folder_its_file_or_its_metadata(tmp_path, logs, storage, compression):
+    messages, places = messages_of(logs["ros1" if storage == "ros1" else "ros2"]), []
+    if storage == "ros1":
+        bag = write_bag1(tmp_path / "walk.bag", messages, compression)
+    else:
+        bag = write_bag2(tmp_path / "walk", messages, storage, compression)
+        places = [p for p in bag.iterdir() if compression is None or p.suffix == ".yaml"]
+    log = check_same(bag, logs["ros1" if storage == "ros1" else "ros2"])
     assert log.expected_frames == 12 and not log.stats.warnings
     assert log.duration_s == pytest.approx(1.1)
-
-
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-@pytest.mark.parametrize("compression", [None, "message", "file"])
-def test_ros2_bag_folder(tmp_path, logs, storage, compression):
-    bag = write_bag2(tmp_path / "walk", messages_of(logs["ros2"]), storage, compression)
-    log = check_same(bag, logs["ros2"])
-    assert log.expected_frames == 12 and not log.stats.warnings
-    assert log.duration_s == pytest.approx(1.1)
-
-
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_the_file_of_a_bag_and_its_metadata_open_it_too(tmp_path, logs, storage):
-    bag = write_bag2(tmp_path / "walk", messages_of(logs["ros2"]), storage)
-    file = next(p for p in bag.iterdir() if p.suffix != ".yaml")
-    check_same(file, logs["ros2"])
-    assert open_log(bag / "metadata.yaml").path == bag
+    report = inspect_log(bag)
+    assert (report["format"], report["problems"]) == (FORMATS[storage], [])
+    for place in places:
+        assert len(frames(place)[0]) == 12 and open_log(place).path == (bag if place.suffix == ".yaml" else place)
 
 
 def split(folder, messages, storage, parts=3):
@@ -105,14 +105,14 @@ def test_files_recorded_side_by_side_are_merged_by_time(tmp_path, logs):
 def test_a_missing_or_empty_split_costs_its_frames_and_is_reported(tmp_path, logs):
     files = split(tmp_path / "walk", messages_of(logs["ros2"]), "mcap")
     metadata(tmp_path / "walk", files, "mcap")
-    files[2].write_bytes(b"")
-    found, log = frames(tmp_path / "walk")
-    assert 6 <= len(found) < 12 and not log.stats.complete  # of the last third some frames had begun in the second
-    assert any("walk_2.mcap is empty" in w for w in log.stats.warnings)
-    files[2].unlink()
-    found, log = frames(tmp_path / "walk")
-    assert 6 <= len(found) < 12 and not log.stats.complete  # of the last third some frames had begun in the second
-    assert any("cannot read" in w and "walk_2.mcap" in w for w in log.stats.warnings)
+    for spoil, said in (
+        (lambda: files[2].write_bytes(b""), "walk_2.mcap is empty"),
+        (files[2].unlink, "cannot read"),
+    ):
+        spoil()
+        found, log = frames(tmp_path / "walk")
+        assert 6 <= len(found) < 12 and not log.stats.complete  # some frames of the last third begin in the second
+        assert any(said in w and "walk_2.mcap" in w for w in log.stats.warnings)
 
 
 def test_bags_before_iron_carry_no_definitions(tmp_path, logs):
@@ -167,24 +167,10 @@ def test_a_damaged_bag_is_read_on_at_the_next_chunk(tmp_path, logs):
     assert any("read on at byte" in w for w in log.stats.warnings)
 
 
-def test_a_folder_of_several_recordings_is_not_one(tmp_path, logs):
+def test_a_folder_without_one_recording_says_what_is_wanted(tmp_path, logs):
+    with pytest.raises(LogError, match=r"without a recording \(an MCAP file, a ROS 1 or ROS 2 bag"):
+        open_log(tmp_path)
     for name in ("lab.mcap", "yard.mcap"):
         shutil.copy(logs["ros2"], tmp_path / name)
     with pytest.raises(LogError, match=r"several recordings \(lab\.mcap, yard\.mcap"):
         open_log(tmp_path)
-
-
-def test_a_folder_without_a_recording_says_what_is_wanted(tmp_path):
-    with pytest.raises(LogError, match=r"without a recording \(an MCAP file, a ROS 1 or ROS 2 bag"):
-        open_log(tmp_path)
-
-
-def test_inspection_names_the_container(tmp_path, logs):
-    bag1 = write_bag1(tmp_path / "walk.bag", messages_of(logs["ros1"]))
-    bag2 = write_bag2(tmp_path / "walk", messages_of(logs["ros2"]))
-    assert [inspect_log(p)["format"] for p in (logs["ros2"], bag1, bag2)] == [
-        "MCAP",
-        "ROS 1 bag",
-        "ROS 2 bag (SQLite)",
-    ]
-    assert inspect_log(bag1)["problems"] == inspect_log(bag2)["problems"] == []
