@@ -7,9 +7,13 @@ aliases. The limits are far above what a person or a tool writes.
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from errno import EFBIG, EINVAL
 from pathlib import Path
 from typing import IO, Any
+
+from .errors import LogError
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -56,6 +60,15 @@ def open_regular(path: str | Path, buffering: int = -1) -> IO[bytes]:
 def _check_regular(mode: int) -> None:
     if not stat.S_ISREG(mode):
         raise OSError(EINVAL, f"it is {_KINDS.get(stat.S_IFMT(mode), 'a special file')}: give a file")
+
+
+@contextmanager
+def reading(what: object) -> Iterator[None]:
+    """Within the context an OSError becomes a LogError that names what is read."""
+    try:
+        yield
+    except OSError as error:
+        raise LogError(f"cannot read {what}: {error.strerror}") from None
 
 
 def read_small(path: str | Path, max_bytes: int) -> bytes:

@@ -1,7 +1,6 @@
 """Checks a calibration against images: matched corners must lie on one row once rectified."""
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
@@ -24,8 +23,6 @@ _MIN_FRAME_MATCHES = 8  # in one frame
 _INLIER_SPREADS, _MIN_INLIER_PX = 3.0, 1.0  # matches within 3 σ of the median row offset, but never less than 1 px
 _INLIER_ROUNDS = 6  # of median and spread, enough to settle
 _NEGATIVE_PX = -1.0  # disparities below it are negative beyond the noise of a match
-CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides between two pairings
-_CLEAR_ROW_ERROR_PX = 0.2  # below it, another pairing of the frames cannot be told from this one
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
 Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left image and in the right one
@@ -79,32 +76,6 @@ def check_calibration(rig: StereoRig, frames: Iterable[Corners]) -> CalibrationC
     disparity = disparity[good]
     negative = float(np.mean(disparity < _NEGATIVE_PX))
     return CalibrationCheck(int(good.sum()), centre, spread, negative, median(disparity))
-
-
-def check_as_they_are(rig: StereoRig, frames: Iterable[Corners]) -> CalibrationCheck:
-    """The same check as if the images were rectified already: pinholes side by side, whatever the calibration says."""
-    pinhole = Camera(rig.left.width, rig.left.height, rig.left.K)
-    pose = np.eye(4)
-    pose[0, 3] = -rig.baseline_m
-    return check_calibration(StereoRig(pinhole, pinhole, pose), frames)
-
-
-def better_shift(rig: StereoRig, runs: Iterable[Sequence[Images]], check: CalibrationCheck) -> tuple[int, float]:
-    """The shift of the right images that fits the rows best, in frames later (1, −1 or 0), and its row error, px.
-
-    `runs`: images of consecutive frames, paired as `check` had them. Only a clear difference counts, which needs
-    motion across the rows.
-    """
-    runs = [list(run) for run in runs]
-    shifted = {
-        1: [matched_corners(a[0], b[1]) for run in runs for a, b in pairwise(run)],
-        -1: [matched_corners(b[0], a[1]) for run in runs for a, b in pairwise(run)],
-    }
-    errors = {shift: check_calibration(rig, frames).row_error_px for shift, frames in shifted.items()}
-    best = min(errors, key=lambda shift: errors[shift])
-    if errors[best] < CLEARLY_BETTER * check.row_error_px and check.row_error_px > _CLEAR_ROW_ERROR_PX:
-        return best, errors[best]
-    return 0, check.row_error_px
 
 
 def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corners:

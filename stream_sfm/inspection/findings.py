@@ -12,26 +12,17 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..recording.rig import REMEDY, right_is_left
 from ..recording.topics import PairChoice
-from .calibration_check import (
-    CLEARLY_BETTER,
-    CalibrationCheck,
-    Corners,
-    Images,
-    better_shift,
-    check_as_they_are,
-    check_calibration,
-    matched_corners,
-)
+from .calibration_check import CalibrationCheck, Corners, Images, check_calibration, matched_corners
 
 Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
 
 _EQUAL_SCALES = 0.01  # width and height that changed by factors this close were resized, not cropped
-# A calibration beyond either may be that of exchanged cameras or of images before rectification: these are tried.
+# A calibration beyond either may be that of exchanged cameras, which is tried.
 _ROW_ERROR_PX = 0.5
 _NEGATIVE_SHARE = 0.05  # of the matches with negative disparity, from which on it is reported as well
 _SWAPPED_SHARE = 0.5  # of the matches with negative disparity: most of the scene is beyond infinity
+_CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides
 _UNSWAPPED_SHARE = 0.1  # at most so many with the images exchanged, where the rows show that they are
-_WRONG_ROW_ERROR_PX = 1.0  # images that are rectified twice have more than this
 # Each from which on it is a warning, and a problem.
 _OFF_CENTRE = 0.3, 0.5  # of a principal point, in halves of the image
 _OFF_SCALE = 0.2  # the same, where it is off by one factor in both directions: K of images of another size
@@ -63,26 +54,23 @@ def calibration_findings(
     rig: StereoRig, check: CalibrationCheck, corners: Sequence[Corners], choice: PairChoice
 ) -> Findings:
     """Report the first cause that explains the check of these corners; what else the rows show follows from it."""
-    swapped = as_they_are = check
+    swapped = check
     if not (check.row_error_px <= _ROW_ERROR_PX and check.negative_share <= _NEGATIVE_SHARE):
         swapped = check_calibration(rig, [(right, left) for left, right in corners])
-        as_they_are = check_as_they_are(rig, corners)
     if (problem := _side_problem(rig, check, swapped, choice)) is not None:
         return [problem], []
     problems, warnings = _scale_findings(rig)
     if problems:
         return problems, warnings
-    if (problem := _rectified_problem(check, as_they_are)) is not None:
-        return [problem], warnings
-    more_problems, more_warnings = _row_findings(check)
-    warnings += more_warnings
+    problems, more = _row_findings(check)
+    warnings += more
     if check.negative_share > _NEGATIVE_SHARE:  # too few for cameras that are swapped
         warnings.append(
             f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond "
             "infinity: the angle between the cameras (rotation of right_from_left, or R) or a principal point (cx) is "
             "wrong, and all depths with it"
         )
-    return more_problems, warnings
+    return problems, warnings
 
 
 def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images]) -> list[str]:
@@ -91,34 +79,16 @@ def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images])
     return calibration_findings(rig, check_calibration(rig, corners), corners, choice)[0]
 
 
-def stamp_findings(
-    rig: StereoRig,
-    check: CalibrationCheck,
-    runs: Sequence[Sequence[Images]],
-    offset_ms: float,
-    period_ms: float,
-    right: str,
-) -> Findings:
-    """Report stamps of left and right that differ by more than a small part of the period, by the median `offset_ms`.
-
-    It is a problem where right images of a neighbouring frame fit better; `runs`: images of consecutive frames.
-    """
+def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
+    """What to say of stamps that differ, by the median `offset_ms`, by more than a small part of the period."""
     if abs(offset_ms) <= max(_STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS * period_ms):
-        return [], []
-    shift, row_error_px = better_shift(rig, runs, check)
-    if shift:
-        offset_ms += shift * period_ms
-        return [
-            f"the stamps of {right} are off by {offset_ms:+.1f} ms: with right images one frame "
-            f"{'later' if shift > 0 else 'earlier'} matched corners lie on one row to {row_error_px:.2f} px, but only "
-            f"to {check.row_error_px:.2f} px when paired by their stamps; add {-offset_ms:+.1f} ms to the stamps"
-        ], []
+        return None
     other_ms = offset_ms - np.sign(offset_ms) * period_ms
-    return [], [
+    return (
         f"the stamps of {right} differ from the left ones by {offset_ms:+.1f} ms (or by {other_ms:+.1f} ms, if the "
         "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
         "they are not, moving scenes do not fit"
-    ]
+    )
 
 
 def _scale_findings(rig: StereoRig) -> Findings:
@@ -152,7 +122,7 @@ def _side_problem(
     share = f"{100 * check.negative_share:.0f} % of the matches have negative disparity"
     swap = f"{choice.right} as left and {choice.left} as right"
     # Cameras that converge have disparities of both signs in their images; there the rows decide.
-    rows_better = swapped.row_error_px < CLEARLY_BETTER * check.row_error_px
+    rows_better = swapped.row_error_px < _CLEARLY_BETTER * check.row_error_px
     rows_decide = rows_better and check.row_error_px > _ROW_ERROR_PX and swapped.negative_share < _UNSWAPPED_SHARE
     if check.negative_share <= _SWAPPED_SHARE and negative_m is not None:
         return (
@@ -178,18 +148,6 @@ def _side_problem(
     return None
 
 
-def _rectified_problem(check: CalibrationCheck, as_they_are: CalibrationCheck) -> str | None:
-    """Report images that fit better as they are: they are rectified already, or cameras side by side are others."""
-    before, after = as_they_are.row_error_px, check.row_error_px
-    if after <= _WRONG_ROW_ERROR_PX or before >= min(CLEARLY_BETTER * after, _ROW_ERROR_PX):
-        return None
-    return (
-        f"the calibration does not belong to these images: matched corners lie on one row to {before:.2f} px as they "
-        f"are, but only to {after:.2f} px once rectified by it; if the images are rectified already, name their topics "
-        f"image_rect or give a calibration with K = P[:3, :3] and neither distortion nor rotation, else {REMEDY}"
-    )
-
-
 def _row_findings(check: CalibrationCheck) -> Findings:
     """Report matches that do not lie on one row."""
     if not np.isfinite(check.vertical_px):
@@ -197,7 +155,10 @@ def _row_findings(check: CalibrationCheck) -> Findings:
     offset_px, spread_px = abs(check.vertical_px), check.vertical_spread_px
     text = f"the rows of matched corners differ by {check.vertical_px:+.2f} ± {spread_px:.2f} px"
     if offset_px > _ROW_OFFSET_PX[1] or spread_px > _ROW_SPREAD_PX[1]:
-        return [f"{text}: the calibration does not belong to these images; {REMEDY}"], []
+        return [
+            f"{text}: the calibration does not belong to these images (or these are rectified already: name their "
+            f"topics image_rect), or left and right are not of one moment; {REMEDY}"
+        ], []
     if offset_px > _ROW_OFFSET_PX[0] or spread_px > _ROW_SPREAD_PX[0]:
         return [], [f"{text}: the calibration is not accurate, or the cameras are not triggered together"]
     return [], []

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,7 @@ from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from . import findings
-from .calibration_check import (
-    Images,
-    check_calibration,
-    matched_corners,
-)
+from .calibration_check import Images, check_calibration, matched_corners
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
@@ -128,18 +125,18 @@ class _Inspection:
             self.warnings += baseline_warnings(rig)
         except LogError as error:
             self.problems.append(str(error))
-        runs = self._read_pairs(choice)
+        pairs = self._read_pairs(choice)
         self._check_truth()
-        if rig is not None and self._sizes_fit(rig, runs):
-            self._check(rig, choice, runs)
+        if rig is not None and self._sizes_fit(rig, pairs):
+            self._check(rig, choice, pairs)
 
-    def _read_pairs(self, choice: PairChoice) -> list[list[StereoPair]]:
-        """Read all pairs for rate and gaps; returns a few runs of two consecutive pairs."""
+    def _read_pairs(self, choice: PairChoice) -> list[StereoPair]:
+        """Read all pairs for rate and gaps; returns a few of them, two at each place."""
         reader = PairReader(self.source, choice.left, choice.right)
         every = max(2, (self.survey.topics[choice.left].count or 1) // _CHECKED_PLACES)
         stamps_ns: list[int] = []
         offsets_ns: list[int] = []
-        runs: list[list[StereoPair]] = [[] for _ in range(_CHECKED_PLACES)]
+        kept: list[StereoPair] = []
         kept_bytes = 0
         try:
             for pair in reader.pairs():
@@ -147,7 +144,7 @@ class _Inspection:
                 if within < 2 and place < _CHECKED_PLACES:
                     kept_bytes += sum(map(_held_bytes, pair.images))
                     if not stamps_ns or kept_bytes <= _KEPT_BYTES:
-                        runs[place].append(pair)
+                        kept.append(pair)
                 stamps_ns.append(pair.stamp_ns)
                 offsets_ns.append(pair.right.stamp_ns - pair.left.stamp_ns)
         except LogError as error:
@@ -159,10 +156,10 @@ class _Inspection:
         if gaps := self.result["frames"]["gap_count"]:
             longest_s = self.result["frames"]["longest_gap_s"]
             self.warnings.append(f"{gaps} gaps between stereo frames, the longest {longest_s:.2f} s")
-        if runs[0]:
-            first = runs[0][0]
-            self.result["images"] = {"left": _describe_image(first.left), "right": _describe_image(first.right)}
-        return [run for run in runs if run]
+        if kept:
+            left, right = map(_describe_image, kept[0].images)
+            self.result["images"] = {"left": left, "right": right}
+        return kept
 
     def _check_truth(self) -> None:
         """Warn where the ground truth cannot be used."""
@@ -174,20 +171,20 @@ class _Inspection:
         except LogError as error:
             self.warnings.append(f"ground truth cannot be read: {error}")
 
-    def _sizes_fit(self, rig: StereoRig, runs: list[list[StereoPair]]) -> bool:
-        for message in (m for run in runs for pair in run for m in (pair.left, pair.right)):
+    def _sizes_fit(self, rig: StereoRig, pairs: list[StereoPair]) -> bool:
+        for message in chain.from_iterable(pair.images for pair in pairs):
             size = image_size(message)
             if size is not None and (problem := findings.size_problem(size, rig)) is not None:
                 self.problems.append(f"{self.source.path}: topic {message.topic}: {problem}")
                 return False
         return True
 
-    def _check(self, rig: StereoRig, choice: PairChoice, runs: list[list[StereoPair]]) -> None:
-        """Compare the calibration and the stamps with what the images show."""
-        decoded = [list(self._decoded(run)) for run in runs]
-        if runs and not any(decoded):
+    def _check(self, rig: StereoRig, choice: PairChoice, pairs: list[StereoPair]) -> None:
+        """Compare the calibration with what the images show."""
+        decoded = list(self._decoded(pairs))
+        if pairs and not decoded:
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
-        corners = [matched_corners(*images) for run in decoded for images in run]
+        corners = [matched_corners(*images) for images in decoded]
         check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
         if np.isnan(check.negative_share):  # else the images tell which of both is wrong
@@ -195,19 +192,17 @@ class _Inspection:
                 check_rig(self.source, rig)
             except LogError as error:
                 self.problems.append(str(error))
-        frames, problems, warnings = self.result["frames"], list[str](), list[str]()
+        frames = self.result["frames"]
         if frames["median_offset_ms"] and frames["rate_hz"]:
-            offset_ms, period_ms = frames["median_offset_ms"], 1e3 / frames["rate_hz"]
-            problems, warnings = findings.stamp_findings(rig, check, decoded, offset_ms, period_ms, choice.right)
-        if not problems:  # else whatever the rows show follows from it
-            problems, more = findings.calibration_findings(rig, check, corners, choice)
-            warnings += more
+            said = findings.stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
+            self.warnings += [said] if said else []
+        problems, warnings = findings.calibration_findings(rig, check, corners, choice)
         self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]
 
-    def _decoded(self, run: list[StereoPair]) -> Iterator[Images]:
+    def _decoded(self, pairs: list[StereoPair]) -> Iterator[Images]:
         scaler = GreyScaler()
-        for pair in run:
+        for pair in pairs:
             try:
                 left, right = scaler.to_uint8(decode_grey(pair.left), decode_grey(pair.right))
             except UndecodableImage as error:

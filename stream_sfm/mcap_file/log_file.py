@@ -17,7 +17,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from ..deflate import zlib
 from ..errors import LogError
-from ..inputs import open_regular
+from ..inputs import open_regular, reading
 from .chunks import Allowance, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
@@ -45,27 +45,22 @@ class LogFile:
         if descriptor is not None:
             weakref.finalize(self, os.close, descriptor)
         self.damage = Damage()  # of its beginning and of its index
-        with self._open() as stream:
-            try:
-                self.size_bytes = os.fstat(stream.fileno()).st_size
-                start = stream.read(len(MAGIC))
-                if self.size_bytes == 0:
-                    raise LogError(f"{self.path} is empty (0 bytes): nothing was recorded")
-                if start != MAGIC:
-                    if not ends_with_magic(stream):
-                        version = " of this version" if start.startswith(MAGIC[:5]) else ""
-                        raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
-                    self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
-                self.index = read_index(stream, self.damage)
-            except OSError as error:
-                raise LogError(f"cannot read {self.path}: {error.strerror}") from None
+        with reading(self.path), self._open() as stream:
+            self.size_bytes = os.fstat(stream.fileno()).st_size
+            start = stream.read(len(MAGIC))
+            if self.size_bytes == 0:
+                raise LogError(f"{self.path} is empty (0 bytes): nothing was recorded")
+            if start != MAGIC:
+                if not ends_with_magic(stream):
+                    version = " of this version" if start.startswith(MAGIC[:5]) else ""
+                    raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
+                self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
+            self.index = read_index(stream, self.damage)
 
     def _open(self) -> IO[bytes]:
-        try:
+        with reading(self.path):
             descriptor = self._descriptor
             return open_regular(self.path if descriptor is None else f"/proc/self/fd/{descriptor}", 1 << 18)
-        except OSError as error:
-            raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in file order; what cannot be read is added to `damage`.
@@ -240,13 +235,13 @@ def _records_in(
 
 def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowance) -> bool:
     """Add the definitions in a record that are not known by their number; return whether the record is sound."""
-    for reading in (record, record._replace(available=0)):  # of a damaged chunk, what comes before the damage
+    for part in (record, record._replace(available=0)):  # of a damaged chunk, what comes before the damage
         new = Definitions()
         try:
-            for opcode, inner in _records_in(reading, body, allowance, verify=reading is record):
+            for opcode, inner in _records_in(part, body, allowance, verify=part is record):
                 if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     new.add(opcode, inner)
-            return reading is record
+            return part is record
         except BrokenRecord:
             continue
         finally:

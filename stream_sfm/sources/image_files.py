@@ -1,6 +1,7 @@
 """Image files with stamps, a rig and ground truth as a source: messages of the log profile, made on the way."""
 
 import heapq
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +13,7 @@ from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
-from ..inputs import read_small
+from ..inputs import read_small, reading
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
 from ..record import record
@@ -61,7 +62,9 @@ class ImageFilesSource(Source):
             raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
         if alone := len(left ^ right):
             self.notes.append(f"{alone} images have no partner of the same stamp on the other side")
-        self.size_bytes = sum(_size_of_file(image.path) for side in images for image in side)
+        # one that is missing will be reported by its reading
+        files = [image.path for side in images for image in side if os.path.isfile(image.path)]
+        self.size_bytes = sum(map(os.path.getsize, files))
 
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
@@ -110,10 +113,8 @@ class ImageFilesSource(Source):
 
 def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
     """Bytes and format of an image file, of the camera's size if given. Raises LogError naming file and remedy."""
-    try:
+    with reading(f"image {path}"):
         data = read_small(path, _MAX_IMAGE_BYTES)
-    except OSError as error:
-        raise LogError(f"cannot read image {path}: {error.strerror}") from None
     encoding = image_format(data)
     if encoding is None and (plain := plain_size(data)) is not None:
         data, encoding = _as_png(path, data, plain), "png"
@@ -151,10 +152,3 @@ def size_of(path: Path) -> tuple[int, int]:
     size = image_size(data)
     assert size is not None  # read_image has looked
     return size
-
-
-def _size_of_file(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:  # it is missing, which its reading will report
-        return 0

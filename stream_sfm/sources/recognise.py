@@ -5,10 +5,9 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO
 
 from ..errors import LogError
-from ..inputs import open_regular
+from ..inputs import open_regular, reading
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..wording import some_of
 from . import ros1_bag, sqlite_bag
@@ -65,12 +64,10 @@ def is_recording(path: Path) -> bool:
 
 
 def _open_file(path: Path) -> Source:
-    try:
-        with open_regular(path) as stream:
-            start = stream.read(_START_BYTES)
-            end = _end(stream)
-    except OSError as error:
-        raise LogError(f"cannot read {path}: {error.strerror}") from None
+    with reading(path), open_regular(path) as stream:
+        start = stream.read(_START_BYTES)
+        stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
+        end = stream.read()
     for magic, source in _FILES:
         if start.startswith(magic):
             return source(path)
@@ -81,44 +78,27 @@ def _open_file(path: Path) -> Source:
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
-    if _is_video(start):
+    if start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI ":  # Matroska, MP4, AVI
         return VideoSource(path)
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
 
 
-def _end(stream: IO[bytes]) -> bytes:
-    """As many bytes as MCAP ends with."""
-    stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
-    return stream.read()
-
-
-def _is_video(start: bytes) -> bool:
-    """Whether a file begins as MP4, Matroska or AVI."""
-    return start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI "
-
-
 def _open_folder(path: Path) -> Source:
-    try:
+    with reading(path):
         if (path / METADATA).is_file():
             return open_rosbag2(path)
         if (found := open_folder(path)) is not None:
             return found
         if bag_files(path):
             return open_rosbag2(path)
-    except OSError as error:
-        raise LogError(f"cannot read {path}: {error.strerror}") from None
-    if inside := _recordings_in(path):
+    inside: list[str] = []
+    with suppress(OSError):
+        inside = [str(p) for p in sorted(path.iterdir()) if not p.name.startswith(".") and is_recording(p)]
+    if inside:
+        listed = some_of(inside)
         raise LogError(
-            f"{path} holds several recordings or other files: give one of {inside}", hint=("replay_batch",)
+            f"{path} holds several recordings or other files: give one of {listed}", hint=("replay_batch",)
         )
     raise LogError(f"{path} is a folder without a recording ({SUPPORTED})", hint=("import_images",))
-
-
-def _recordings_in(folder: Path) -> str:
-    """Some paths of recordings in a folder, for people; empty where there is none."""
-    with suppress(OSError):
-        found = [str(p) for p in sorted(folder.iterdir()) if not p.name.startswith(".") and is_recording(p)]
-        return some_of(found)
-    return ""

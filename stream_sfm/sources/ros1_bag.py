@@ -18,7 +18,7 @@ from typing import IO, NamedTuple
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
-from ..inputs import open_regular
+from ..inputs import open_regular, reading
 from ..mcap_file.chunks import Allowance, decompress
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Channel, Message
@@ -106,10 +106,8 @@ class Ros1BagSource(Source):
                 self._index_problem = str(error)
 
     def _open(self) -> IO[bytes]:
-        try:
+        with reading(self.path):
             return open_regular(self.path, 1 << 18)
-        except OSError as error:
-            raise LogError(f"cannot read {self.path}: {error.strerror}") from None
 
     @property
     def indexed(self) -> bool:

@@ -16,7 +16,7 @@ from urllib.parse import quote
 from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
-from ..inputs import open_regular
+from ..inputs import open_regular, reading
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import MAX_NAME, MAX_ROS_DEFINITION, Channel, Message
 from ..mcap_file.records import MAX_RECORD_BYTES
@@ -41,18 +41,15 @@ class SqliteBagSource(Source):
         self._journal = ""  # what is wrong with the file for want of its journal
         try:
             if database is None:
-                with open_regular(self.path) as stream:
+                with reading(self.path), open_regular(self.path) as stream:
                     self.size_bytes = os.fstat(stream.fileno()).st_size
                 database = self._connect()
             self._database = database
             weakref.finalize(self, database.close)
-            database.execute(
-                "PRAGMA writable_schema = ON"
-            )  # a file shorter than its header says is cut off, no more
+            # a file shorter than its header says is cut off, no more
+            database.execute("PRAGMA writable_schema = ON")
             self._check_tables()
             self._channels = self._read_channels()
-        except OSError as error:
-            raise LogError(f"cannot read {self.path}: {error.strerror}") from None
         except sqlite3.Error as error:
             raise LogError(f"{self.path} is not a ROS 2 bag, or is damaged: {error}") from None
 
@@ -98,16 +95,14 @@ class SqliteBagSource(Source):
     def _read_channels(self) -> dict[int, Channel]:
         definitions: dict[str, tuple[str, bytes]] = {}
         if next(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", _TABLES[2:]), None):
-            rows = self._rows(
+            query = (
                 "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
                 f"WHERE length(topic_type) <= {MAX_NAME} "
                 f"AND length(encoded_message_definition) <= {MAX_ROS_DEFINITION} LIMIT {_MAX_ROWS}"
             )
-            definitions = {
-                kind: (encoding, text.encode())
-                for kind, encoding, text in rows
-                if text and _are_text(encoding, text)
-            }
+            for kind, encoding, text in self._rows(query):
+                if text and _are_text(encoding, text):
+                    definitions[kind] = encoding, text.encode()
         channels = {}
         query = (
             "SELECT id, name, type, serialization_format FROM topics "

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from ..errors import LogError
-from ..inputs import INT64, read_small
+from ..inputs import INT64, read_small, reading
 
 _MAX_BYTES = 2**26  # a pose of a million frames is a line of hundred bytes
 _MAX_LINES = 2**20  # nine hours at 30 Hz; each becomes objects of some hundred bytes
@@ -18,9 +18,8 @@ _NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: i
 def read_text(path: Path, what: str) -> str:
     """The content of a text file; `what` names it in errors. Raises LogError."""
     try:
-        return read_small(path, _MAX_BYTES).decode("utf-8-sig")
-    except OSError as error:
-        raise LogError(f"cannot read {what} {path}: {error.strerror}") from None
+        with reading(f"{what} {path}"):
+            return read_small(path, _MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise LogError(f"{what} {path} is not a text file") from None
 
