@@ -29,7 +29,7 @@ from stream_sfm.recording.stereo_log import StereoLog
 WORSE = 1.1  # times the ATE: starting one frame later changes it by as much
 RULES: dict[str, tuple[str, Any]] = {
     "wide templates": ("frontend.new_points._BARE_FRACTION", 0.0),
-    "slant": ("core.disparity_slopes", lambda left, right, points, *_: np.zeros((len(points), 2))),
+    "slant": ("frontend.new_points._STD_GREY", 1e9),
     "halves of a patch agree": ("frontend.new_points._MAX_HALVES_APART_PX", 1e9),
     "turn watch": ("frontend.right_turn.TurnWatch.judge", lambda self, *_: (self, None)),
     "today's exposure": ("frontend.rough_motion.as_exposed", lambda before, now: before.left_half),

@@ -39,13 +39,36 @@ def unfilter_png(filtered: NDArray[np.uint8], pixel: int) -> NDArray[np.uint8]:
     Raises ValueError for a filter that does not exist.
     """
 
-def order_of_corners(
-    found_px: Pixels, strength: Grey, taken_px: Array, cell_px: float, width: float
+def new_corners(
+    strength: Grey, allowed: Mask, taken_px: Array, wanted: int, distance_px: float, min_strength: float
 ) -> NDArray[np.int64]:
-    """Return the order (n,) in which corners (n, 2) with this strength (n,) are taken.
+    """Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
-    The image is cut into cells. A cell's corners are ranked by strength, after the points (m, 2) that are there
-    already; all first ranks come before all second ranks.
+    The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come
+    before all second ranks. `strength` (h, w) of each pixel as a corner, and its least value `min_strength`, which is
+    less in images without contrast; `allowed` (h, w).
+    """
+
+def match_new_points(
+    left: Image,
+    right: Image,
+    stored: Image,
+    templates: Templates,
+    corners_px: Pixels,
+    slots: Pixels,
+    start_px: Array,
+    tolerance_px: float,
+    std_grey: float,
+    max_apart_px: float,
+) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
+    """Find corners of the left image, whole pixels (n, 2), in the right one, near starts (n, 2), in templates' pixels.
+
+    Their templates, in `slots` (n,) of `stored`, are aligned as if their surfaces faced the camera, within
+    `tolerance_px` of the start; then with the slant that left and right patch clearly show, where `std_grey` is the
+    deviation of one grey difference, with the pixels that share one noise value counted in; and their inner halves
+    alone, as a patch across a depth edge follows the stronger side. Returns of those that fit: their slots (m,); in
+    image pixels, views (m, 4) with covariances (m, 4, 4), eq. (15); slopes (m, 2) = (∂d/∂u, ∂d/∂v) of the disparity;
+    and how far apart (m,) whole patch and inner half are matched, at most `max_apart_px` of the templates.
     """
 
 def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
@@ -144,15 +167,6 @@ def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Ar
     """Return σ (n,) px of how far templates of homogeneous points (n, 4) slid during a motion (4, 4), eq. (17).
 
     `radius`: half their width, px.
-    """
-
-def disparity_slopes(
-    left: Image, right: Image, points_px: Pixels, right_px: Array, radius_px: int, std_grey: float
-) -> Array:
-    """Slopes (n, 2) = (∂d/∂u, ∂d/∂v) at whole left pixels (n, 2) whose right positions (n, 2) are nearly known.
-
-    Zero where the patches do not clearly show one. `std_grey`: deviation of one grey difference, with the pixels that
-    share one noise value counted in.
     """
 
 def project_points(pinholes: Pinholes, points: Array) -> Array:

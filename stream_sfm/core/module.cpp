@@ -158,9 +158,9 @@ void def_of_images(nb::module_& m, const OfImage& of_image) {
     m.def("match_along_rows", &Bound<&match_along_rows<T>>::call, of_image, of_image, any, any, any);
     m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
-    m.def("disparity_slopes", &Bound<&disparity_slopes<T>>::call, of_image, of_image, any, any, any, any);
     m.def("align_left", &Bound<&align_left<T>>::call, of_image, of_image, any, any, any, any, any);
     m.def("align_in_both", &Bound<&align_in_both<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any);
+    m.def("match_new_points", &Bound<&match_new_points<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any, any);
     m.def("store_patches",
           [](nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
              const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
@@ -217,7 +217,7 @@ NB_MODULE(_core, m) {
     m.def("fit_turn", &Bound<&fit_turn>::call);
     def_of_window(m, "window_residuals", &window_residuals);
     def_of_window(m, "normal_blocks", &normal_blocks);
-    m.def("order_of_corners", &Bound<&order_of_corners>::call);
+    m.def("new_corners", &Bound<&new_corners>::call);
     m.def("project_points", &Bound<&project_points>::call);
     m.def("row_terms", &Bound<&row_terms>::call);
     m.def("row_offsets", &Bound<&row_offsets>::call);

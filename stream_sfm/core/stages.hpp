@@ -109,8 +109,22 @@ Array<double, 1> inflation_by_age(double ratio, double decay, std::size_t ages);
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
 
 // corners.cpp
-Array<std::int64_t, 1> order_of_corners(const Pixels& found, const View<float, 1>& strength, const View<double, 2>& taken,
-                                        double cell, double width);
+Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& allowed, const View<double, 2>& taken,
+                                   std::int64_t wanted, double distance, double min_strength);
+
+// new_points.cpp
+struct NewMatches {
+    Array<std::int64_t, 1> slots;
+    Array<double, 2> z;
+    Array<double, 3> cov;
+    Array<double, 2> slopes;
+    Array<double, 1> apart;
+    auto parts() { return std::tie(slots, z, cov, slopes, apart); }
+};
+template <class T>  // float or std::uint8_t
+NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, const View<T, 3>& stored, const TemplateKind& kind,
+                            const Pixels& corners, const Indices& slots, const View<double, 2>& start, double tolerance,
+                            double std_grey, double max_apart);
 
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);

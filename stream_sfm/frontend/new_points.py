@@ -5,7 +5,7 @@ grey value are corners too, once thirty pixels are averaged into one.
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS, StereoProjection
-from ..record import record
-from .alignment import WIDE, TemplateAligner
-from .corners import corner_strength, detect
-from .prepared import PreparedImages
+from ..record import rows_of
+from .alignment import WIDE
+from .prepared import PreparedImages, corner_strength
 from .state import FrontEndState, Setup
 from .stereo_depth import RowMatches, learn_rows, row_speed
 from .tracks import Tracks
-from .warps import facing, sheared
 
 # New points are sought in every second frame; in the others only where more than a fraction of the tracks is
 # missing. As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
@@ -51,21 +49,19 @@ def renews(frame_index: int) -> bool:
     return frame_index % _RENEWAL_PERIOD == 0
 
 
-@record
-class _Matches:
-    """Corners `left_px` (n, 2), whole pixels, with the slots (n,) of their templates; their matches `right_px` (n, 2);
-    all in pixels of the templates until `_correct_rows`. `gradients` (n, 2, 2) of the templates; `error_grey` (n,);
-    `slopes` (n, 2) of disparity; `apart_px` (n,) between the matches of whole patch and inner half; and which are
-    `good` (n,) so far."""
+class _Matches(NamedTuple):
+    """New points (n) that fit in both images: `slots` of their templates; views `z_px` (n, 4) with `cov_px` (n, 4, 4);
+    `slopes` (n, 2) of disparity; and `apart_px` (n,), how far apart whole patch and inner half were matched."""
 
-    left_px: NDArray[Any]
     slots: NDArray[np.intp]
-    right_px: Array
-    gradients: Array
-    error_grey: Array
+    z_px: Array
+    cov_px: Array
     slopes: Array
     apart_px: Array
-    good: NDArray[np.bool_]
+
+    def keep(self, rows: NDArray[np.bool_]) -> "_Matches":
+        """Those of the given rows (n,)."""
+        return _Matches(*(rows_of(column, rows) for column in self))
 
 
 def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array, Array]:
@@ -85,13 +81,13 @@ def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> 
     return state, z_px, cov_px
 
 
-def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -> NDArray[np.intp]:
+def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -> NDArray[np.int64]:
     """Return at most as many corners (k, 2) as are missing, whole pixels of the coarse left image, away from tracks."""
     cfg, scale, every = setup.config.frontend, images.scale, round(1 / images.scale)
-    return detect(
+    return core.new_corners(
         images.corner_strength,
-        state.tracks.left_px * scale,
         state.aligners[1].area[::every, ::every],
+        state.tracks.left_px * scale,
         state.tracks.missing(cfg.max_tracks),
         cfg.min_corner_distance_px * scale,
         cfg.min_corner_response,
@@ -148,11 +144,11 @@ def _begin(
     taken = state.tracks.slots[state.tracks.scale == scale]
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
     state = replace(state, aligners={**state.aligners, scale: aligner})
-    matches = _align_right(aligner, images, corners, slots, start, tolerance)
-    matches = _align_slanted(aligner, images, matches)
-    matches = _compare_halves(aligner, images, matches)
-    state, matches = _correct_rows(setup, state, scale, matches)
-    return _begin_tracks(setup, state, aligner, matches)
+    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.of_core
+    std_grey = _STD_GREY / scale  # a mean over pixels has so much less noise
+    matches = core.match_new_points(*of_templates, corners, slots, start, tolerance, std_grey, _MAX_HALVES_APART_PX)
+    state, matches = _correct_rows(setup, state, scale, _Matches(*matches))
+    return _begin_tracks(setup, state, scale, matches)
 
 
 def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[NDArray[np.intp], Array]:
@@ -170,10 +166,10 @@ def _match_wide(
     """As `_match_along_row`, of faint corners, in pixels of the reduced images."""
     p, cfg = setup.projection, setup.config.frontend
     left, right = images.quarter_grey
-    corners = detect(
+    corners = core.new_corners(
         corner_strength(left / np.float32(255)),
-        state.tracks.left_px / WIDE,
         state.aligners[WIDE].area[::WIDE, ::WIDE],
+        state.tracks.left_px / WIDE,
         wanted,
         cfg.min_corner_distance_px,
         _MIN_WIDE_STRENGTH,
@@ -205,71 +201,23 @@ def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[
     return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
 
 
-def _align_right(
-    aligner: TemplateAligner,
-    images: PreparedImages,
-    left_px: NDArray[np.intp],
-    slots: NDArray[np.intp],
-    start_px: Array,
-    tolerance_px: float,
-) -> _Matches:
-    """Find the new templates in the right image, as if their surfaces faced the camera."""
-    patches = aligner.atlas.warped(slots, facing(len(slots)))
-    right_px, found, error_grey = patches.align(images.grey(aligner.scale)[1], start_px)
-    ok = found & (np.linalg.norm(right_px - start_px, axis=1) < tolerance_px)
-    n = int(ok.sum())
-    return _Matches(
-        left_px=left_px[ok],
-        slots=slots[ok],
-        right_px=right_px[ok],
-        gradients=patches.gradients[ok],
-        error_grey=error_grey[ok],
-        slopes=np.zeros((n, 2)),
-        apart_px=np.zeros(n),
-        good=np.ones(n, bool),
-    )
-
-
-def _align_slanted(aligner: TemplateAligner, images: PreparedImages, m: _Matches) -> _Matches:
-    """Estimate the slant of the surfaces, and realign the slanted ones."""
-    left, right = images.grey(aligner.scale)
-    std_grey = _STD_GREY / aligner.scale  # a mean over pixels has so much less noise
-    slopes = core.disparity_slopes(left, right, m.left_px, m.right_px, aligner.config.window_radius_px, std_grey)
-    slanted = slopes.any(axis=1)
-    patches = aligner.atlas.warped(m.slots[slanted], sheared(slopes[slanted]))
-    right_px, error_grey = m.right_px.copy(), m.error_grey.copy()
-    right_px[slanted], found, error_grey[slanted] = patches.align(right, right_px[slanted])
-    good = error_grey < aligner.config.max_photometric_error
-    good[slanted] &= found
-    return replace(m, right_px=right_px, error_grey=error_grey, slopes=slopes, good=good)
-
-
-def _compare_halves(aligner: TemplateAligner, images: PreparedImages, m: _Matches) -> _Matches:
-    """Match the inner halves alone: a patch across a depth edge follows the stronger side."""
-    inner_px, found, _ = aligner.atlas.inner(m.slots).align(images.grey(aligner.scale)[1], m.right_px)
-    apart_px = np.linalg.norm(inner_px - m.right_px, axis=1)
-    return replace(m, apart_px=apart_px, good=m.good & found & (apart_px < _MAX_HALVES_APART_PX))
-
-
 def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -> tuple[FrontEndState, _Matches]:
     """Learn the vertical disparity, take it out, and refuse matches that are still off their row.
 
-    From here on everything is in image pixels. While the velocity is unknown, the matches also wait for that of the
-    next frame: a late camera would look like wrong rows.
+    While the velocity is unknown, the matches also wait for that of the next frame: a late camera would look like wrong
+    rows.
     """
-    left_px, right_px = scale * m.left_px.astype(float), state.turn.taken_out(scale * m.right_px)
-    z_px = np.concatenate([left_px, right_px], axis=1)
+    z_px = m.z_px.copy()
+    z_px[:, 2:] = state.turn.taken_out(z_px[:, 2:])
     speed, twist = _row_speed(state, z_px), state.timing.twist
     if scale == 1:
-        at = m.good
-        matches = RowMatches(left_px[at], (left_px - right_px)[at, 1], _points(setup.projection, z_px[at]))
+        matches = RowMatches(z_px[:, :2], z_px[:, 1] - z_px[:, 3], _points(setup.projection, z_px))
         learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
         state, rows = (replace(state, rows_waiting=matches) if twist is None else learnt), learnt.rows_told
     else:
         rows = state.rows_told
-    right_px[:, 1] += rows.at(left_px, speed)
-    good = m.good & rows.agrees(left_px, right_px, speed, scale)
-    return state, replace(m, left_px=left_px, right_px=right_px, apart_px=scale * m.apart_px, good=good)
+    z_px[:, 3] += rows.at(z_px[:, :2], speed)
+    return state, m._replace(z_px=z_px).keep(rows.agrees(z_px[:, :2], z_px[:, 2:], speed, scale))
 
 
 def _row_speed(state: FrontEndState, z_px: Array) -> Array:
@@ -281,33 +229,32 @@ def _row_speed(state: FrontEndState, z_px: Array) -> Array:
 
 
 def _begin_tracks(
-    setup: Setup, state: FrontEndState, aligner: TemplateAligner, m: _Matches
+    setup: Setup, state: FrontEndState, scale: int, m: _Matches
 ) -> tuple[FrontEndState, Array, Array]:
-    """Begin tracks of the good matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
+    """Begin tracks of the matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
     p, first_id = setup.projection, state.next_id
-    cov_px = aligner.noise.covariance(m.gradients, m.error_grey, m.error_grey)
-    seen_px = np.concatenate([m.left_px, m.right_px], axis=1)
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
-    taken_px = state.timing.taken_out(_points(p, seen_px), twist)
-    rho = p.inverse_depth(seen_px - taken_px)
-    var_rho = (cov_px[:, 0, 0] + cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
-    good = m.good & (rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho))
-    if aligner.scale > 1:
-        good &= (np.diagonal(cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
+    taken_px = state.timing.taken_out(_points(p, m.z_px), twist)
+    rho = p.inverse_depth(m.z_px - taken_px)
+    var_rho = (m.cov_px[:, 0, 0] + m.cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
+    good = rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
+    if scale > 1:
+        good &= (np.diagonal(m.cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
+    m = m.keep(good)
     state = begin_tracks(
         p,
         state,
-        m.slots[good],
-        seen_px[good, :2],
-        cov_px[good, :2, :2],
+        m.slots,
+        m.z_px[:, :2],
+        m.cov_px[:, :2, :2],
         rho[good],
         var_rho[good],
-        m.slopes[good] / p.baseline_m,
+        m.slopes / p.baseline_m,
         taken_px[good, :2],
-        aligner.scale,
+        scale,
     )
     new_ids = np.arange(first_id, state.next_id, dtype=np.int64)
-    return replace(state, bias=state.bias.learnt(new_ids, m.apart_px[good])), seen_px[good], cov_px[good]
+    return replace(state, bias=state.bias.learnt(new_ids, m.apart_px)), m.z_px, m.cov_px
 
 
 def _points(projection: StereoProjection, z_px: Array) -> Array:

@@ -7,8 +7,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .corners import corner_strength
-
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
 # Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
@@ -18,6 +16,7 @@ _COARSE_COLUMNS = 800
 # that a blotch of one grey value is as strong as texture usually is.
 _LOCAL_PX = 10.0
 _CONTRAST = 12.0
+_BLOCK_PX = 5  # window of the gradient matrix, a usual small one; its derivatives have OpenCV's, 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,6 +97,11 @@ class PreparedImages:
     def coarse_right(self) -> Image:
         """The right image at no more than 800 columns."""
         return _coarse(self.right, self.scale)
+
+
+def corner_strength(image: GreyImage) -> NDArray[np.float32]:
+    """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
+    return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX), np.float32)
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:

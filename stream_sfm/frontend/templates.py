@@ -12,7 +12,6 @@ from .. import core
 from ..geometry.se3 import Array
 from ..record import record
 from .prepared import GreyImage
-from .warps import facing
 
 Grey = NDArray[np.float32]
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
@@ -85,15 +84,8 @@ class TemplateAtlas:
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""
-        return self._patches(slots, anchor_from_now, self.radius_px, SPACING_PX)
-
-    def inner(self, slots: NDArray[np.intp]) -> Patches:
-        """The inner halves of templates as they were cut, of every pixel."""
-        return self._patches(slots, facing(len(slots)), self.radius_px // 2, 1)
-
-    def _patches(self, slots: NDArray[np.intp], anchor_from_now: Array, radius_px: int, spacing_px: int) -> Patches:
-        inverse, information, level = core.warp_patches(self.grey, slots, anchor_from_now, radius_px, spacing_px)
-        return Patches(inverse, information, level, radius_px, spacing_px)
+        patches = core.warp_patches(self.grey, slots, anchor_from_now, self.radius_px, SPACING_PX)
+        return Patches(*patches, self.radius_px, SPACING_PX)
 
 
 def _half(radius_px: int) -> int:

@@ -4,14 +4,10 @@ What the affine part of the map leaves moves every patch of a turning camera the
 an estimator takes for motion: docs/mathematics.md, section 3.
 """
 
-import numpy as np
-
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .tracks import Tracks
-
-_MIN_DETERMINANT = 1e-3  # a surface seen edge-on gets a finite warp that no template fits
 
 
 def anchor_from_now(tracks: Tracks, cam_from_start: Array, projection: StereoProjection) -> tuple[Array, Array]:
@@ -24,17 +20,3 @@ def anchor_from_now(tracks: Tracks, cam_from_start: Array, projection: StereoPro
     return core.anchor_from_now(
         projection.pinholes, tracks.points, tracks.slopes, tracks.anchor_from_start, cam_from_start
     )
-
-
-def facing(n: int) -> Array:
-    """Warps (n, 3, 2) that change nothing."""
-    return np.broadcast_to(np.eye(3, 2), (n, 3, 2))
-
-
-def sheared(slopes: Array) -> Array:
-    """Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2): affine."""
-    warps = facing(len(slopes)).copy()
-    warps[:, 0, 1] = slopes[:, 1]
-    warps[:, 1, 1] = 1 - slopes[:, 0]
-    warps[:, :2] /= np.maximum(1 - slopes[:, 0], _MIN_DETERMINANT)[:, None, None]
-    return warps

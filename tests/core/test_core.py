@@ -14,6 +14,7 @@ IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
 N, SIDE, K2 = 7, 27, 25
 PIXELS = RNG.integers(-20, 100, (N, 2))
 STARTS = RNG.uniform(-20, 100, (N, 2))
+INNER = np.stack([np.arange(20, 20 + 6 * N, 6), np.arange(20, 20 + 3 * N, 3)], axis=1)
 STORED = RNG.uniform(0, 255, (N, SIDE, SIDE)).astype(np.float32)
 SLOTS = np.arange(N)
 WARPS = np.eye(3, 2) + 0.1 * RNG.normal(size=(N, 3, 2))
@@ -36,7 +37,7 @@ CALLS = {
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
-    "order_of_corners": (PIXELS, np.ones(N, np.float32), STARTS, 20.0, 80.0),
+    "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
     "union_of": (SLOTS % 3,),
     "inflation_by_age": (0.5, 0.92, 60),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
@@ -46,7 +47,7 @@ CALLS = {
     "inside_area": (IMAGE > 100, STARTS),
     "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
     "template_drift": (POINTS, np.eye(4), 10.0),
-    "disparity_slopes": (IMAGE, IMAGE, PIXELS, STARTS, 10, 4.0),
+    "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, PIXELS, SLOTS, STARTS, 3.0, 4.0, 2.0),
     "linearise_views": (OF_VIEWS, np.eye(4)),
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
@@ -153,8 +154,8 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
 
 
 def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
-    with pytest.raises(ValueError, match=r"right_px has shape \(3, 2\) in place of \(7, 2\)"):
-        core.disparity_slopes(IMAGE, IMAGE, PIXELS, STARTS[:3], 10, 4.0)
+    with pytest.raises(ValueError, match=r"start_px has shape \(3, 2\) in place of \(7, 2\)"):
+        core.match_new_points(IMAGE, IMAGE, STORED, TEMPLATES, PIXELS, SLOTS, STARTS[:3], 3.0, 4.0, 2.0)
     with pytest.raises(ValueError, match="slot"):
         core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
     with pytest.raises(np.linalg.LinAlgError, match="definite"):
@@ -187,8 +188,10 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
         core.store_patches(stored, image, PIXELS, SLOTS)
         patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2)
         aligned = core.align_patches(image, STARTS, *patches, 4, 2)
-        slopes = core.disparity_slopes(image, image[:, ::-1].copy(), PIXELS, STARTS, 10, 4.0)
-        found.append(b"".join(array.tobytes() for array in (*patches, *aligned, slopes)))
+        core.store_patches(stored, image, INNER, SLOTS)
+        matched = core.match_new_points(image, image, stored, TEMPLATES, INNER, SLOTS, INNER + 0.2, 3.0, 4.0, 2.0)
+        assert len(matched[0])
+        found.append(b"".join(array.tobytes() for array in (*patches, *aligned, *matched)))
     assert found[0] == found[1]
 
 

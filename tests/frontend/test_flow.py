@@ -6,10 +6,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig
+from stream_sfm.core import new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
-from stream_sfm.frontend.corners import corner_strength, detect
 from stream_sfm.frontend.flow import as_exposed, track
-from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.frontend.prepared import PreparedImages, corner_strength
 from tests.helpers.wall import Wall, rig
 
 
@@ -21,7 +21,7 @@ def reached(levels: int, shift_px: int) -> float:
     """Fraction of the corners that flow follows over a shift, started where they were."""
     image = Wall(4).image(rig().left, np.eye(4))
     valid = np.ones(image.shape, bool)
-    corners = detect(corner_strength(image), np.empty((0, 2)), valid, 60, 12.0, 1e-5).astype(float)
+    corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5).astype(float)
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
     aligner, moved = TemplateAligner.empty(FrontendConfig(), valid), prepared(np.roll(image, shift_px, axis=1))
     at, found = track(aligner, prepared(image).left_half, moved, corners, corners, levels)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from stream_sfm.core import match_along_rows
-from stream_sfm.frontend.corners import corner_strength, detect
+from stream_sfm.core import match_along_rows, match_new_points, new_corners
+from stream_sfm.frontend.prepared import corner_strength
+from stream_sfm.frontend.templates import TemplateAtlas
 from stream_sfm.geometry import se3
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
@@ -13,13 +14,13 @@ from tests.helpers.wall import Wall, camera_path, rig
 def test_detect_covers_evenly_and_keeps_its_distance() -> None:
     image = Wall(1).image(rig().left, np.eye(4))
     taken = np.array([[50.0, 60.0], [200.0, 100.0]])
-    corners = detect(corner_strength(image), taken, np.ones(image.shape, bool), 80, 10.0, 1e-5)
+    corners = new_corners(corner_strength(image), np.ones(image.shape, bool), taken, 80, 10.0, 1e-5)
     every = np.concatenate([taken, corners])
     gap = np.linalg.norm(every[:, None] - every[None], axis=2) + 1e9 * np.eye(len(every))
     assert gap.min() > 9.0
     quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
     assert min(q.sum() for q in quarters) > 0.15 * len(corners)
-    assert len(detect(corner_strength(image), taken, np.zeros(image.shape, bool), 80, 10.0, 1e-5)) == 0
+    assert len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5)) == 0
 
 
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
@@ -29,6 +30,32 @@ def test_row_search_finds_shifts_and_refuses_repetition() -> None:
     assert unique.all() and (found == 17).all()
     stripes = np.tile(np.array([0] * 8 + [200] * 8, np.uint8), (240, 20))
     assert not match_along_rows(stripes, stripes, points, -5, 60)[1].any()
+
+
+def waves(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """A texture that is known everywhere: grey values of waves of 7 px and longer in all directions."""
+    rng = np.random.default_rng(5)
+    across, down, phase = rng.uniform(-0.9, 0.9, 40), rng.uniform(-0.9, 0.9, 40), rng.uniform(0, 6, 40)
+    return 128 + 5 * np.cos(across * u[..., None] + down * v[..., None] + phase).sum(axis=-1)
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.1, -0.07), (-0.12, 0.05)], ids=str)
+def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) -> None:
+    """Disparities d = 12 + a u + b v, and their slopes; a facing patch would miss them by more than 1 px at its rim."""
+    (a, b), (u, v) = slope, np.meshgrid(np.arange(240.0), np.arange(160.0))
+    left, right = (np.rint(waves(at, v)).astype(np.uint8) for at in (u, (u + 12 + b * v) / (1 - a)))
+    corners = np.stack(np.meshgrid(range(100, 200, 20), range(40, 130, 15)), axis=2).reshape(-1, 2)
+    slots, radius_px = np.arange(len(corners)), 10
+    stored = TemplateAtlas.empty(len(corners), radius_px, of_bytes=True).stored(left, corners, slots).grey
+    expected_px = corners - np.stack([12 + corners @ slope, np.zeros(len(corners))], axis=1)
+    start_px = expected_px + np.random.default_rng(6).uniform(-0.7, 0.7, expected_px.shape)
+    kind, tolerances = (1, radius_px, 2, 2.0, 20.0, 4.0, 1.0), (2.0, 4.0, 0.5)  # as the front-end has them
+    found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, corners, slots, start_px, *tolerances)
+    assert len(found) > 0.9 * len(corners)
+    assert np.abs(z_px - np.concatenate([corners, expected_px], axis=1)[found]).max() < 0.03
+    assert np.abs(slopes - slope).max() < 0.01
+    far_px = start_px + 5.0
+    assert len(match_new_points(left, right, stored, kind, corners, slots, far_px, *tolerances)[0]) == 0
 
 
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])

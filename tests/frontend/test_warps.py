@@ -6,7 +6,7 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
 from stream_sfm.frontend.tracks import Tracks
-from stream_sfm.frontend.warps import anchor_from_now, sheared
+from stream_sfm.frontend.warps import anchor_from_now
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.wall import Wall, rig
@@ -47,12 +47,6 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
     assert np.abs(back - OFFSETS_PX).max() < 1e-9
     affine = now_px @ warp[:2].T
     assert np.abs(affine - OFFSETS_PX).max() > 0.05  # what the affine part alone would leave
-
-
-def test_a_slope_of_disparity_shears_the_right_patch() -> None:
-    slopes = np.array([[0.2, -0.1]])
-    right_px = OFFSETS_PX - np.stack([OFFSETS_PX @ slopes[0], np.zeros(len(OFFSETS_PX))], axis=1)
-    assert np.abs(right_px @ sheared(slopes)[0, :2].T - OFFSETS_PX).max() < 1e-12
 
 
 @pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.7, 0.4)], ids=str)
