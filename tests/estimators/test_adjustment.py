@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 
 from stream_sfm.estimators.baselines.bundle_adjustment import (
-    Reduced,
-    WeightedViews,
-    adjust,
     residuals_and_jacobians,
 )
 from stream_sfm.estimators.baselines.full_batch import gather_views
@@ -83,30 +80,3 @@ def test_triangulation_is_monte_carlo():
     points, cov_points = triangulate(P, z, np.broadcast_to(cov, (len(z), 4, 4)))
     assert_same_covariance(sample_cov(points), triangulate(P, P.project(exact)[None], cov[None])[1][0], 0.08)
     assert cov_points.shape == (len(z), 3, 3)
-
-
-def test_marginals_are_monte_carlo():
-    """Two cameras, twelve points, one of them without its right side: pose, point in ref, point in camera."""
-    n, trials, std = 12, 700, 0.2
-    poses = np.stack([np.eye(4), se3.exp([0.2, 0.02, -0.05, 0.01, -0.05, 0.02])])
-    points = np.column_stack([RNG.uniform(-0.6, 0.6, (n, 2)), RNG.uniform(2, 3, n)])
-    index, frame = np.tile(np.arange(n), 2), np.repeat([0, 1], n)
-    exact = P.project(np.concatenate([points, se3.transform(se3.inverse(poses[1]), points)]))
-    exact[n + 3, 2:] = np.nan
-    cov = np.broadcast_to(std**2 * np.eye(4), (2 * n, 4, 4))
-    free = np.array([False, True])
-    xi, in_ref, in_cam = [], [], []
-    for _ in range(trials):
-        views = WeightedViews.sorted_by_point(frame, index, exact + RNG.normal(scale=std, size=exact.shape), cov)
-        result = adjust(P, poses, points, views, free)
-        assert result.converged
-        xi.append(se3.log(se3.inverse(poses[1]) @ result.ref_from_cam[1]))
-        in_ref.append(result.points)
-        in_cam.append(se3.transform(se3.inverse(result.ref_from_cam[1]), result.points))
-    views = WeightedViews.sorted_by_point(frame, index, exact, cov)
-    marginals = Reduced.build(P, poses, points, views, free).covariances()
-    local = se3.transform(se3.inverse(poses[1]), points)
-    assert_same_covariance(sample_cov(np.array(xi)), marginals.cov_pose(1), 0.25)
-    assert_same_covariance(sample_cov(np.array(in_ref)), marginals.cov_points, 0.3)
-    assert_same_covariance(sample_cov(np.array(in_cam)), marginals.cov_points_in_cam(1, poses[1], local), 0.3)
-    assert not marginals.cov_pose(0).any()

@@ -9,7 +9,6 @@ from scipy.stats import chi2, norm
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import homogeneous_from_q
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
@@ -17,7 +16,6 @@ from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import FOCAL, TERMS
-from stream_sfm.rig_model.velocities import twists, velocities
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import Observations, RigView, Solution
 from tests.helpers.estimators import nees, run
@@ -223,49 +221,6 @@ def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
             assert (np.abs(mean - (0.008, 0.0)) < 3e-4).all()
             assert (np.sqrt(np.diag(cov)) < 1.1e-4).all()
     assert solution.rig is not None
-
-
-def test_the_first_frame_of_a_map_is_in_the_prior_with_the_velocity_that_later_frames_show() -> None:
-    """Given the rig's errors its points are the least squares solution of its views, with columns as they move."""
-    flight = Flight(0, 0.004, 0.02, 6)
-    observations = flight.observations()
-    estimator = CrossFrame(flight.P, Config())
-    for o in observations:
-        estimator.step(o)
-    current = estimator.map
-    assert current is not None and current.reference_index == 0 and observations[0].rig is not None
-    current.renew_rig_effects()
-    prior, first = current.prior, observations[0]
-    poses = np.concatenate([np.eye(4)[None], current.cams_from_ref()])
-    twist = twists(poses, [o.stamp_ns for o in observations])[0]
-    q = current.q[np.searchsorted(current.ids, prior.ids)]
-    points = homogeneous_from_q(q)
-    rows = np.searchsorted(first.track_ids, prior.ids)
-    c, model = current.rig_error, first.rig.model.without_field()
-    at_rest = effects = model.effects(flight.P.project_homogeneous(points))
-    for _ in range(5):  # effects are taken where a view is expected, errors and all
-        expected_px = flight.P.project_homogeneous(points) + effects @ c
-        effects = model.effects(expected_px, velocities(flight.P, points, twist))
-    assert np.abs(effects - at_rest).max() > 0.1  # px per σ: velocities matter here
-    by_q = np.stack(
-        [(_projected(flight.P, q + h) - _projected(flight.P, q - h)) / 2e-6 for h in 1e-6 * np.eye(3)], 2
-    )
-    cov = STD_PX**2 * np.linalg.inv(np.swapaxes(by_q, 1, 2) @ by_q)
-    gain = cov @ np.swapaxes(by_q, 1, 2) / STD_PX**2
-    off = first.z_px[rows] - effects @ c - _projected(flight.P, q)
-    m = len(c)
-    given_c = prior.mean + prior.modes[..., -m:] @ (c - prior.rig.mean)
-    std = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-    # of σ: the mean is linearised where the frame left the window
-    assert np.abs((given_c - q - (gain @ off[..., None])[..., 0]) / std).max() < 0.05
-    assert np.abs(prior.cov - cov).max() < 1e-5 * np.abs(cov).max()  # the same Jacobian at slightly other points
-    by_c = -gain @ effects
-    off_by_c = np.abs((prior.modes[..., -m:] - by_c) / std[..., None])
-    assert off_by_c.max() < 0.02 * np.abs(by_c / std[..., None]).max()
-
-
-def _projected(projection: StereoProjection, q: Array) -> Array:
-    return projection.project_homogeneous(homogeneous_from_q(q))
 
 
 def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the_start() -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
-from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection, SecondMotion
 
@@ -47,17 +46,6 @@ def test_a_long_ambiguity_lasts_for_as_long_again() -> None:
     found = [other is not None for other in others([ambiguous] * 25 + [clear] * 30 + [ambiguous] + [clear] * 30)]
     # the second one is a new one, of which nothing is remembered but itself
     assert found == [True] * 50 + [False] * 5 + [True] * 11 + [False] * 20
-
-
-def test_no_track_earns_history_while_the_motion_is_ambiguous() -> None:
-    none = Tracks.none()
-    agreed = np.array([10, 10, 0, 0])
-    arrays = {name: np.zeros((4, *getattr(none, name).shape[1:])) for name in Tracks.__dataclass_fields__}
-    tracks = Tracks(**arrays | {"agreed": agreed})
-    accepted = np.array([True, False, True, False])
-    kept = tracks.judged(accepted, ambiguous=True)
-    assert kept.agreed.tolist() == [10, 10, 0, 0]
-    assert tracks.judged(accepted, ambiguous=False).agreed.tolist() == [11, 5, 1, 0]
 
 
 def test_an_ambiguity_is_settled_where_the_background_of_before_agrees_and_the_other_set_was_new() -> None:

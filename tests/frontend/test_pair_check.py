@@ -1,5 +1,7 @@
 """When left and right count as fitting each other: problems begin, and end with old points or with a new start."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -93,37 +95,42 @@ def test_what_hardly_fits_ends_no_problem():
     assert run.problem
 
 
-def test_the_left_image_of_the_frame_before_is_a_problem():
-    run = Run()
-    run.show(fit(0, 95, 95), frozen=True)
-    assert "are the cameras frozen" in run.problem
-
-
-def test_rows_that_no_calibration_has_wrong_are_a_problem():
-    run = Run()
+def far_apart(run: Run) -> None:
+    """Rows that no calibration has wrong by so much."""
     x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
     at = np.stack([x.ravel(), y.ravel()], axis=1)
     for _ in range(10):
         run.learn_rows(at, 0.02 * (at[:, 0] - 160))
     assert 3.0 < run.rows.largest_px < 3.4
-    run.show(fit(0, 95, 95))
-    assert "the rows of left and right differ" in run.problem
 
 
-def test_rows_that_scatter_are_a_problem():
-    run = Run()
+def scattered(run: Run) -> None:
     at = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
     for seed in range(40):
         run.learn_rows(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
-    run.show(fit(0, 95, 95))
-    assert "not of one moment" in run.problem
 
 
-def test_noise_that_no_image_explains_is_a_problem():
-    run = Run()
+def noisy(run: Run) -> None:
     run.factor = 9.0
-    run.show(fit(0, 95, 95))
-    assert "3.0 times what their images explain" in run.problem
+
+
+@pytest.mark.parametrize(
+    ("before", "frozen", "problem"),
+    [
+        (lambda run: None, False, ""),
+        (lambda run: run.show(fit(0, 95, 95)), True, "are the cameras frozen"),
+        (far_apart, False, "the rows of left and right differ"),
+        (scattered, False, "not of one moment"),
+        (noisy, False, "3.0 times what their images explain"),
+    ],
+)
+def test_images_that_do_not_fit_each_other_are_a_problem(
+    before: Callable[[Run], object], frozen: bool, problem: str
+) -> None:
+    run = Run()
+    before(run)
+    run.show(fit(0, 95, 95), frozen=frozen)
+    assert problem in run.problem and bool(run.problem) == bool(problem)
 
 
 @pytest.mark.parametrize(("factor", "name"), [(0.5, "half"), (2.0, "twice")])

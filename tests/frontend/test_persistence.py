@@ -8,9 +8,9 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.persistence import _DECAY, _LEFT_FRACTION, Persistence, inflation_by_age
-from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.types import LastingErrors
+from tests.helpers.estimators import nees
 
 STD_PX, FRAMES = 0.2, 60
 
@@ -66,8 +66,7 @@ def nees_of_short_motions(observations: list, sequence: Sequence, learnt: bool) 
             replace(o, lasting=LastingErrors(None, persistence.inflation if learnt else None))
         )
         if o.frame_index >= 8:
-            error = se3.log(se3.inverse(solution.world_from_cam) @ sequence.world_from_cam[o.frame_index])
-            values.append(error @ np.linalg.solve(solution.cov_pose, error))
+            values.append(nees(solution.world_from_cam, solution.cov_pose, sequence.world_from_cam[o.frame_index]))
     return float(np.mean(values))
 
 

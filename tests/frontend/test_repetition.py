@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm import Engine, FrameEstimate
-from stream_sfm.frontend.ambiguity import AmbiguityMemory
 from stream_sfm.geometry import se3
 from stream_sfm.types import Status
-from tests.frontend.test_ambiguity import FIRST, motion
 from tests.helpers.wall import Wall, rig
 
 STEREO = rig()
@@ -64,11 +62,3 @@ def test_what_does_not_repeat_itself_settles_the_motions_before() -> None:
     assert std_m[settled - 1] > TILE_M and max(std_m[settled:]) < 0.02
     off = [se3.log(se3.inverse(e.world_from_cam) @ p) for e, p in zip(found, poses, strict=True)]
     assert np.linalg.norm(np.array(off)[:, :3], axis=1).max() < 0.02
-
-
-def test_a_repetition_is_over_and_settled_with_the_first_frame_that_shows_something_else() -> None:
-    rival = motion(FIRST, 1.0).second
-    memory, other, settled = AmbiguityMemory().after(motion(FIRST, None), np.zeros(10), rival)
-    assert other is rival and memory.repeats and not settled
-    memory, other, settled = memory.after(motion(FIRST, None), np.zeros(10))
-    assert other is None and not memory.repeats and settled

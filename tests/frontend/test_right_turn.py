@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import RigConfig
-from stream_sfm.frontend.right_turn import RightTurn, TurnWatch, with_turn
+from stream_sfm.frontend.right_turn import TurnWatch, with_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
@@ -69,16 +69,6 @@ def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
     assert np.abs(effects_of_turn(P, still) - numerical).max() < 1e-5 * P.f_px
 
 
-def test_a_turn_taken_out_and_put_in_again_is_none() -> None:
-    turn = RightTurn(P)
-    px = right_view(points(np.random.default_rng(2)), np.zeros(3))
-    assert turn.taken_out(px) is px
-    turn = turn.turned(3e-3 * np.array([1.0, -1.0, 1.0]))
-    apart = np.abs(turn.taken_out(px) - px).max()
-    assert apart > 1
-    assert np.abs(turn.put_in(turn.taken_out(px)) - px).max() < 0.01 * apart  # of second order
-
-
 def test_a_turn_is_part_of_the_calibrations_error() -> None:
     """For points far away it is just a field of the disparity."""
     rad = np.array([2e-4, 1e-3, -5e-4])
@@ -105,12 +95,6 @@ def test_a_knock_is_noticed_at_once_and_measured(axis: int, mrad: float) -> None
     watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 3)
     assert len(watch.unusual) == 3 and watch.lasting_rad is not None
     assert np.abs(watch.lasting_rad - knocked).max() < 0.1e-3 + 0.02 * np.linalg.norm(knocked)
-
-
-def test_what_does_not_last_is_not_believed() -> None:
-    watch, unusual, _ = watched([np.zeros(3)] * 12 + [YAW] * 2 + [np.zeros(3)])
-    assert unusual == [False] * 12 + [True] * 2 + [False]
-    assert not watch.unusual and watch.lasting_rad is None
 
 
 def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:

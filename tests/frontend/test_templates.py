@@ -10,9 +10,6 @@ from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 RADIUS_PX, STD_GREY = 10, 3.0
 CONVERGED_PX = 0.05  # of the alignment (core/patches.cpp)
 FLOOR_PX = 0.03  # σ₀ of eq. (15) (core/tracks.cpp)
-FACING = np.eye(3, 2)
-
-
 FREQUENCIES = np.stack(np.meshgrid(np.fft.fftfreq(320), np.fft.fftfreq(240)))
 
 
@@ -40,6 +37,13 @@ def corners(image: Grey) -> np.ndarray:
     return found[:, 0].astype(int)
 
 
+def facing(image: Grey, points: np.ndarray) -> Patches:
+    """Patches around points (n, 2), to be found again as they are."""
+    slots = np.arange(len(points))
+    atlas = TemplateAtlas.empty(64, RADIUS_PX).stored(image, points, slots)
+    return atlas.warped(slots, np.stack([np.eye(3, 2)] * len(points)))
+
+
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 30.0), (1.7, -20.0)])
 def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: float, offset: float) -> None:
     """Means and squares against the claimed covariance; the template's noise, which views share, is counted in."""
@@ -50,13 +54,7 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         scene = texture(rng)
         first, second = seen(grey(scene), 1, 0, rng), seen(grey(scene, shift), gain, offset, rng)
         points = corners(first)
-        atlas, slots, facing = (
-            TemplateAtlas.empty(64, RADIUS_PX),
-            np.arange(len(points)),
-            np.stack([FACING] * len(points)),
-        )
-        atlas = atlas.stored(first, points, slots)
-        patches = atlas.warped(slots, facing)
+        patches = facing(first, points)
         at, found, error = patches.align(second, points + 0.5)
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
@@ -82,9 +80,7 @@ def test_light_that_changes_on_one_patch_alone_makes_it_worth_less() -> None:
     lit = scene.copy()
     u, v = points[0]
     lit[v - 12 : v + 13, u - 12 : u + 13] *= 1.3
-    atlas, slots = TemplateAtlas.empty(64, RADIUS_PX), np.arange(len(points))
-    atlas = atlas.stored(first, points, slots)
-    patches = atlas.warped(slots, np.stack([FACING] * len(points)))
+    patches = facing(first, points)
     error = {name: patches.align(seen(s, 0.8, 10, rng), points)[2] for name, s in (("", scene), ("lit", lit))}
     far = np.abs(points - points[0]).max(axis=1) > 40
     assert error["lit"][0] > 4 * error[""][0]
@@ -95,9 +91,7 @@ def test_what_is_not_there_is_not_found() -> None:
     rng = np.random.default_rng(6)
     first, other = (seen(grey(texture(rng)), 1, 0, rng) for _ in range(2))
     points = corners(first)
-    atlas, slots = TemplateAtlas.empty(64, RADIUS_PX), np.arange(len(points))
-    atlas = atlas.stored(first, points, slots)
-    patches = atlas.warped(slots, np.stack([FACING] * len(points)))
+    patches = facing(first, points)
     for image in (other, 255 - first, np.full_like(first, 7)):
         at, found, error = patches.align(image, points)
         assert found.mean() < 0.2  # patches of a few blobs look alike by chance
@@ -107,11 +101,3 @@ def test_what_is_not_there_is_not_found() -> None:
     starts[3] = np.nan
     assert not patches.align(first, starts)[1][3]
     assert patches.align(first, starts)[1][4:].all()
-
-
-def test_no_patches_are_no_special_case() -> None:
-    atlas = TemplateAtlas.empty(64, RADIUS_PX)
-    patches = atlas.warped(np.empty(0, int), np.empty((0, 3, 2)))
-    assert isinstance(patches, Patches)
-    at, found, error = patches.align(np.zeros((50, 60), np.float32), np.empty((0, 2)))
-    assert at.shape == (0, 2) and found.shape == error.shape == (0,)

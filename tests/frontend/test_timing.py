@@ -9,7 +9,6 @@ from stream_sfm.config import RigConfig
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.frontend.timing import Timing
 from stream_sfm.frontend.tracker import learn_timing
-from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
@@ -34,10 +33,6 @@ def points(n: int = 60) -> np.ndarray:
 def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
     prior = Timing.unknown(P, RigConfig(), row_of)
     return prior.told(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
-
-
-def triangulated(z_px: np.ndarray) -> np.ndarray:
-    return np.column_stack([P.rays(z_px), np.ones(len(z_px)), P.inverse_depth(z_px)])
 
 
 def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
@@ -79,16 +74,6 @@ def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
     expected[:, 3] = in_row[:, 3]
     # of second order in the time
     assert timing.taken_out(p, TWIST) == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
-
-
-def test_tracks_are_where_corrected_views_put_them() -> None:
-    """`Tracks.shifted` against triangulating the views anew."""
-    p = points()
-    z_px = P.project_homogeneous(p)
-    change_px = told(8e-3, 20e-3).taken_out(p, TWIST)
-    assert np.abs(change_px).max() > 1
-    tracks = replace(Tracks.none(), points=p).shifted(P, change_px)
-    assert tracks.points == pytest.approx(triangulated(z_px - change_px), abs=1e-12)
 
 
 def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:

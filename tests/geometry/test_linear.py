@@ -5,10 +5,7 @@ import pytest
 
 from stream_sfm.geometry.linear import (
     Cholesky,
-    matvec,
     scaled_cholesky,
-    symmetric,
-    symmetric_inverse,
 )
 
 RNG = np.random.default_rng(11)
@@ -45,13 +42,3 @@ def test_lost_definiteness_is_repaired_only_on_request() -> None:
     assert np.isfinite(Cholesky(nearly).root).all()
     with pytest.raises(np.linalg.LinAlgError):
         Cholesky(-np.eye(3))
-
-
-def test_stacks_are_treated_one_by_one() -> None:
-    a, x = RNG.normal(size=(7, 4, 3)), RNG.normal(size=(7, 3))
-    assert np.allclose(matvec(a, x), [m @ v for m, v in zip(a, x, strict=True)], rtol=1e-14)
-    square = np.swapaxes(a, 1, 2) @ a
-    inverse = symmetric_inverse(square)
-    assert (inverse == np.swapaxes(inverse, 1, 2)).all()
-    assert np.allclose(inverse @ square, np.eye(3), atol=1e-9)
-    assert (symmetric(square) == np.swapaxes(symmetric(square), 1, 2)).all()
