@@ -53,15 +53,11 @@ def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndar
         motion = se3.inverse(truth[k - 1]) @ truth[k] @ se3.exp(-jacobian @ c)
         link = Motion(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
         graph.add(k, np.eye(4), link)
-    loops = []
-    for k in range(4 + false):
-        old, new = k, NODES - 5 + k
-        motion = noisy(se3.inverse(truth[old]) @ truth[new], LOOP_STD, rng)
-        if k >= 4:
-            old = 6
-            motion = se3.exp([0.4, 0, 0.3, 0, 0.2, 0])
-        loops.append(Loop(old, new if k < 4 else NODES - 1, Motion(motion, np.diag(LOOP_STD**2))))
-    return graph, truth, loops
+    ends = [
+        (k, NODES - 5 + k, noisy(se3.inverse(truth[k]) @ truth[NODES - 5 + k], LOOP_STD, rng)) for k in range(4)
+    ]
+    ends += [(6, NODES - 1, se3.exp([0.4, 0, 0.3, 0, 0.2, 0]))] * false
+    return graph, truth, [Loop(old, new, Motion(motion, np.diag(LOOP_STD**2))) for old, new, motion in ends]
 
 
 def test_covariances_with_common_errors_and_loops_hold() -> None:

@@ -78,21 +78,33 @@ def drifting(run: Run, turn_rad: float = 0.004) -> Run:
 
 
 def mapped(room: Room, run: Run | None = None, **settings: object) -> PlaceMap:
+    """A map of a run, as it is in the end."""
     places = PlaceMap(room.rig, wait=True, **settings)  # type: ignore[arg-type]
-    for estimate, frame in run or room.run:
-        places.write(estimate, frame)
+    located_after(places, run or room.run)
     places.close()
     assert not places.problem
     return places
+
+
+def located_after(places: PlaceMap, run: Run) -> list[bool]:
+    """Whether the map has known where the camera is, after each frame."""
+    located = []
+    for estimate, frame in run:
+        places.write(estimate, frame)
+        places._settle(True)
+        located.append(places.located)
+    return located
+
+
+def path_of(run: Run) -> sfm.Trajectory:
+    return sfm.Trajectory(np.array([e.stamp_ns for e, _ in run]), np.array([e.world_from_cam for e, _ in run]))
 
 
 def test_loops_take_the_drift_away(room: Room) -> None:
     run = drifting(room.run)
     places = mapped(room, run)
     assert len(places.loops) >= 3
-    trajectory = sfm.Trajectory(
-        np.array([e.stamp_ns for e, _ in run]), np.array([e.world_from_cam for e, _ in run])
-    )
+    trajectory = path_of(run)
     corrected = places.corrected(trajectory)
     before, after = (
         np.linalg.norm((t.world_from_cam - room.truth)[:, :3, 3], axis=1) for t in (trajectory, corrected)
@@ -121,9 +133,8 @@ def test_the_same_frames_give_the_same_map(room: Room) -> None:
 
 
 def test_live_nothing_waits_and_every_keyframe_is_finished(room: Room) -> None:
-    run = room.run
     places = PlaceMap(room.rig)
-    for estimate, frame in run:
+    for estimate, frame in room.run:
         places.write(estimate, frame)
         assert len(places._jobs) <= 2
     places.close()
@@ -132,8 +143,7 @@ def test_live_nothing_waits_and_every_keyframe_is_finished(room: Room) -> None:
 
 def test_lost_and_found(room: Room) -> None:
     """Put down elsewhere, the camera is in its own world until it has seen enough of the old one."""
-    run = room.run
-    last = run[-1][0]
+    run, last = room.run, room.run[-1][0]
     lost = replace(last, status=sfm.Status.LOST, relative=None, common=None)
     shift, shift_ns = last.frame_index + 2, last.stamp_ns + 2 * PERIOD_NS
     carried: Run = [(replace(lost, frame_index=shift - 1, stamp_ns=shift_ns - PERIOD_NS), run[-1][1])]
@@ -150,13 +160,8 @@ def test_lost_and_found(room: Room) -> None:
         )
         carried.append((moved, frame))
     places = PlaceMap(room.rig, wait=True)
-    for estimate, frame in run:
-        places.write(estimate, frame)
-    located = []
-    for estimate, frame in carried:
-        places.write(estimate, frame)
-        places._settle(True)
-        located.append(places.located)
+    located_after(places, run)
+    located = located_after(places, carried)
     places.close()
     assert not located[1] and located[10]
     end = places.world_from_odom @ carried[-1][0].world_from_cam
@@ -172,18 +177,12 @@ def test_memory_is_bounded(room: Room) -> None:
 def test_a_second_run_goes_on_in_a_saved_map(room: Room, tmp_path: Path) -> None:
     first = mapped(room)
     first.save(tmp_path / "room.mcap")
-    places, located = PlaceMap(room.rig, wait=True, known=tmp_path / "room.mcap"), []
+    places = PlaceMap(room.rig, wait=True, known=tmp_path / "room.mcap")
     assert len(places) == len(first)
-    for estimate, frame in room.again:
-        places.write(estimate, frame)
-        places._settle(True)
-        located.append(places.located)
+    located = located_after(places, room.again)
     places.close()
     assert not places.problem and not located[0] and located[10] and places.loops
-    run = sfm.Trajectory(
-        np.array([e.stamp_ns for e, _ in room.again]), np.array([e.world_from_cam for e, _ in room.again])
-    )
-    error = se3.log(se3.inverse(places.corrected(run).world_from_cam) @ room.truth_again)
+    error = se3.log(se3.inverse(places.corrected(path_of(room.again)).world_from_cam) @ room.truth_again)
     assert np.linalg.norm(error[:, :3], axis=1).max() < 0.01
     assert len(places.poses()) == len(places) - len(first)
     places.save(tmp_path / "room.mcap")  # extended, in place
@@ -212,11 +211,8 @@ def test_where_two_rooms_are_the_same_neither_is_taken_for_it(room: Room, tmp_pa
     )
     save_map(tmp_path / "twice.mcap", projection, turn, 2 * keyframes, twice)
     for known, found in (("room.mcap", True), ("twice.mcap", False)):
-        places = PlaceMap(room.rig, wait=True, known=tmp_path / known)
-        for estimate, frame in room.again:
-            places.write(estimate, frame)
-        places.close()
-        assert not places.problem and bool(places.loops) == found == places.located
+        places = mapped(room, room.again, known=tmp_path / known)
+        assert bool(places.loops) == found == places.located
 
 
 def test_a_map_of_nothing_known_goes_on_as_any_other(room: Room, tmp_path: Path) -> None:
@@ -275,18 +271,17 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
             PlaceMap(room.rig, known=tmp_path / "wrong.mcap")
 
 
+def fails(*_: object, **__: object) -> None:
+    """As GTSAM does, which says more than a line."""
+    raise RuntimeError("\nIndeterminate linear system\ndetected")
+
+
 def test_where_gtsam_gives_up_the_run_goes_on(
     room: Room, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    run = room.run
     places = PlaceMap(room.rig, wait=True)
-
-    def fails(*_: object, **__: object) -> None:
-        raise RuntimeError("Indeterminate linear system\ndetected")
-
     monkeypatch.setattr(places._graph, "add", fails)
-    for estimate, frame in run[:3]:
-        places.write(estimate, frame)
+    located_after(places, room.run[:3])
     places.close()
     assert places.problem == "the map ends at frame 1: Indeterminate linear system"
     assert places.problem in caplog.text  # of the first frame with points
@@ -295,15 +290,11 @@ def test_where_gtsam_gives_up_the_run_goes_on(
 def test_a_map_without_a_solution_keeps_the_poses_of_the_engine(
     room: Room, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise RuntimeError("\nIndeterminate linear system\ndetected")
-
     monkeypatch.setattr("stream_sfm.places.graph.PoseGraph._by_common", fails)
     found = sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=12), loops=True)
     assert found.summary["map"]["problem"] == "the map has no solution: Indeterminate linear system"
     places = PlaceMap(room.rig, wait=True)
-    for estimate, frame in room.run[:12]:
-        places.write(estimate, frame)
+    located_after(places, room.run[:12])
     places.close()
     poses = places.poses()
     assert len(poses) and poses.cov_pose is not None and (np.linalg.eigvalsh(poses.cov_pose[1:]) > 0).all()
@@ -314,7 +305,7 @@ def test_motions_that_are_not_known_end_a_segment_where_no_other_leads_round_the
     room: Room, unknown: int, segments: int
 ) -> None:
     """Rotations of σ 1 rad, as where the motion of a body may be the camera's; the world is as doubtful then."""
-    places, run, doubt = PlaceMap(room.rig, wait=True), list(room.run[:24]), np.diag([0.2**2] * 3 + [1.0] * 3)
+    run, doubt = list(room.run[:24]), np.diag([0.2**2] * 3 + [1.0] * 3)
     for k in range(8, len(run)):
         estimate, frame = run[k]
         if k < 8 + unknown:
@@ -322,10 +313,8 @@ def test_motions_that_are_not_known_end_a_segment_where_no_other_leads_round_the
             relative = replace(estimate.relative, cov=estimate.relative.cov + doubt)
             estimate = replace(estimate, status=sfm.Status.DEGRADED, relative=relative)
         run[k] = replace(estimate, cov_pose=estimate.cov_pose + (doubt if unknown > 1 else 0.0)), frame
-    for estimate, frame in run:
-        places.write(estimate, frame)
-    places.close()
-    assert not places.problem and len(set(places._graph.segments.tolist())) == segments
+    places = mapped(room, run)
+    assert len(set(places._graph.segments.tolist())) == segments
     cov = places.poses().cov_pose
     assert cov is not None and (cov[-1, 3, 3] > 0.9) == (segments == 2)
 
