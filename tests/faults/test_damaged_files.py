@@ -12,18 +12,9 @@ import stream_sfm as sfm
 from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.mcap_file.walk import Walk
-from tests.faults.damage import INDEXES, KINDS, Span, Whole, trial, whole_log
-from tests.faults.records import HEAD, insert, message, record
-from tests.helpers.stereo_logs import (
-    CONTAINERS,
-    PERIOD_NS,
-    START_NS,
-    LogWriter,
-    Spec,
-    scene,
-    write_image,
-    write_log,
-)
+from tests.faults.damage import INDEXES, KINDS, Whole, trial, whole_log
+from tests.faults.records import HEAD, channel, insert, message, record
+from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 
 
 @pytest.fixture(scope="module")
@@ -64,12 +55,6 @@ def replaced(whole: Whole, path: Path, at: int, replacement: bytes) -> list[int]
     """Write the log with other bytes at one place; returns the stamps of the undamaged one."""
     path.write_bytes(whole.data[:at] + replacement + whole.data[at + len(replacement) :])
     return list(whole.frames)
-
-
-def cut_out(whole: Whole, path: Path, first: Span, last: Span) -> int:
-    """Write the log without the records from the first one up to the last one; returns their length."""
-    path.write_bytes(whole.data[: first[0]] + whole.data[last[0] :])
-    return last[0] - first[0]
 
 
 @pytest.mark.parametrize("length", [0, 7, 5000, 2**40, 2**64 - 1])
@@ -116,7 +101,8 @@ def test_an_index_that_leads_astray_is_not_used_and_nothing_is_lost(container, s
 def test_chunks_that_are_cut_out_cleanly_are_missed_by_the_place_of_the_index(wholes, path):
     """The records left add up; only that the index now lies elsewhere tells."""
     whole = wholes["zstd"]
-    cut_out(whole, path, *whole.of_kind(Opcode.CHUNK)[1:3])
+    (start, _), (end, _) = whole.pieces[1:3]
+    path.write_bytes(whole.data[:start] + whole.data[end:])
     file, damage = LogFile(path), Damage()
     assert len(list(file.messages(damage))) < 26
     assert not damage.complete
@@ -170,18 +156,11 @@ def test_notes_of_damage_stay_few(path):
 
 
 def test_channels_without_a_schema_are_passed_over_unless_they_are_the_cameras(path):
-    log = LogWriter(path)
-    bare = log.writer.register_channel("/camera/left/image_raw", "json", 0)
-    for n in range(4):
-        time = START_NS + n * PERIOD_NS
-        log.writer.add_message(bare, time, b"{}", time)
-        for side, topic in enumerate(Spec.topics):
-            write_image(log, "foxglove", topic, time, scene(n, side), "png")
-    log.close()
-    rig = sfm.open_log(write_log(path.with_name("whole.mcap"))).rig
-    assert len(list(sfm.open_log(path, calibration=rig).frames())) == 4
-    with pytest.raises(sfm.LogError, match="/camera/left/image_raw is not an image topic"):
-        sfm.open_log(path, left="/camera/left/image_raw", right=Spec.topics[1], calibration=rig)
+    topic = "/camera/left/image_raw"
+    insert(path, [channel(999, 0, topic, "json"), message(999, b"{}")])
+    assert len(list(sfm.open_log(path).frames())) == 12
+    with pytest.raises(sfm.LogError, match=f"{topic} is not an image topic"):
+        sfm.open_log(path, left=topic, right=Spec.topics[1])
 
 
 @pytest.mark.parametrize(

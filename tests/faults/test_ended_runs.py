@@ -15,6 +15,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
+from stream_sfm.outputs import RESULTS
 from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.replay import replay
 from stream_sfm.sources.pose_files import read_tum
@@ -25,10 +26,6 @@ from tests.helpers.wall_log import write_wall_log
 FAST = sfm.Config(method="frame-to-frame")
 FRAMES = 60
 IN_A_SECOND = 20
-FILES = (
-    "config.toml", "estimates.mcap", "summary.json",
-    "metadata.yaml", "trajectory.csv", "trajectory.kitti", "trajectory.tum",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +58,15 @@ def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None
     os._exit(main(["replay", str(log), "--out", str(out), "-q", "--method", "frame-to-frame"]))
 
 
+def same_as_whole(path: Path, whole: sfm.Trajectory) -> int:
+    """The number of estimates in a file, which are the first ones of the whole run."""
+    records = list(read_estimates(path))
+    assert [r.frame_index for r in records] == list(range(len(records)))
+    for record, pose in zip(records, whole.world_from_cam, strict=False):
+        assert np.array_equal(record.world_from_cam, pose)
+    return len(records)
+
+
 @pytest.mark.slow
 def test_kills_cost_a_second_each(log, whole, processes, tmp_path):
     rng = random.Random(5)
@@ -83,15 +89,12 @@ def test_kills_cost_a_second_each(log, whole, processes, tmp_path):
             receive.close()
         finished = (out / "summary.json").exists()
         folder = [p for p in (out / "estimates.mcap.part", out / "estimates.mcap") if p.exists()]
-        records = list(read_estimates(folder[0]))
-        assert len(records) >= told + 1 - IN_A_SECOND or finished
-        assert [r.frame_index for r in records] == list(range(len(records)))
-        for record, pose in zip(records, whole.world_from_cam, strict=False):
-            assert np.array_equal(record.world_from_cam, pose)
+        count = same_as_whole(folder[0], whole)
+        assert count >= told + 1 - IN_A_SECOND or finished
         for path in out.iterdir():
             path.unlink()
     again = replay(log, out, FAST)
-    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert sorted(p.name for p in out.iterdir()) == sorted(RESULTS)
     assert len(read_trajectory(out / "estimates.mcap")) == len(whole) == len(again.trajectory)
 
 
@@ -106,11 +109,8 @@ def test_a_full_disk_keeps_what_was_written_and_says_where(size, log, whole, pro
     assert "Traceback" not in message and "cannot write" in message and ".part" in message
     assert not (out / "estimates.mcap").exists()  # what has a gap or an open end keeps its temporary name
     if size > 30_000:
-        records = list(read_estimates(out / "estimates.mcap.part"))
-        assert 0 < len(records) < len(whole)
-        for record, pose in zip(records, whole.world_from_cam, strict=False):
-            assert np.array_equal(record.world_from_cam, pose)
-        assert len(read_tum(out / "trajectory.tum")) >= len(records)
+        count = same_as_whole(out / "estimates.mcap.part", whole)
+        assert 0 < count < len(whole) and len(read_tum(out / "trajectory.tum")) >= count
 
 
 def test_a_folder_that_takes_no_files_is_named(log, tmp_path, cli):

@@ -14,7 +14,6 @@ from stream_sfm.camera.calibration.document import load
 from stream_sfm.cli.main import main
 from stream_sfm.inputs import check_text, check_values, open_regular, read_small
 from stream_sfm.sources.pose_files import read_tum
-from stream_sfm.sources.text_files import stamp_ns
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import rig
 
@@ -97,13 +96,12 @@ def said(words: Sequence[object], capsys: pytest.CaptureFixture[str], codes: Col
     return error
 
 
-def test_standard_input_is_not_a_file(capsys, tmp_path):
-    error = said(["replay", "-", "--out", tmp_path / "out"], capsys, {2})
-    assert "standard input is not read: give a file" in error
-    with pytest.raises(sfm.LogError, match="standard input is not read: give a file"):
-        sfm.open_log("-")
-    with pytest.raises(OSError, match="standard input is not read"):
-        open_regular("-")
+@pytest.mark.parametrize(("path", "says"), [("-", "standard input is not read: give a file"), ("a\0b", "NUL")])
+def test_names_of_no_file(path, says):
+    with pytest.raises(sfm.LogError, match=says):
+        sfm.open_log(path)
+    with pytest.raises(OSError, match=says):
+        open_regular(path)
 
 
 def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path):
@@ -116,13 +114,10 @@ def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path):
     assert len(list(log.pairs())) > 1 and any("a pipe" in note for note in log.stats.warnings)
 
 
-def test_small_files_are_read_up_to_their_limit(tmp_path, capsys):
+def test_small_files_are_read_up_to_their_limit(tmp_path):
     (tmp_path / "large.toml").write_bytes(b"#" * 2**24)
     with pytest.raises(OSError, match="larger than 1048576 bytes"):
         read_small(tmp_path / "large.toml", 2**20)
-    for option in ("--config", "--calibration"):
-        given = ["replay", write_log(tmp_path / "log.mcap"), option, tmp_path / "large.toml"]
-        assert "larger than" in said(given, capsys, {2})
 
 
 HOSTILE: dict[str, Callable[[], str]] = {
@@ -134,6 +129,7 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "an integer of many hexadecimal digits": lambda: "x = 0x" + "f" * 10_000,
     "a whole number beyond 64 bits": lambda: "x = 9223372036854775808",
     "bytes that are not text": lambda: "x = \udcff",
+    "a comment of megabytes": lambda: "#" * 2**24,
 }
 
 
@@ -187,20 +183,19 @@ def test_what_people_write_passes():
 
 
 @pytest.mark.parametrize(
-    ("size", "f_px", "said_of"),
+    ("size", "f_px", "says"),
     [
         ((999_000, 32), 300, "camera size"),
         ((640, 2**40), 300, "camera size"),
         ((640, 480), 1e30, "camera matrix K"),
     ],
 )
-def test_impossible_cameras_are_refused(size, f_px, said_of, tmp_path, capsys):
+def test_impossible_cameras_are_refused(size, f_px, says, tmp_path):
     camera = f"width = {size[0]}\nheight = {size[1]}\nfx = {f_px}\nfy = {f_px}\ncx = 320\ncy = 240\n"
     text = f"[left]\n{camera}[right]\n{camera}[right_from_left]\ntranslation_m = [-0.1, 0, 0]\n"
     (tmp_path / "c.toml").write_text(text)
-    log = write_log(tmp_path / "log.mcap")
-    given = ["replay", log, "--calibration", tmp_path / "c.toml", "--out", tmp_path / "out"]
-    assert said_of in said(given, capsys, {2})
+    with pytest.raises(sfm.ConfigError, match=says):
+        sfm.StereoRig.from_calibration(tmp_path / "c.toml")
 
 
 @pytest.mark.parametrize("length", [300, 5000])
@@ -212,26 +207,17 @@ def test_names_that_no_file_can_have(length, tmp_path, capsys):
         said(words.format(odd=name, log=log, d=tmp_path).split(), capsys, {2, 3})
 
 
-def test_a_name_with_a_nul_is_no_file():
-    with pytest.raises(OSError, match="NUL"):
-        open_regular("a\0b")
-    with pytest.raises(sfm.LogError, match="NUL"):
-        sfm.open_log("a\0b")
-
-
 @pytest.mark.parametrize("stamp", [2**63, -(2**63) - 1, 10**300])
-def test_stamps_beyond_64_bits_are_refused(stamp, tmp_path):
-    engine = sfm.Engine(rig())
+def test_frames_of_stamps_beyond_64_bits_are_refused(stamp):
     image = np.zeros((rig().left.height, rig().left.width), np.uint8)
     with pytest.raises(sfm.FrameError, match="64 bits"):
-        engine.step(sfm.StereoFrame(stamp, image, image))
-    whole, ns = divmod(abs(stamp), 10**9)
-    (tmp_path / "t.tum").write_text(f"{'-' * (stamp < 0)}{whole}.{ns:09d} 0 0 0 0 0 0 1\n")
-    with pytest.raises(sfm.InputError, match="line 1"):
+        sfm.Engine(rig()).step(sfm.StereoFrame(stamp, image, image))
+
+
+@pytest.mark.parametrize(
+    "text", ["1e999999999", "-1e99999", "9" * 4000, "nan", "inf", "9223372036854775808", "9223372036.854775808"]
+)
+def test_times_beyond_64_bits_are_refused(text, tmp_path):
+    (tmp_path / "t.tum").write_text(f"{text} 0 0 0 0 0 0 1\n")
+    with pytest.raises(sfm.LogError, match=r"line 1: .* is not a time"):
         read_tum(tmp_path / "t.tum")
-
-
-@pytest.mark.parametrize("text", ["1e999999999", "-1e99999", "9" * 10_000, "nan", "inf", "9223372036854775808"])
-def test_times_beyond_64_bits_are_refused(text):
-    with pytest.raises(sfm.LogError, match="not a time"):
-        stamp_ns(text, "times.txt, line 1")

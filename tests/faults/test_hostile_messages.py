@@ -49,21 +49,15 @@ IMAGES: dict[str, tuple[dict[str, Any] | str, str]] = {
     "stamp that is no number": (stamp(float("nan")), "cannot convert float NaN"),
     "stamp beyond 64 bits": (stamp(10**30), "a stamp of 1000000000000000000000000000000 s"),
     "stamp of another age": (stamp(9 * 10**9), "far from those of the images around them"),
-    "stamp before the epoch": (stamp(-5), "far from those of the images around them"),
     "stamp of a list": (stamp([1]), "not 'list'"),
-    "stamp of a word": ({"timestamp": "now"}, "the message lacks the field sec"),
     "a number of bytes for the bytes": ({"data": 2 * 10**9}, "data of type int"),
     "bytes that are none": ({"data": [1, 2, 300]}, "bytes must be in range"),
-    "an object for the bytes": ({"data": {"a": 1}}, "data of type dict"),
-    "nothing for the bytes": ({"data": None}, "data of type NoneType"),
     "text that is no base64": ({"data": "{}"}, "Only base64 data is allowed"),
     "nested without end": ("[" * 100_000, "RecursionError"),
     "a list": ("[1, 2]", "the message lacks the field header"),
-    "a number": ("5", "the message lacks the field header"),
     "null": ("null", "the message lacks the field header"),
     "a number of 10 000 digits": ("1" * 10_000, "a message of 10000 bytes does not fit its schema"),
     "raw, of an unknown encoding": (raw(encoding="mono7"), "image encoding 'mono7' is not supported"),
-    "raw, of infinite width": (raw(width=INFINITY), "cannot convert float infinity"),
     "raw, of a width of 400 digits": (raw(width=10**400), "the calibration is for 96×64"),
     "raw, with fewer bytes than it claims": (raw(data=bytes(96 * 60)), "5760 bytes"),
     "256 megapixels in 270 kB": ({"data": base64.b64encode(_BOMB).decode()}, "images are 16000×16000"),
@@ -154,15 +148,6 @@ def test_a_hostile_ros_definition_is_refused_and_never_run(name, tmp_path):
     else:
         assert "code" in name  # what is a mere text is no harm
     assert not written.exists()
-
-
-def test_what_ros_writes_in_idl_passes():
-    text = idl(
-        '@verbatim (language="comment", text="a (small) * note") long a; sequence<double, 3> b;',
-        "long A = -12 << 3",
-    )
-    text = "// (((((\n/* ((((( */\n" + text
-    assert ros_decoder("cdr", "ros2idl", "sensor_msgs/msg/Image", text.encode()) is not None
 
 
 @pytest.mark.parametrize(
