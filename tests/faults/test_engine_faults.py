@@ -147,9 +147,6 @@ FAULTS: dict[str, Callable[[], Fault]] = {
         sides(lambda n: seen(9 if at_fault(n) else n).left, lambda n: seen(9 if at_fault(n) else n).right),
         "io{9}d{4}o{6}", "frozen",
     ),
-    "right image frozen": lambda: Fault(
-        sides(lambda n: seen(n).left, lambda n: seen(9 if at_fault(n) else n).right), "io{9}[od]{4}o{6}"
-    ),
     "black, white, noise, featureless": lambda: Fault(
         [edited(range(10, 14), NOTHING_SEEN[n % 4], seen(n), n) for n in range(N)],
         LOST, "image is black; image is white; too little texture",
@@ -173,12 +170,6 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "blurred by 15 px": lambda: Fault(
         during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 15)), "io{9}[lid]{4,5}[io]{5,6}", off_m=0.03
-    ),
-    "left and right exchanged midway": lambda: Fault(
-        sides(
-            lambda n: seen(n).left if n < 10 else seen(n).right, lambda n: seen(n).right if n < 10 else seen(n).left
-        ),
-        "io{9}[dl]{10}", "exchanged",
     ),
     "a turn by 90° in three frames": turned,
     "covered, then uncovered elsewhere": covered_and_carried,

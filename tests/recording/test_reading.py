@@ -1,24 +1,23 @@
 """Every profile, encoding and container gives the same frames; what is lost on the way is counted."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from stream_sfm import LogError, Selection, StereoRig, open_log
+from stream_sfm.recording.topics import choose_calibration, choose_pair
 from tests.helpers.stereo_logs import (
     BASELINE_M,
     CONTAINERS,
     PERIOD_NS,
     START_NS,
-    Calib,
     LogWriter,
     Spec,
-    right_calib,
     scene,
     write_image,
-    write_info,
     write_log,
 )
 
@@ -127,23 +126,16 @@ def other_side(topic: str) -> str:
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_usual_topic_names(path, device):
+def test_usual_topic_names(device):
     left, info, others = DEVICES[device]
     topics, infos = (left, other_side(left)), (info, other_side(info))
-    log = LogWriter(path)
-    for n in range(12):
-        time = START_NS + n * PERIOD_NS
-        for side, calibration in enumerate((Calib(), right_calib())):
-            write_info(log, "ros2", infos[side], time, calibration)
-            write_image(log, "ros2", topics[side], time, scene(n, side), "png")
-        for topic in others:
-            write_image(log, "ros2", topic, time, scene(0, 0), "png")
-            if not topic.startswith(tuple(i.rsplit("/", 1)[0] + "/" for i in infos)):  # of another camera
-                wrong = Calib(width=99)  # would be refused if it were taken
-                write_info(log, "ros2", topic.rsplit("/", 1)[0] + "/camera_info", time, wrong)
-    log.close()
-    read = check_frames(path)
-    assert (read.left_topic, read.right_topic) == topics
+    choice = choose_pair(Path("log"), dict.fromkeys((*topics, *others), 1))
+    assert (choice.left, choice.right) == topics
+    inside = tuple(info.rsplit("/", 1)[0] + "/" for info in infos)
+    of_others = {topic.rsplit("/", 1)[0] + "/camera_info" for topic in others if not topic.startswith(inside)}
+    assert [choose_calibration(topic, side, {*infos, *of_others}) for side, topic in enumerate(topics)] == list(
+        infos
+    )
 
 
 def test_selection_of_frames(path):
@@ -194,10 +186,7 @@ def test_a_topic_that_is_there_in_its_compressed_form_only_is_found(path):
     assert open_log(path, left="/stereo/b/image_raw", mono=True).left_topic == topics[1]
 
 
-def test_several_pairs_are_the_users_choice(path):
-    log = LogWriter(path)
-    for topic in ("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"):
-        write_image(log, "foxglove", topic, START_NS, scene(0, "right" in topic), "png")
-    log.close()
+def test_several_pairs_are_the_users_choice():
+    pairs = [f"/{place}/{side}/image" for place in ("front", "rear") for side in ("left", "right")]
     with pytest.raises(LogError, match="/front/left/image and /front/right/image; /rear"):
-        open_log(path)
+        choose_pair(Path("log"), dict.fromkeys(pairs, 1))
