@@ -23,6 +23,9 @@ Templates = tuple[int, int, int, float, float, float, float]
 # views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
 # gates (n,) of squared residuals.
 Views = tuple[Pinholes, Array, Array, Array, Array, Array, Array]
+# Homogeneous points (n, 4), their twists (n, 6), or (1, 6) for all, and in which rows (n, 4) they were exposed, as
+# shares of the height.
+TimedPoints = tuple[Array, Array, Array]
 # Tracks whose patches should be in a new frame: slots (n,), points (n, 4), slopes (n, 2), positions (n, 2) and right
 # columns (n,) where alignment starts, warps (n, 3, 2) of both images, and the twist (6,) of the points.
 Sought = tuple[Pixels, Array, Array, Array, Array, Array, Array, Array]
@@ -266,13 +269,12 @@ def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array:
 def fit_turn(
     views: Views,
     cam_from_ref: Array,
-    steps: int,
     usual: Array,
     std_knock_rad: float,
 ) -> tuple[Array, Array, Mask, float, float]:
     """Return the turn of the right camera (3,) rad that views show, its covariance (3, 3), and which (n,) agree, (72d).
 
-    By so many steps of reweighting, together with the motion. And by how much likelier it is a knock of σ
+    By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of σ
     `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views
     have no shared errors.
     """
@@ -332,23 +334,23 @@ def timed_views(pinholes: Pinholes, points_in_cam: Array, twists: Array, row: Ar
     height, NaN for a side that was not seen, to which nothing is done.
     """
 
-def timing_errors(
-    pinholes: Pinholes,
-    before: Array,
-    twist_before: Array,
-    row_before: Array,
-    now: Array,
-    twist: Array,
-    row: Array,
-    cov: Array,
-    size: Array,
-    std_twist: Array,
+def timing_unknowns(
+    pinholes: Pinholes, before: TimedPoints, now: TimedPoints, cov: Array, size: Array, std_twist: Array
 ) -> Array:
-    """Return the errors (n, 4, 14) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
+    """Return the errors (n, 4, j) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
 
-    Of homogeneous points (n, 4) before and now, with one twist (1, 6) each, as in `timed_views`. Delay and readout
-    have the covariance `cov` (2, 2), s², and the root mean squares `size` (2,), s; the twist now has `std_twist` (6,).
-    Raises LinAlgError where `cov` is not definite.
+    Points with one twist (1, 6) each before and now. Delay and readout have the covariance `cov` (2, 2), s², and the
+    root mean squares `size` (2,), s; the twist now has `std_twist` (6,). Principal components, without those that do
+    not matter beside the noise of a good view. Raises LinAlgError where `cov` is not definite.
+    """
+
+def with_row_errors(
+    unknown_px: Array, pinholes: Pinholes, rows: Rows, root: Array, z_px: Array, points: Array, twist: Array
+) -> tuple[Array, Array]:
+    """Return errors of views (n, 4), such as of `timing_unknowns`, together with those of their rows: (n, 4, j) px.
+
+    `root` (7 + K, 7 + K): the lower one of the covariance of the amplitudes of rows; homogeneous points (n, 4) that
+    move with a twist (6,). Also returns the covariance (3, 3) of the turn of the right camera that the latter feign.
     """
 
 def cov_of_timed_pose(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array, cov_twist: Array) -> Array:
@@ -387,9 +389,6 @@ def log_evidence(information: Array, weighted: Array, variances: Array) -> Array
 
     Of n independent ones, from the information that views have about each and their sum weighted by it.
     """
-
-def principal_errors(errors: Array, least: float) -> Array:
-    """Return the principal components (n, 4, j) of errors of views (n, 4, k) whose squares sum to more than `least`."""
 
 def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame: Pixels, point: Pixels) -> Array:
     """Return homogeneous points (V, 4), in front of the cameras, of views of points q, eq. (24).

@@ -122,23 +122,26 @@ inline void diagonalise(double* a, double* axes, std::size_t n) {
         double off = 0, on = 0;
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = 0; j < n; j++) (i == j ? on : off) += a[i * n + j] * a[i * n + j];
-        if (!(off > on * ROUNDING)) return;
+        if (!(off > on * ROUNDING)) break;
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = i + 1; j < n; j++) {
                 if (a[i * n + j] == 0) continue;
                 double ratio = (a[j * n + j] - a[i * n + i]) / (2 * a[i * n + j]);
                 double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1 + ratio * ratio));
-                double c = 1 / std::sqrt(1 + t * t), s = t * c;
-                auto rotate = [&](double& x, double& y) {
-                    double before = x;
-                    x = c * before - s * y;
-                    y = s * before + c * y;
-                };
-                for (std::size_t k = 0; k < n; k++) rotate(a[k * n + i], a[k * n + j]);
-                for (std::size_t k = 0; k < n; k++) rotate(a[i * n + k], a[j * n + k]);
-                for (std::size_t k = 0; k < n; k++) rotate(axes[k * n + i], axes[k * n + j]);
+                double c = 1 / std::sqrt(1 + t * t), s = t * c, shift = t * a[i * n + j];
+                double on_i = a[i * n + i] - shift, on_j = a[j * n + j] + shift;
+                for (double* of : {a, axes})  // of both, rows: the matrix is symmetric
+                    for (std::size_t k = 0; k < n; k++) {
+                        double before = of[i * n + k];
+                        of[i * n + k] = c * before - s * of[j * n + k];
+                        of[j * n + k] = s * before + c * of[j * n + k];
+                    }
+                a[i * n + i] = on_i, a[j * n + j] = on_j, a[i * n + j] = a[j * n + i] = 0;
+                for (std::size_t k = 0; k < n; k++) a[k * n + i] = a[i * n + k], a[k * n + j] = a[j * n + k];
             }
     }
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = i + 1; j < n; j++) std::swap(axes[i * n + j], axes[j * n + i]);
 }
 
 // The inverse of an information matrix (n, n), scaled by its own diagonal; false where a direction is not determined.

@@ -69,13 +69,7 @@ class Alignment {
         std::vector<std::size_t> slanted;
         for (std::size_t i = 0; i < of.slots.shape[0]; i++)
             if (of.slopes[i][0] != 0 || of.slopes[i][1] != 0) slanted.push_back(i);
-        Array<std::int64_t, 1> slots({slanted.size()});
-        Array<double, 3> warps({slanted.size(), 3, 2});
-        for (std::size_t k = 0; k < slanted.size(); k++) {
-            slots.data[k] = of.slots.data[slanted[k]];
-            std::copy_n(of.right_warps[slanted[k]], 6, warps[k]);
-        }
-        Patches right = warped(slots.view(), warps.view());
+        Patches right = warped(rows_of(of.slots, slanted).view(), rows_of(of.right_warps, slanted).view());
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);

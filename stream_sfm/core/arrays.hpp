@@ -1,12 +1,14 @@
 // Arrays that the stages of the core take and give. Stages know neither Python nor its lock: module.cpp binds them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace core {
 
@@ -43,6 +45,16 @@ struct Array {
     T* operator[](std::size_t i) { return data.get() + i * row_size(); }
     View<T, N> view() const { return {data.get(), shape}; }
 };
+
+// Some rows of an array.
+template <class T, std::size_t N>
+Array<T, N> rows_of(const View<T, N>& array, const std::vector<std::size_t>& rows) {
+    std::array<std::size_t, N> shape = array.shape;
+    shape[0] = rows.size();
+    Array<T, N> result(shape);
+    for (std::size_t k = 0; k < rows.size(); k++) std::copy_n(array[rows[k]], array.row_size(), result[k]);
+    return result;
+}
 
 // What Python sees as a ValueError.
 inline void require(bool holds, const char* otherwise) {

@@ -125,6 +125,8 @@ template <>
 struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 2>, View<double, 3>, View<double, 2>, View<double, 3>,
                                              View<double, 3>, View<double, 1>> {};
 template <>
+struct Argument<TimedPoints> : RecordArgument<TimedPoints, View<double, 2>, View<double, 2>, View<double, 2>> {};
+template <>
 struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
                                          View<double, 3>, View<double, 3>, View<double, 1>> {};
 
@@ -239,7 +241,8 @@ NB_MODULE(_core, m) {
     m.def("rig_mixture", &Bound<&rig_mixture>::call);
     m.def("velocities", &Bound<&velocities>::call);
     m.def("timed_views", &Bound<&timed_views>::call);
-    m.def("timing_errors", &Bound<&timing_errors>::call);
+    m.def("timing_unknowns", &Bound<&timing_unknowns>::call);
+    m.def("with_row_errors", &Bound<&with_row_errors>::call);
     m.def("cov_of_timed_pose", &Bound<&cov_of_timed_pose>::call);
     m.def("reported_covariances", &Bound<&reported_covariances>::call);
     m.def("unseen_by_pose", &Bound<&unseen_by_pose>::call);
@@ -248,7 +251,6 @@ NB_MODULE(_core, m) {
     m.def("whiten_blocks", &Bound<&whiten_blocks>::call);
     m.def("gates_of_views", &Bound<&gates_of_views>::call);
     m.def("log_evidence", &Bound<&log_evidence>::call);
-    m.def("principal_errors", &Bound<&principal_errors>::call);
     m.def("pose_exp", &Bound<&pose_exp>::call);
     m.def("pose_log", &Bound<&pose_log>::call);
     m.def("pose_inverse", &Bound<&pose_inverse>::call);

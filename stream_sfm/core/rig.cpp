@@ -9,6 +9,7 @@
 namespace core {
 namespace {
 
+constexpr double LEAST_PX2 = 1e-2;  // of a component of errors, summed over all views: the variance of one good view
 constexpr std::size_t TERMS = 20;  // the order of rig_model/terms.py
 enum Term { DISPARITY = 0, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12, FOCAL, DELAY, READOUT, TURNING, FOCUSING = 19 };
 
@@ -161,13 +162,12 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& po
     return result;
 }
 
-Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 2>& twist_before,
-                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 2>& twist,
-                               const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
-                               const View<double, 1>& std_twist) {
-    Array<double, 3> then = timed_views(pinholes, before, twist_before, row_before), moved = timed_views(pinholes, now, twist, row);
-    std::size_t n = now.shape[0];
-    require(before.shape[0] == n, "there are not as many points before as now");
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& before, const TimedPoints& now, const View<double, 2>& cov,
+                                 const View<double, 1>& size, const View<double, 1>& std_twist) {
+    Array<double, 3> then = timed_views(pinholes, before.points, before.twists, before.row);
+    Array<double, 3> moved = timed_views(pinholes, now.points, now.twists, now.row);
+    std::size_t n = now.points.shape[0];
+    require(before.points.shape[0] == n, "there are not as many points before as now");
     require_shape(cov, {2, 2}, "cov");
     require_shape(size, {2}, "size");
     require_shape(std_twist, {6}, "std_twist");
@@ -176,7 +176,7 @@ Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& 
     Array<double, 3> result({n, 4, 14});
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24];
-        velocity_by_twist(pinholes, now[i], by_twist);
+        velocity_by_twist(pinholes, now.points[i], by_twist);
         for (int c = 0; c < 4; c++) {
             double* out = result[i] + 14 * c;
             for (int k = 0; k < 2; k++)
@@ -184,11 +184,11 @@ Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& 
             for (int k = 0; k < 6; k++) {
                 double by_time = std_twist.data[k] * by_twist[6 * c + k];
                 if (c == LATE) out[2 + k] = size.data[0] * by_time;
-                out[8 + k] = size.data[1] * by_time * share(row[i][c]);
+                out[8 + k] = size.data[1] * by_time * share(now.row[i][c]);
             }
         }
     }
-    return result;
+    return principal_errors(result.view());
 }
 
 Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
@@ -229,24 +229,32 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 
     return result;
 }
 
-Array<double, 3> principal_errors(const View<double, 3>& errors, double least) {
-    std::size_t n = errors.shape[0], k = errors.shape[2];
-    require_shape(errors, {n, 4, k}, "errors");
+Array<double, 2> principal_components(const View<double, 2>& errors) {
+    std::size_t n = errors.shape[0], k = errors.shape[1];
     require(k <= 1000, "there are too many errors");
     std::vector<double> products(k * k), axes(k * k);
-    for (std::size_t i = 0; i < 4 * n; i++)
+    for (std::size_t i = 0; i < n; i++)
         for (std::size_t a = 0; a < k; a++)
-            for (std::size_t b = a; b < k; b++) products[a * k + b] += errors.data[i * k + a] * errors.data[i * k + b];
+            for (std::size_t b = a; b < k; b++) products[a * k + b] += errors[i][a] * errors[i][b];
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     diagonalise(products.data(), axes.data(), k);
     std::vector<std::size_t> kept;
     for (std::size_t a = 0; a < k; a++)
-        if (products[a * k + a] > least) kept.push_back(a);
-    Array<double, 3> result({n, 4, kept.size()});
-    for (std::size_t i = 0; i < 4 * n; i++)
+        if (products[a * k + a] > LEAST_PX2) kept.push_back(a);
+    Array<double, 2> result({n, kept.size()});
+    for (std::size_t i = 0; i < n; i++)
         for (std::size_t c = 0; c < kept.size(); c++)
-            for (std::size_t a = 0; a < k; a++) result.data[i * kept.size() + c] += errors.data[i * k + a] * axes[a * k + kept[c]];
+            for (std::size_t a = 0; a < k; a++) result[i][c] += errors[i][a] * axes[a * k + kept[c]];
+    return result;
+}
+
+Array<double, 3> principal_errors(const View<double, 3>& errors) {
+    std::size_t n = errors.shape[0];
+    Array<double, 2> components = principal_components({errors.data, {4 * n, errors.shape[2]}});
+    Array<double, 3> result({0, 4, components.shape[1]});
+    result.shape[0] = n;
+    result.data = std::move(components.data);
     return result;
 }
 

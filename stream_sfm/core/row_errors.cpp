@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "algebra.hpp"
 #include "stages.hpp"
@@ -13,6 +14,38 @@ constexpr std::size_t POLYNOMIAL = 6;  // coefficients; then the delay, then the
 constexpr double GATE = 4.0;  // standard deviations that a match may be off: one good match in 16 000 is lost
 // Three times the scatter of good matches; below, few matches that agree by chance set the gate.
 constexpr double LEAST_GATE_PX = 0.3;
+constexpr double LEAST_SHARE = 1e-15;  // of the largest eigenvalue: of a turn that views do not show
+
+// The covariance (3, 3) of the turn of the right camera that errors (n, k) of right rows feign.
+Array<double, 2> as_turn(const Pinholes& pinholes, const View<double, 2>& z, const Array<double, 2>& errors) {
+    std::size_t k = errors.shape[1];
+    std::vector<double> seen(3 * k), turns(3 * k);
+    double information[9] = {}, axes[9];
+    for (std::size_t i = 0; i < z.shape[0]; i++) {
+        if (!std::isfinite(z[i][2])) continue;
+        double effect[6];
+        by_turn(pinholes, z[i][2], z[i][3], effect);
+        for (std::size_t a = 0; a < 3; a++) {
+            for (std::size_t b = 0; b < 3; b++) information[3 * a + b] += effect[a] * effect[b] + effect[3 + a] * effect[3 + b];
+            for (std::size_t c = 0; c < k; c++) seen[a * k + c] += effect[3 + a] * errors.view()[i][c];
+        }
+    }
+    diagonalise(information, axes, 3);
+    double most = std::max({information[0], information[4], information[8]});
+    for (std::size_t axis = 0; axis < 3; axis++) {
+        if (!(information[4 * axis] > most * LEAST_SHARE)) continue;
+        for (std::size_t c = 0; c < k; c++) {
+            double along = 0;
+            for (std::size_t a = 0; a < 3; a++) along += axes[3 * a + axis] * seen[a * k + c] / information[4 * axis];
+            for (std::size_t a = 0; a < 3; a++) turns[a * k + c] += axes[3 * a + axis] * along;
+        }
+    }
+    Array<double, 2> result({3, 3});
+    for (std::size_t a = 0; a < 3; a++)
+        for (std::size_t b = 0; b < 3; b++)
+            for (std::size_t c = 0; c < k; c++) result[a][b] += turns[a * k + c] * turns[b * k + c];
+    return result;
+}
 
 }  // namespace
 
@@ -55,6 +88,37 @@ Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, con
         result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max + GATE * late);
     }
     return result;
+}
+
+UnknownOfViews with_row_errors(const View<double, 3>& unknown, const Pinholes& pinholes, const RowModel& rows,
+                               const View<double, 2>& root, const View<double, 2>& z, const View<double, 2>& points,
+                               const View<double, 1>& twist) {
+    std::size_t n = z.shape[0], others = unknown.shape[2], k = root.shape[0];
+    require_shape(unknown, {n, 4, others}, "unknown_px");
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(points, {n, 4}, "points");
+    require_shape(twist, {6}, "twist");
+    require_shape(root, {k, k}, "root");
+    Array<double, 2> left({n, 2}), moving = velocities(pinholes, points, {twist.data, {1, 6}}), errors({n, k});
+    Array<double, 1> speed({n});
+    for (std::size_t i = 0; i < n; i++) {
+        std::copy_n(z[i], 2, left[i]);
+        speed.data[i] = moving[i][3];
+    }
+    Array<double, 2> terms = row_terms(rows.size, rows.field, left.view(), speed.view());
+    require(terms.shape[1] == k, "the root is not that of the amplitudes of rows");
+    for (std::size_t i = 0; i < n; i++) {
+        if (!std::isfinite(z[i][2])) continue;
+        for (std::size_t a = 0; a < k; a++)
+            for (std::size_t b = 0; b <= a; b++) errors[i][b] += terms[i][a] * root[a][b];
+    }
+    Array<double, 2> own = principal_components(errors.view());
+    Array<double, 3> both({n, 4, others + own.shape[1]});
+    for (std::size_t i = 0; i < n; i++) {
+        for (std::size_t c = 0; c < 4; c++) std::copy_n(unknown[i] + c * others, others, both[i] + c * both.shape[2]);
+        std::copy_n(own[i], own.shape[1], both[i] + 3 * both.shape[2] + others);
+    }
+    return {principal_errors(both.view()), as_turn(pinholes, z, errors)};
 }
 
 }  // namespace core

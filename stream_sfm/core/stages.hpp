@@ -63,6 +63,14 @@ Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field
 Array<double, 1> row_offsets(const RowModel& rows, const View<double, 2>& at, const View<double, 1>& speed);
 Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, const View<double, 2>& right, const View<double, 1>& speed,
                           double scale);
+struct UnknownOfViews {
+    Array<double, 3> errors;
+    Array<double, 2> cov_turn;
+    auto parts() { return std::tie(errors, cov_turn); }
+};
+UnknownOfViews with_row_errors(const View<double, 3>& unknown, const Pinholes& pinholes, const RowModel& rows,
+                               const View<double, 2>& root, const View<double, 2>& z, const View<double, 2>& points,
+                               const View<double, 1>& twist);
 
 // alignment.cpp
 // Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
@@ -210,7 +218,7 @@ struct FittedTurn {
     auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right);
-FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock);
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, const View<double, 2>& usual, double std_knock);
 
 // rig.cpp
 Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
@@ -220,13 +228,16 @@ Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<d
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row);
-Array<double, 3> timing_errors(const Pinholes& pinholes, const View<double, 2>& before, const View<double, 2>& twist_before,
-                               const View<double, 2>& row_before, const View<double, 2>& now, const View<double, 2>& twist,
-                               const View<double, 2>& row, const View<double, 2>& cov, const View<double, 1>& size,
-                               const View<double, 1>& std_twist);
+struct TimedPoints {  // homogeneous points (n, 4), how they move, and in which rows (n, 4) they are exposed
+    View<double, 2> points, twists, row;
+};
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& before, const TimedPoints& now, const View<double, 2>& cov,
+                                 const View<double, 1>& size, const View<double, 1>& std_twist);
 Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
                                    const View<double, 1>& size, const View<double, 2>& cov_twist);
-Array<double, 3> principal_errors(const View<double, 3>& errors, double least);
+// Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
+Array<double, 2> principal_components(const View<double, 2>& errors);
+Array<double, 3> principal_errors(const View<double, 3>& errors);  // of views (n, 4, k)
 
 // reported.cpp
 Array<double, 3> reported_covariances(const View<double, 3>& cov, const View<double, 2>& points, const View<double, 2>& shared,

@@ -11,7 +11,9 @@
 namespace core {
 namespace {
 
-constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;           // motion and turn; with the residual
+constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;  // motion and turn; with the residual
+// IRLS iterations; one suffices to rule out a knock. After a knock, views are off by ten standard deviations and more.
+constexpr int FEW_STEPS = 1, STEPS = 12;
 
 // xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN where A is not definite.
 double squared_length(const double* a, const double* x, double& log_det) {
@@ -29,20 +31,9 @@ double squared_length(const double* a, const double* x, double& log_det) {
     return sum;
 }
 
-}  // namespace
-
-Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right) {
-    require_shape(right, {right.shape[0], 2}, "right_px");
-    Array<double, 3> result({right.shape[0], 2, 3});
-    for (std::size_t i = 0; i < right.shape[0]; i++) by_turn(pinholes, right[i][0], right[i][1], result[i]);
-    return result;
-}
-
-FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock) {
+// The turn by so many steps of reweighting.
+FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock) {
     std::size_t n = views.points.shape[0];
-    require_shape(motion, {4, 4}, "cam_from_ref");
-    require_shape(usual, {3, 3}, "usual");
-    require(n > 0 && views.shared.shape[2] == 0 && steps > 0, "a turn has views, steps, and no other error");
     LinearisedViews linear = linearise_views(views, motion);
     Array<double, 1> none({0});
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
@@ -105,6 +96,41 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, int 
     double of_knock = squared_length(knocked, result.rad.data.get(), log_det_knocked);
     result.log_odds = (result.squared - of_knock + log_det - log_det_knocked) / 2;
     return result;
+}
+
+}  // namespace
+
+Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right) {
+    require_shape(right, {right.shape[0], 2}, "right_px");
+    Array<double, 3> result({right.shape[0], 2, 3});
+    for (std::size_t i = 0; i < right.shape[0]; i++) by_turn(pinholes, right[i][0], right[i][1], result[i]);
+    return result;
+}
+
+FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, const View<double, 2>& usual, double std_knock) {
+    std::size_t n = views.points.shape[0];
+    require_shape(motion, {4, 4}, "cam_from_ref");
+    require_shape(usual, {3, 3}, "usual");
+    require_shape(views.z, {n, 4}, "z_px");
+    require_shape(views.cov_points, {n, 4, 4}, "cov_points");
+    require_shape(views.cov, {n, 4, 4}, "cov_px");
+    require_shape(views.gate, {n}, "gate");
+    require(views.shared.shape[2] == 0, "a turn is fitted without other errors");
+    std::vector<std::size_t> seen;
+    for (std::size_t i = 0; i < n; i++)
+        if (std::isfinite(views.z[i][2])) seen.push_back(i);
+    require(!seen.empty(), "no right side was seen");
+    auto points = rows_of(views.points, seen), z = rows_of(views.z, seen);
+    auto cov_points = rows_of(views.cov_points, seen), cov = rows_of(views.cov, seen);
+    auto gate = rows_of(views.gate, seen);
+    Array<double, 3> none({seen.size(), 4, 0});
+    PointViews of_right{views.pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gate.view()};
+    FittedTurn found = fitted(of_right, motion, FEW_STEPS, usual, std_knock);
+    if (found.log_odds > 0) found = fitted(of_right, motion, STEPS, usual, std_knock);
+    Array<bool, 1> agree({n});
+    for (std::size_t k = 0; k < seen.size(); k++) agree.data[seen[k]] = found.agree.data[k];
+    found.agree = std::move(agree);
+    return found;
 }
 
 }  // namespace core

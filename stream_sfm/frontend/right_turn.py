@@ -37,8 +37,6 @@ _PATIENCE_FRAMES = 8  # frames after which an ever-changing turn counts as usual
 _MAX_TURN_PX = 4.0  # templates are not found from further away; then left and right do not fit (`pair_check.py`)
 _MIN_VIEWS = 30  # three and a half for each of the nine unknowns
 _AGREE = 0.6  # share of the right views that a turn must explain; where a body covers them it explains fewer
-# IRLS iterations; one suffices to rule out a knock. After a knock, views are off by ten standard deviations and more.
-_STEPS = 12
 _GATE = 0.999  # share of good views that agree
 # Prior σ of the turn by a knock, about each axis. The measured turn is where the estimator starts; it is not used a
 # second time.
@@ -154,25 +152,19 @@ class TurnWatch:
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
         `cov_expected` (3, 3): of apparent turns, caused by what is unknown of delay and rows.
         """
-        seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
-        if len(seen) < _MIN_VIEWS:
+        n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
+        if n_seen < _MIN_VIEWS:
             return self.calm(), None
-        views = PointViews(self.projection, points[seen], cov_points[seen], z_px[seen], cov_px[seen], _GATE)
-        usual = self.usual + cov_expected
-        for steps in (1, _STEPS):
-            rad, cov, agree, log_factor, chi2 = core.fit_turn(
-                views.of_core, cam_from_previous, steps, usual, _STD_TURN_RAD
-            )
-            if log_factor <= 0:
-                break
+        views, usual = (
+            PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE),
+            self.usual + cov_expected,
+        )
+        rad, cov, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, _STD_TURN_RAD)
         turn = Turn(rad, cov, agree)
-        possible = self.projection.f_px * np.linalg.norm(turn.rad) < _MAX_TURN_PX and turn.agree.mean() > _AGREE
+        possible = self.projection.f_px * np.linalg.norm(rad) < _MAX_TURN_PX and agree.sum() > _AGREE * n_seen
         stands_out = bool(log_factor > -np.log(_KNOCKS) and possible)
         if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
             return self._learnt(turn, stands_out, chi2), None
-        agree = np.zeros(len(z_px), bool)
-        agree[seen] = turn.agree
-        turn = replace(turn, agree=agree)
         return replace(self, unusual=(*self.unusual, turn)), turn
 
     def _learnt(self, turn: Turn, stands_out: bool, chi2: float) -> "TurnWatch":

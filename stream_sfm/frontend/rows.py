@@ -83,10 +83,6 @@ class Rows:
         """
         return core.row_offsets(self.of_core, left_px, np.atleast_1d(row_speed_px_s))
 
-    def root(self, left_px: Array, row_speed_px_s: Array) -> Array:
-        """Return a root (n, k) of the covariance of `at`, px."""
-        return np.asarray(self._terms(left_px, row_speed_px_s) @ np.linalg.cholesky(self.cov))
-
     def told(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 

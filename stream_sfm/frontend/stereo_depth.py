@@ -7,8 +7,7 @@ import numpy as np
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..rig_model.turns import effects_of_turn
-from ..rig_model.velocities import principal, velocities
+from ..rig_model.velocities import velocities
 from .alignment import AlignedViews, Aligners, Candidates, split
 from .prepared import PreparedImages
 from .right_turn import RightTurn
@@ -53,25 +52,13 @@ def align_in_both(
     return views
 
 
-def row_errors(rows: Rows, left_px: Array, points: Array, twist: Array) -> Array:
-    """Return what is not known of the rows of homogeneous points (n, 4) seen at left positions (n, 2): (n, k) px."""
-    return rows.root(left_px, row_speed(rows.projection, points, twist))
+def with_row_errors(unknown_px: Array, rows: Rows, z_px: Array, points: Array, twist: Array) -> tuple[Array, Array]:
+    """Errors of views (n, 4) that are unknown (n, 4, j), with those of the rows of right sides; see the core.
 
-
-def of_right_sides(errors: Array, z_px: Array) -> Array:
-    """Return errors (n, k) of rows as those of views (n, 4): their principal components (n, 4, j) px."""
-    unknown = np.zeros((len(z_px), 4, errors.shape[1]))
-    unknown[:, 3] = np.where(np.isfinite(z_px[:, 2:3]), errors, 0.0)
-    return principal(unknown)
-
-
-def cov_of_rows_as_turn(projection: StereoProjection, errors: Array, z_px: Array) -> Array:
-    """Return the covariance (3, 3) of the turn of the right camera that errors (n, k) of rows of views (n, 4) feign."""
-    seen = np.isfinite(z_px[:, 2])
-    by_turn = effects_of_turn(projection, z_px[seen, 2:])
-    information = (by_turn.transpose(0, 2, 1) @ by_turn).sum(axis=0)
-    turns = np.linalg.lstsq(information, by_turn[:, 1].T @ errors[seen], rcond=None)[0]
-    return np.asarray(turns @ turns.T)
+    Also returns the covariance (3, 3) of the turn of the right camera that wrong rows feign. Homogeneous points (n, 4).
+    """
+    root: Array = np.linalg.cholesky(rows.cov)
+    return core.with_row_errors(unknown_px, rows.projection.pinholes, rows.of_core, root, z_px, points, twist)
 
 
 def update_depths(p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array) -> Tracks:

@@ -56,13 +56,11 @@ class Timing:
             return np.zeros((len(points), 4))
         return np.asarray(TimedViews(self.projection, points, twist, self.row_of).columns @ self.mean)
 
-    def unknowns(self, before: Array, now: Array, twist: Array, std_twist: Array) -> Array | None:
+    def unknowns(self, before: Array, now: Array, twist: Array, std_twist: Array) -> Array:
         """Return what is not known of the change from points `before` (n, 4) to `now` (n, 4): (n, 4, j) px of σ = 1.
 
-        `std_twist` (6,): how far off the twist may be.
+        `std_twist` (6,): how far off the twist may be. Of an exact rig nothing is unknown, and this is not asked.
         """
-        if not self.std.any():
-            return None
         at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
         then = TimedViews(self.projection, before, at_first, self.row_of)
         views = TimedViews(self.projection, now, twist, self.row_of)

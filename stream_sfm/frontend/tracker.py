@@ -16,7 +16,6 @@ from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
-from ..rig_model.velocities import principal
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
@@ -29,14 +28,7 @@ from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .stereo_depth import (
-    align_in_both,
-    cov_of_rows_as_turn,
-    learn_rows,
-    of_right_sides,
-    row_errors,
-    update_depths,
-)
+from .stereo_depth import align_in_both, learn_rows, update_depths, with_row_errors
 from .tracks import Tracks
 from .warps import anchor_from_now
 
@@ -80,14 +72,14 @@ class Followed:
 @record
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
-    their points; `weight`: of all tracks that should have been found; `row_errors_px` (n, k): of their right sides;
-    `unknown_px` (n, 4, j): as `Timing.unknowns`; None of an exact rig."""
+    their points; `weight`: of all tracks that should have been found. `unknown_px` (n, 4, j): errors that all views
+    share, of delay, readout and rows, and `cov_turn` (3, 3) of turns that they feign; None of an exact rig."""
 
     before: Tracks
     cov_points: Array
     weight: float
-    row_errors_px: Array | None = None
     unknown_px: Array | None = None
+    cov_turn: Array | None = None
 
 
 def follow(
@@ -116,7 +108,7 @@ def follow(
     known = _known(setup, state, candidates, views, rough.cam_from_previous, dt_s)
     state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
-    state, turn = _judge_turn(state, known, views, start, twist)
+    state, turn = _judge_turn(state, known, views, start)
     if turn is not None:
         views = views.left_only()
         state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
@@ -215,13 +207,12 @@ def _known(
     known = _Known(before, cov_points, float(candidates.before.weights.sum()))
     if state.turn_watch is None:
         return known
-    std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
-    unknown_px = state.timing.unknowns(before.points, now.points, candidates.twist, std_twist)
+    twist, std_twist = candidates.twist, np.repeat(setup.std_acceleration, 3) * dt_s
+    unknown_px = state.timing.unknowns(before.points, now.points, twist, std_twist)
     z_px = views.z_px[views.found]
-    errors_px = row_errors(state.rows_told, z_px[:, :2], now.points, candidates.twist)
-    if unknown_px is not None:
-        unknown_px = principal(np.concatenate([unknown_px, of_right_sides(errors_px, z_px)], axis=2))
-    return replace(known, row_errors_px=errors_px, unknown_px=unknown_px)
+    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, z_px, now.points, twist)
+    cov_turn += state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
+    return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 
 
 def _resect(
@@ -246,15 +237,14 @@ def _resect(
 
 
 def _judge_turn(
-    state: FrontEndState, known: _Known, views: AlignedViews, cam_from_previous: Array, twist: Array
+    state: FrontEndState, known: _Known, views: AlignedViews, cam_from_previous: Array
 ) -> tuple[FrontEndState, Turn | None]:
     """The turn of the right camera that the frame shows, if it is an unusual one."""
-    if state.turn_watch is None or known.row_errors_px is None:
+    if state.turn_watch is None or known.cov_turn is None:
         return state, None
     z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
-    points, cov_expected = known.before.points, state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
-    cov_expected += cov_of_rows_as_turn(state.turn_watch.projection, known.row_errors_px, z_px)
-    watch, turn = state.turn_watch.judge(points, known.cov_points, z_px, cov_px, cam_from_previous, cov_expected)
+    seen = known.before.points, known.cov_points, z_px, cov_px
+    watch, turn = state.turn_watch.judge(*seen, cam_from_previous, known.cov_turn)
     return replace(state, turn_watch=watch), turn
 
 

@@ -8,8 +8,6 @@ from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 
-_LEAST_PX2 = 1e-2  # of a component, summed over all views: the variance of one good view
-
 
 def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
     """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
@@ -42,6 +40,11 @@ class TimedViews:
         self.pinholes, self.points, self.twist = projection.pinholes, points_in_cam, twist[None]
 
     @property
+    def of_core(self) -> tuple[Array, Array, Array]:
+        """The points as the compiled core takes them."""
+        return self.points, self.twist, self.row
+
+    @property
     def columns(self) -> Array:
         """Px per second of delay and of readout (n, 4, 2)."""
         return core.timed_views(self.pinholes, self.points, self.twist, self.row)
@@ -58,13 +61,7 @@ def timing_unknowns(before: TimedViews, now: TimedViews, mean: Array, cov: Array
     """Return what is not known of how views have changed, with delay and readout N(`mean` (2,), `cov` (2, 2)), seconds.
 
     (n, 4, j) px, each of σ = 1: a constant delay or readout shows where the velocity has changed; and what either of
-    them does shows where the velocity is not known, by `std_twist` (6,). Their `principal` components.
+    them does shows where the velocity is not known, by `std_twist` (6,). Their principal components.
     """
-    then, at_last = (before.points, before.twist, before.row), (now.points, now.twist, now.row)
     size = np.sqrt(mean**2 + np.diag(cov))
-    return principal(core.timing_errors(now.pinholes, *then, *at_last, cov, size, std_twist))
-
-
-def principal(unknown: Array) -> Array:
-    """Return principal components (n, 4, j) of errors of views (n, 4, k) px that matter beside a good view's noise."""
-    return core.principal_errors(unknown, _LEAST_PX2)
+    return core.timing_unknowns(now.pinholes, before.of_core, now.of_core, cov, size, std_twist)

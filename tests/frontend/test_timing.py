@@ -50,7 +50,6 @@ def test_an_exact_rig_takes_nothing_in() -> None:
     exact = Timing.unknown(P, RigConfig(exact=True), row_of)
     assert exact.told(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
     assert (exact.taken_out(points(), TWIST) == 0).all()
-    assert exact.unknowns(points(), points(), TWIST, np.ones(6)) is None
 
 
 def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
