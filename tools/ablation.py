@@ -38,7 +38,7 @@ RULES: dict[str, tuple[str, Any]] = {
         lambda levels, tracks, start, known: [(start, levels, 1.0)],
     ),
     "history weights": ("frontend.tracks.Tracks.weights", property(lambda self: np.ones(len(self)))),
-    "second motion": ("geometry.resection._with_second_motion", lambda views, found, weights: found),
+    "second motion": ("geometry.resection.MIN_SECOND_VIEWS", 10**9),
     "one rigid body": ("frontend.tracker.rigid_motion", lambda views, weights, found, predicted: found),
     "ambiguity lasts": (
         "frontend.ambiguity.AmbiguityMemory.after",

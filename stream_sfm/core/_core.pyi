@@ -23,6 +23,16 @@ Templates = tuple[int, int, int, float, float, float, float]
 # views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
 # gates (n,) of squared residuals.
 Views = tuple[Pinholes, Array, Array, Array, Array, Array, Array]
+# A motion (4, 4), its covariance (6, 6), accepted views (n,), and of these χ² and degrees of freedom; the spread of
+# squared residuals; whether enough views agree and determine the motion; squared residuals (n,), share of the votes,
+# amplitudes (j,) of shared errors and their covariance (j, j).
+Fitted = tuple[Array, Array, Mask, float, int, float, bool, Array, float, Array, Array]
+# A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.
+Second = tuple[Array, Array, Mask, float]
+# Size of the image; share of the votes below which the global search is made; gates beyond which a view disagrees, how
+# many that do make a second motion, and the share of the evidence from which it makes the first one ambiguous; whether
+# most views agree with the start already, and whether no motion of other views is looked for.
+ResectionRules = tuple[tuple[float, float], float, float, int, float, bool, bool]
 # Homogeneous points (n, 4), their twists (n, 6), or (1, 6) for all, and in which rows (n, 4) they were exposed, as
 # shares of the height.
 TimedPoints = tuple[Array, Array, Array]
@@ -204,14 +214,11 @@ def fit_motion(
     amplitudes: Array,
     votes: Array,
     anneal: bool,
-) -> tuple[Array, Array, Array, Mask, Array, float, bool, float, float, int, int]:
+) -> Fitted:
     """Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
-    Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first.
-    Returns motion (1, 4, 4), amplitudes (j,), their covariance (6 + j, 6 + j), accepted views (n,), squared residuals
-    (n,), the spread of those, and whether the views determine the motion. And of the accepted views: their χ², their
-    share of the `votes` (n,), how many coordinates they have, and how many they are. Raises LinAlgError as
-    `linearise_views`.
+    Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first. `votes` (n,): how much each view
+    counts in the share. Raises LinAlgError as `linearise_views`.
     """
 
 def motions_of_halves(
@@ -227,36 +234,15 @@ def motions_of_halves(
     share. Near and far, left and right, upper and lower ones.
     """
 
-def search_motion(
-    views: Views,
-    cam_from_ref: Array,
-    weights: Array,
-    width: float,
-    height: float,
-    agreeing: int,
-) -> Array:
-    """Return the motion (4, 4) with the largest `motion_support`, whatever the start (4, 4): the global search.
+def resect(views: Views, cam_from_ref: Array, votes: Array, rules: ResectionRules) -> tuple[Fitted, Second | None]:
+    """Return the motion of the views, whatever the start (4, 4), and what others agree on, eqs. (20) to (23).
 
-    The start is one of two beginnings of each sample, the other one is taken from its rays. `agreeing`: with how many
-    of the views the motion agrees at least, 0 if that is not known: among few views few samples then find it. Samples
-    depend on the number of views only. Shared errors are left out.
+    With `votes` (n,). Where too few agree with what a start led to, the whole space of motions is searched, for the one
+    with the largest support: each view gives its vote, less the share of the gate that its squared residual uses up;
+    the extent that the agreeing views have in the image adds a little. Samples depend on the number of views only.
     """
 
-def motion_support(
-    views: Views,
-    cam_from_ref: Array,
-    amplitudes: Array,
-    weights: Array,
-    width: float,
-    height: float,
-) -> float:
-    """Return the support of a motion (4, 4) by views with `weights` (n,), which are at least 0.
-
-    Each view gives its weight, less the share of the gate that its squared residual uses up; the extent that the
-    agreeing views have in the image adds a little.
-    """
-
-def evidence(pinholes: Pinholes, z_px: Array, weights: Array, width: float, height: float) -> float:
+def evidence(pinholes: Pinholes, z_px: Array, weights: Array, size: tuple[float, float]) -> float:
     """Return how strongly views (n, 4) with these weights (n,) look like the background.
 
     Each place of the image has one vote, as large as its largest weight; their sum counts times their extent. A body

@@ -18,6 +18,7 @@ constexpr int RELINEARISE_EVERY = 3;  // steps: between them the pose moves too 
 constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the final least squares does the rest
 constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
 constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
+constexpr std::size_t MIN_VIEWS = 6;      // as in geometry/resection.py
 constexpr double LEAST_VOTES = 1e-12;     // of all views together
 constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
 
@@ -55,8 +56,7 @@ class Fit {
 
     // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
     Fitted finish(const double* votes) {
-        Fitted result{Array<double, 3>({1, 4, 4}), Array<double, 1>({size - 6}), Array<double, 2>({size, size}),
-                      Array<bool, 1>({n}),         Array<double, 1>({n}),        1.0, false, 0.0, 0.0, 0, 0};
+        Fitted result(n, size - 6);
         bool* accepted = result.accepted.data.get();
         look();
         auto judge = [&] {
@@ -75,22 +75,24 @@ class Fit {
             look();
             if (judge() && moved < FINAL_CONVERGED) break;
         }
-        View<double, 3> found{motion.data(), {1, 4, 4}};
-        result.cam_from_ref = orthonormalise(found);
+        Array<double, 3> found = orthonormalise({motion.data(), {1, 4, 4}});
+        std::copy_n(found[0], 16, result.cam_from_ref[0]);
         std::copy(shared.begin(), shared.end(), result.amplitudes.data.get());
-        result.determined = invert_information(information, size, result.cov.data.get());
+        bool determined = give_covariance(result);
         std::copy(squares(), squares() + n, result.squares.data.get());
         result.spread = spread_of(squares(), views.gate.data, n);
         double all = 0;
+        std::size_t agree = 0;
         for (std::size_t i = 0; i < n; i++) {
             all += votes[i];
             if (!accepted[i]) continue;
             result.chi2 += squares()[i];
             result.share += votes[i];
-            result.views++;
-            for (int k = 0; k < 4; k++) result.sides += std::isfinite(views.z[i][k]);
+            agree++;
+            for (int k = 0; k < 4; k++) result.dof += std::isfinite(views.z[i][k]);
         }
         result.share /= std::max(all, LEAST_VOTES);
+        result.ok = determined && agree >= MIN_VIEWS;
         return result;
     }
 
@@ -100,6 +102,20 @@ class Fit {
     }
 
    private:
+    // Whether the views determine the motion.
+    bool give_covariance(Fitted& result) const {
+        std::vector<double> cov(size * size);
+        bool determined = invert_information(information, size, cov.data());
+        std::size_t j = size - 6;
+        for (std::size_t a = 0; a < 6; a++)
+            for (std::size_t b = 0; b < 6; b++)
+                result.cov_pose[a][b] = determined ? cov[a * size + b] : std::numeric_limits<double>::infinity();
+        for (std::size_t a = 0; a < j; a++)
+            for (std::size_t b = 0; b < j; b++)
+                result.cov_amplitudes[a][b] = determined ? cov[(6 + a) * size + 6 + b] : (a == b ? 1.0 : 0.0);
+        return determined;
+    }
+
     void look() {
         View<double, 3> root{linear.root.data.get(), {n, 4, 4}}, at{motion.data(), {1, 4, 4}};
         seen = view_residuals(views, root, {shared.data(), {size - 6}}, at);

@@ -56,23 +56,28 @@ struct has_parts : std::false_type {};
 template <class T>
 struct has_parts<T, std::void_t<decltype(std::declval<T&>().parts())>> : std::true_type {};
 
-template <class T>
-nb::object given(T&& number) {
-    return nb::cast(number);
-}
+// What a stage returns, as Python sees it: an array, a number or None, or of several `parts` a tuple.
 template <class T, std::size_t N>
 nb::object given(Array<T, N>&& array) {
     return numpy(std::move(array));
 }
+template <class T>
+nb::object given(std::optional<T>&& perhaps);
+template <class T>
+nb::object given(T&& number) {
+    if constexpr (has_parts<std::decay_t<T>>::value)
+        return std::apply([](auto&... parts) { return nb::make_tuple(given(std::move(parts))...); }, number.parts());
+    else
+        return nb::cast(number);
+}
+template <class T>
+nb::object given(std::optional<T>&& perhaps) {
+    return perhaps ? given(std::move(*perhaps)) : nb::none();
+}
 
-// What a stage returns, as Python sees it: an array or, of several `parts`, a tuple.
 template <class Stage>
 nb::object result(Stage&& stage) {
-    auto found = unlocked(stage);
-    if constexpr (has_parts<decltype(found)>::value)
-        return std::apply([](auto&... parts) { return nb::make_tuple(given(std::move(parts))...); }, found.parts());
-    else
-        return given(std::move(found));
+    return given(unlocked(stage));
 }
 
 Pinholes pinholes(const nb::tuple& numbers) {
@@ -126,6 +131,8 @@ struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 
                                              View<double, 3>, View<double, 1>> {};
 template <>
 struct Argument<TimedPoints> : RecordArgument<TimedPoints, View<double, 2>, View<double, 2>, View<double, 2>> {};
+template <>
+struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<double, 2>, double, double, std::size_t, double, bool, bool> {};
 template <>
 struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
                                          View<double, 3>, View<double, 3>, View<double, 1>> {};
@@ -213,8 +220,7 @@ NB_MODULE(_core, m) {
     m.def("view_residuals", &Bound<&view_residuals>::call);
     m.def("fit_motion", &Bound<&fit_motion>::call);
     m.def("motions_of_halves", &Bound<&motions_of_halves>::call);
-    m.def("search_motion", &Bound<&search_motion>::call);
-    m.def("motion_support", &Bound<&motion_support>::call);
+    m.def("resect", &Bound<&resect>::call);
     m.def("evidence", &Bound<&evidence>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
     def_of_window(m, "window_residuals", &window_residuals);

@@ -172,8 +172,8 @@ double choose(std::size_t n, std::size_t k) {
 
 }  // namespace
 
-Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights, double width,
-                               double height, std::size_t agreeing) {
+Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights,
+                               const std::array<double, 2>& image_size, std::size_t agreeing) {
     std::size_t n = views.points.shape[0], stereo = 0;
     require_shape(weights, {n}, "weights");
     require_shape(start, {4, 4}, "cam_from_ref");
@@ -187,7 +187,7 @@ Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& s
     std::vector<double> ones(size, 1.0), near(n);
     std::vector<Scored> found;
     auto score = [&](Scored& of) {
-        double value = support(views, {width, height}, weights.data, search.squares(of.motion).data());
+        double value = support(views, image_size, weights.data, search.squares(of.motion).data());
         of.support = std::isfinite(value) ? value : -1.0;
     };
     Motion given;
@@ -217,26 +217,27 @@ Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& s
 }
 
 double motion_support(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
-                      const View<double, 1>& weights, double width, double height) {
+                      const View<double, 1>& weights, const std::array<double, 2>& size) {
     std::size_t n = views.points.shape[0];
     require_shape(weights, {n}, "weights");
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
-    return support(views, {width, height}, weights.data, seen.squares[0]);
+    return support(views, size, weights.data, seen.squares[0]);
 }
 
-double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights, double width, double height) {
+double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights,
+                const std::array<double, 2>& size) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(weights, {n}, "weights");
     double votes[PLACES * PLACES] = {}, sum = 0;
     for (std::size_t i = 0; i < n; i++) {
         auto place = [](double share) { return static_cast<int>(std::min(std::max(0.0, share * PLACES), PLACES - 1.0)); };
-        double& vote = votes[PLACES * place(z[i][1] / height) + place(z[i][0] / width)];
+        double& vote = votes[PLACES * place(z[i][1] / size[1]) + place(z[i][0] / size[0])];
         vote = std::max(vote, weights.data[i]);
     }
     for (double vote : votes) sum += vote;
-    return sum * extent(pinholes, z, {width, height}, {weights.data, weights.data + n});
+    return sum * extent(pinholes, z, size, {weights.data, weights.data + n});
 }
 
 }  // namespace core

@@ -2,6 +2,7 @@
 // given, in this order.
 #pragma once
 
+#include <optional>
 #include <tuple>
 
 #include "arrays.hpp"
@@ -181,16 +182,20 @@ MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& r
 
 // fit.cpp
 struct Fitted {
-    Array<double, 3> cam_from_ref;
-    Array<double, 1> amplitudes;
-    Array<double, 2> cov;
+    Array<double, 2> cam_from_ref, cov_pose;
     Array<bool, 1> accepted;
+    double chi2 = 0;
+    std::int64_t dof = -6;
+    double spread = 1;
+    bool ok = false;
     Array<double, 1> squares;
-    double spread;
-    bool determined;
-    double chi2, share;
-    std::int64_t sides, views;
-    auto parts() { return std::tie(cam_from_ref, amplitudes, cov, accepted, squares, spread, determined, chi2, share, sides, views); }
+    double share = 0;
+    Array<double, 1> amplitudes;
+    Array<double, 2> cov_amplitudes;
+
+    Fitted(std::size_t n, std::size_t j)
+        : cam_from_ref({4, 4}), cov_pose({6, 6}), accepted({n}), squares({n}), amplitudes({j}), cov_amplitudes({j, j}) {}
+    auto parts() { return std::tie(cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squares, share, amplitudes, cov_amplitudes); }
 };
 Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes,
                   const View<double, 1>& votes, bool anneal);
@@ -203,11 +208,35 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
                          const View<bool, 1>& accepted, double shared_noise);
 
 // search.cpp
-Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights, double width,
-                               double height, std::size_t agreeing);
+Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights,
+                               const std::array<double, 2>& image_size, std::size_t agreeing);
 double motion_support(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
-                      const View<double, 1>& weights, double width, double height);
-double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights, double width, double height);
+                      const View<double, 1>& weights, const std::array<double, 2>& size);
+double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights, const std::array<double, 2>& size);
+
+// resection.cpp
+// Size of the image; below which share of the votes the global search is made; how many gates off a view clearly disagrees, how
+// many of such make a second motion, and from which share of the evidence on it makes the first one ambiguous; and of the start
+// whether it is one that most views agree with already, and whether no motion of other views is looked for.
+struct ResectionRules {
+    std::array<double, 2> size;
+    double calm_share, beyond;
+    std::size_t second_views;
+    double ambiguous_share;
+    bool start_is_close, start_is_decided;
+};
+struct Second {
+    Array<double, 2> cam_from_ref, cov_pose;
+    Array<bool, 1> views;
+    double odds;
+    auto parts() { return std::tie(cam_from_ref, cov_pose, views, odds); }
+};
+struct Resected {
+    Fitted found;
+    std::optional<Second> second;
+    auto parts() { return std::tie(found, second); }
+};
+Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules);
 
 // turn.cpp
 struct FittedTurn {

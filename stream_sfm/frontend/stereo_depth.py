@@ -57,7 +57,7 @@ def with_row_errors(unknown_px: Array, rows: Rows, z_px: Array, points: Array, t
 
     Also returns the covariance (3, 3) of the turn of the right camera that wrong rows feign. Homogeneous points (n, 4).
     """
-    root: Array = np.linalg.cholesky(rows.cov)
+    root = np.asarray(np.linalg.cholesky(rows.cov), np.float64)
     return core.with_row_errors(unknown_px, rows.projection.pinholes, rows.of_core, root, z_px, points, twist)
 
 

@@ -1,12 +1,8 @@
 """Points with covariances and their stereo views: what a motion between them is judged by."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import core
-from ..record import rows_of
 from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
@@ -43,24 +39,6 @@ class PointViews:
     def __len__(self) -> int:
         return len(self.z_px)
 
-    def select(self, rows: NDArray[Any]) -> "PointViews":
-        """The given rows (mask or indices)."""
-        cov = None if self.cov_points is None else rows_of(self.cov_points, rows)
-        return PointViews(
-            self.projection,
-            rows_of(self.points, rows),
-            cov,
-            rows_of(self.z_px, rows),
-            rows_of(self.cov_px, rows),
-            self.gate_probability,
-            rows_of(self.shared, rows),
-        )
-
-    def without_shared(self, amplitudes: Array) -> "PointViews":
-        """The views without the errors that they share, which have these amplitudes (j,)."""
-        z_px = self.z_px - self.shared @ amplitudes
-        return PointViews(self.projection, self.points, self.cov_points, z_px, self.cov_px, self.gate_probability)
-
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).
 
@@ -78,20 +56,13 @@ class PointViews:
         """
         return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
 
-    def search(self, start: Array, weights: Array, agreeing: int = 0) -> Array:
-        """The motion (4, 4) that most of the `weights` (n,) agree with; see `core.search_motion`."""
-        return core.search_motion(self.of_core, start, weights, *self._size, agreeing)
-
-    def support(self, cam_from_ref: Array, amplitudes: Array, weights: Array) -> float:
-        """How much of the `weights` (n,) a motion (4, 4) has; see `core.motion_support`."""
-        return core.motion_support(self.of_core, cam_from_ref, amplitudes, weights, *self._size)
-
     def evidence(self, weights: Array) -> float:
         """How strongly views with these `weights` (n,) look like the background; see `core.evidence`."""
-        return core.evidence(self.projection.pinholes, self.z_px, weights, *self._size)
+        return core.evidence(self.projection.pinholes, self.z_px, weights, self.size)
 
     @property
-    def _size(self) -> tuple[float, float]:
+    def size(self) -> tuple[float, float]:
+        """Width and height of the image, px."""
         return float(self.projection.width), float(self.projection.height)
 
     @property

@@ -6,7 +6,7 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
 """
 
-from dataclasses import field, replace
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,13 @@ MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where eve
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
 _CALM_SHARE = 0.8
-# From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
-# residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
-_CALM_SPREAD = 4.0
 # A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
 # pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
 # history.
 _AMBIGUOUS_SHARE = 0.1
 BEYOND = 2.0  # gates: views that are clearly not of the first motion
 MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+_NO_SECOND = 2**31  # views that a second motion would need where none is looked for
 
 
 @record
@@ -72,9 +70,9 @@ class Resection:
     ok: bool
     squared_residuals: Array
     share: float = 0.0
-    second: SecondMotion | None = None
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     cov_amplitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    second: SecondMotion | None = None
 
     @property
     def ambiguous(self) -> SecondMotion | None:
@@ -123,26 +121,14 @@ def resect(
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
-    weights = np.ones(len(views)) if weights is None else weights
-    start, amplitudes = cam_from_ref_start, np.zeros(views.shared.shape[2])
-    if start_is_close:
-        found = refine(views, weights, start, amplitudes)
-        if found.ok and (start_is_decided or _agrees_with_nearly_all(views, found, weights)):
-            return found
-    found = refine(views, weights, start, amplitudes, anneal=True)
-    if found.share < _CALM_SHARE:
-        # no annealing: among many views that move together even small weights would lead away from what is found
-        other = refine(views, weights, views.search(start, weights), amplitudes)
-        support, of_other = (views.support(m.cam_from_ref, m.amplitudes, weights) for m in (found, other))
-        if other.ok and of_other > support:
-            found = other
-    return _with_second_motion(views, found, weights) if find_second else found
-
-
-def _agrees_with_nearly_all(views: PointViews, found: Resection, weights: Array) -> bool:
-    """Whether nearly all views agree with the motion, if their noise is as large as their median residual says."""
-    agree = found.squared_residuals < min(found.spread, _CALM_SPREAD) * views.gate
-    return bool(weights[agree].sum() >= _CALM_SHARE * weights.sum())
+    rules = (
+        *(views.size, _CALM_SHARE, BEYOND, MIN_SECOND_VIEWS if find_second else _NO_SECOND, _AMBIGUOUS_SHARE),
+        *(start_is_close, start_is_decided),
+    )
+    found, second = core.resect(
+        views.of_core, cam_from_ref_start, np.ones(n) if weights is None else weights, rules
+    )
+    return Resection(*found, None if second is None else SecondMotion(*second))
 
 
 def refine(
@@ -152,43 +138,4 @@ def refine(
 
     `anneal`: it need not be close; Cauchy weights come first, eq. (22).
     """
-    motion, amplitudes, cov, accepted, s2, spread, determined, chi2, share, coordinates, n = core.fit_motion(
-        views.of_core, cam_from_ref, amplitudes, weights, anneal
-    )
-    return Resection(
-        cam_from_ref=motion[0],
-        cov_pose=cov[:6, :6] if determined else np.full((6, 6), np.inf),
-        accepted=accepted,
-        chi2=chi2,
-        dof=coordinates - 6,
-        spread=spread,
-        ok=determined and n >= MIN_VIEWS,
-        squared_residuals=s2,
-        share=share,
-        amplitudes=amplitudes,
-        cov_amplitudes=cov[6:, 6:] if determined else np.eye(len(amplitudes)),
-    )
-
-
-def _with_second_motion(views: PointViews, found: Resection, weights: Array) -> Resection:
-    """Add the motion that the views which clearly disagree have in common, or exchange the two where that is clear.
-
-    Many views may agree with both motions; they say nothing about which of the two is that of the background.
-    A view has three coordinates of its own: it takes so many more where it also determines errors that all share.
-    """
-    off = found.squared_residuals > BEYOND * views.gate
-    if not found.ok or off.sum() < MIN_SECOND_VIEWS:
-        return found
-    seen = views.without_shared(found.amplitudes).select(off)
-    start = seen.search(found.cam_from_ref, weights[off], MIN_SECOND_VIEWS)
-    other = refine(views, weights, start, found.amplitudes)
-    only_other = off & other.accepted
-    determined = len(other.amplitudes) - float(np.trace(other.cov_amplitudes))
-    if not other.ok or only_other.sum() < MIN_SECOND_VIEWS + determined / 3:
-        return found
-    only_found = found.accepted & (other.squared_residuals > BEYOND * views.gate)
-    odds = views.evidence(weights * only_other) / max(views.evidence(weights * only_found), 1e-12)
-    if odds > 1 / _AMBIGUOUS_SHARE:
-        second = SecondMotion(found.cam_from_ref, found.cov_pose, only_found, 1 / odds)
-        return replace(other, second=second)
-    return replace(found, second=SecondMotion(other.cam_from_ref, other.cov_pose, only_other, odds))
+    return Resection(*core.fit_motion(views.of_core, cam_from_ref, amplitudes, weights, anneal))

@@ -17,7 +17,9 @@ def motion(cam_from_ref: np.ndarray, odds: float | None) -> Resection:
     second = None
     if odds is not None:
         second = SecondMotion(OTHER_FROM_FIRST @ cam_from_ref, np.eye(6), np.zeros(10, bool), odds)
-    return Resection(cam_from_ref, np.eye(6), np.ones(10, bool), 0.0, 34, 1.0, True, np.zeros(10), 1.0, second)
+    return Resection(
+        cam_from_ref, np.eye(6), np.ones(10, bool), 0.0, 34, 1.0, True, np.zeros(10), 1.0, second=second
+    )
 
 
 def others(motions: list[Resection]) -> list[np.ndarray | None]:

@@ -1,0 +1,119 @@
+// Robust resection: a fit near the start, the global search where too few agree, and the motion that the others share.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double CALM_SHARE = 0.8;
+// From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
+// residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
+constexpr double CALM_SPREAD = 4.0;
+
+class Resection {
+   public:
+    Resection(const PointViews& views, const View<double, 1>& votes, const ResectionRules& rules)
+        : views(views), votes(votes), rules(rules), n(views.points.shape[0]) {}
+
+    Fitted fit(const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal) const {
+        return fit_motion(views, start, amplitudes, votes, anneal);
+    }
+
+    // The motion that most views agree with, from a start, without annealing where that is close.
+    Fitted first(const View<double, 2>& start) const {
+        std::vector<double> none(views.shared.shape[2]);
+        View<double, 1> amplitudes{none.data(), {none.size()}};
+        if (rules.start_is_close) {
+            Fitted found = fit(start, amplitudes, false);
+            if (found.ok && (rules.start_is_decided || nearly_all_agree(found))) return found;
+        }
+        Fitted found = fit(start, amplitudes, true);
+        if (found.share >= rules.calm_share) return found;
+        // no annealing: among many views that move together even small weights would lead away from what is found
+        Array<double, 2> searched = search_motion(views, start, votes, rules.size, 0);
+        Fitted other = fit(searched.view(), amplitudes, false);
+        return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
+    }
+
+    // The motion that the views which clearly disagree have in common, or the two exchanged where that is clear.
+    //
+    // Many views may agree with both motions; they say nothing about which of the two is that of the background. A view
+    // has three coordinates of its own: it takes so many more where it also determines errors that all share.
+    Resected with_second(Fitted found) const {
+        std::vector<std::size_t> off;
+        for (std::size_t i = 0; i < n; i++)
+            if (is_beyond(found, i)) off.push_back(i);
+        if (!found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
+        Array<double, 2> start = search_among(off, found);
+        Fitted other = fit(start.view(), found.amplitudes.view(), false);
+        Array<bool, 1> only_other({n}), only_found({n});
+        std::size_t agree = 0;
+        for (std::size_t i : off) agree += only_other.data[i] = other.accepted.data[i];
+        double determined = static_cast<double>(other.amplitudes.shape[0]);
+        for (std::size_t k = 0; k < other.amplitudes.shape[0]; k++) determined -= other.cov_amplitudes[k][k];
+        if (!other.ok || static_cast<double>(agree) < static_cast<double>(rules.second_views) + determined / 3)
+            return {std::move(found), std::nullopt};
+        for (std::size_t i = 0; i < n; i++) only_found.data[i] = found.accepted.data[i] && is_beyond(other, i);
+        double odds = evidence_of(only_other) / std::max(evidence_of(only_found), 1e-12);
+        if (odds <= 1 / rules.ambiguous_share)
+            return {std::move(found), Second{std::move(other.cam_from_ref), std::move(other.cov_pose), std::move(only_other), odds}};
+        Second first{std::move(found.cam_from_ref), std::move(found.cov_pose), std::move(only_found), 1 / odds};
+        return {std::move(other), std::move(first)};
+    }
+
+   private:
+    // Whether nearly all views agree with a motion, if their noise is as large as their median residual says.
+    bool nearly_all_agree(const Fitted& found) const {
+        double agree = 0, all = 0, width = std::min(found.spread, CALM_SPREAD);
+        for (std::size_t i = 0; i < n; i++) {
+            all += votes.data[i];
+            if (found.squares.data[i] < width * views.gate.data[i]) agree += votes.data[i];
+        }
+        return agree >= CALM_SHARE * all;
+    }
+
+    double support(const Fitted& of) const {
+        return motion_support(views, of.cam_from_ref.view(), of.amplitudes.view(), votes, rules.size);
+    }
+
+    bool is_beyond(const Fitted& of, std::size_t i) const { return of.squares.data[i] > rules.beyond * views.gate.data[i]; }
+
+    // The motion that most of these views agree with, without the errors that all share.
+    Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
+        auto points = rows_of(views.points, rows), z = rows_of(views.z, rows);
+        auto cov_points = views.cov_points.shape[0] ? rows_of(views.cov_points, rows) : Array<double, 3>({0, 4, 4});
+        auto cov = rows_of(views.cov, rows), shared = rows_of(views.shared, rows), none = Array<double, 3>({rows.size(), 4, 0});
+        auto gate = rows_of(views.gate, rows), weights = rows_of(votes, rows);
+        std::size_t amplitudes = found.amplitudes.shape[0];
+        for (std::size_t i = 0; i < 4 * rows.size(); i++)
+            for (std::size_t k = 0; k < amplitudes; k++) z.data[i] -= shared.data[i * amplitudes + k] * found.amplitudes.data[k];
+        PointViews seen{views.pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gate.view()};
+        return search_motion(seen, found.cam_from_ref.view(), weights.view(), rules.size, rules.second_views);
+    }
+
+    double evidence_of(const Array<bool, 1>& rows) const {
+        Array<double, 1> weights({n});
+        for (std::size_t i = 0; i < n; i++) weights.data[i] = rows.data[i] ? votes.data[i] : 0.0;
+        return evidence(views.pinholes, views.z, weights.view(), rules.size);
+    }
+
+    const PointViews& views;
+    const View<double, 1>& votes;
+    const ResectionRules& rules;
+    std::size_t n;
+};
+
+}  // namespace
+
+Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules) {
+    Resection resection(views, votes, rules);
+    return resection.with_second(resection.first(start));
+}
+
+}  // namespace core
