@@ -4,9 +4,10 @@ Unknown keys and values out of range are ConfigErrors that name the setting. The
 logs.
 """
 
+import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -139,17 +140,15 @@ class RigConfig(_Section, frozen=True, kw_only=True):
         float, _expert("σ of the difference of the lenses' radial errors in the corner, pixels", 1e-3, 50)
     ] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
-    std_focal: Annotated[
-        float, Meta(description="σ of the common focal length's error, as a fraction of it", ge=1e-6, le=0.1)
-    ] = 0.003
+    std_focal: Annotated[float, _number("σ of the common focal length's error, as a fraction of it", 1e-6, 0.1)] = (
+        0.003
+    )
     # Cameras that are triggered by software are a few milliseconds apart.
     std_delay_s: Annotated[
-        float, Meta(description="σ of the delay of the right camera against the left one, seconds", ge=1e-6, le=0.1)
+        float, _number("σ of the delay of the right camera against the left one, seconds", 1e-6, 0.1)
     ] = 0.005
     # Rolling shutters of cheap cameras read out in 10 to 30 ms.
-    std_readout_s: Annotated[
-        float, Meta(description="σ of the readout time of the shutters, seconds", ge=1e-6, le=0.1)
-    ] = 0.02
+    std_readout_s: Annotated[float, _number("σ of the readout time of the shutters, seconds", 1e-6, 0.1)] = 0.02
     # A mount that warms up or gives way.
     std_turning_rad_s: Annotated[
         float, _expert("σ of how fast the right camera turns against the left one, radians per second", 1e-8, 0.1)
@@ -382,10 +381,7 @@ def _sections(config: Config) -> list[tuple[str, _Section]]:
 def _keys(section: _Section) -> dict[str, Meta]:
     """The settings of a section, without its own sections."""
     hints = get_type_hints(type(section), include_extras=True)
-    metas = {
-        key: [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Meta)] for key, hint in hints.items()
-    }
-    return {key: found[0] for key, found in metas.items() if found}
+    return {key: hint.__metadata__[0] for key, hint in hints.items() if get_origin(hint) is Annotated}
 
 
 def _section_lines(name: str, section: _Section, keys: list[str]) -> list[str]:
@@ -394,13 +390,5 @@ def _section_lines(name: str, section: _Section, keys: list[str]) -> list[str]:
     metas = _keys(section)
     lines = ["", f"[{name}]  # {first_line(type(section))}"] if name else []
     for key in keys:
-        lines += [f"# {metas[key].description}", f"{key} = {_toml_value(getattr(section, key))}"]
+        lines += [f"# {metas[key].description}", f"{key} = {json.dumps(getattr(section, key), ensure_ascii=False)}"]
     return lines
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return msgspec.json.encode(value).decode()
-    return repr(value)

@@ -39,8 +39,3 @@ def test_an_interrupted_run_waits_for_no_worker(job: Callable[[Path], None], tmp
     assert len(workers) == 2
     # The pool's own thread reaps workers too, so that their exit codes may be unknown here.
     assert not list(tmp_path.glob("*.ended"))
-
-
-def test_work_is_done_in_order() -> None:
-    with processes(2) as pool:
-        assert list(pool.map(abs, range(-5, 0))) == [5, 4, 3, 2, 1]

@@ -1,22 +1,19 @@
 """What tools/render makes: all that moves, mirrors, blurs or is faulty does so in pictures, depth and truth."""
 
-import sys
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
-
-from render import FAULTS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor
-from render.scene import Box, build_scene
-from render.textures import Image, crate, ground
-
 from stream_sfm.geometry import se3
+from tools.render import FAULTS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor
+from tools.render.scene import Box, build_scene
+from tools.render.textures import Image, crate, ground
 
 SEED = 1
+# In the middle of a room of 6 m, looking along x.
+MIDDLE = se3.from_rotation_translation(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), np.array([3.0, 3.0, 1.5]))
 SMALL = {"width": 96, "frames": 8, "texel_m": 0.05}
 
 
@@ -57,8 +54,7 @@ def test_a_mirror_shows_what_the_mirrored_camera_sees_and_has_the_depth_of_the_g
     glass = Box((5.99, 3, 1.5), (0.02, 5.9, 2.9), grey, mirror=0)
     scene = build_scene((room, glass), 1, 0.02)
     look = small("spin")
-    pose = se3.from_rotation_translation(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), np.array([3.0, 3.0, 1.5]))
-    shot = Recording(scene, look.rig, 1, 1.0, lambda _: pose, sensor=Sensor(0, 0)).shot(0, 0)
+    shot = Recording(scene, look.rig, 1, 1.0, lambda _: MIDDLE, sensor=Sensor(0, 0)).shot(0, 0)
     middle = shot.depth_m[30:42, 40:56]
     assert np.allclose(middle, 2.98, atol=1e-6)  # the glass, 3 m less its thickness
     # whoever faces the wall behind the camera has its bright half, at +y, on the right; in the mirror +y is on the left
@@ -70,17 +66,19 @@ def test_an_open_shutter_blurs_along_the_motion_without_a_shift() -> None:
     wall = Box((3, 3, 1.5), (6, 6, 3), crate, inside=True)
     scene = build_scene((wall,), 2, 0.01)
     rig = small("spin").rig
-    start = se3.from_rotation_translation(
-        np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), np.array([3.0, 3.0, 1.5])
-    )
-
-    def path(t: float) -> np.ndarray:
-        return start @ se3.exp(np.array([0, 0, 0, 0, 2.0 * t, 0]))
-
-    sharp = Recording(scene, rig, 1, 1.0, path, sensor=Sensor(0, 0)).shot(0, 0).left.astype(float)
-    open_s = 0.05  # 0.1 rad: six pixels
-    blurred = (
-        Recording(scene, rig, 1, 1.0, path, shutter_s=open_s, sensor=Sensor(0, 0)).shot(0, 0).left.astype(float)
+    sharp, blurred = (
+        Recording(
+            scene,
+            rig,
+            1,
+            1.0,
+            lambda t: MIDDLE @ se3.exp([0, 0, 0, 0, 2.0 * t, 0]),
+            shutter_s=s,
+            sensor=Sensor(0, 0),
+        )
+        .shot(0, 0)
+        .left.astype(float)
+        for s in (0.0, 0.05)  # 0.1 rad: six pixels
     )
     # six pixels are averaged
     assert np.abs(np.diff(blurred, axis=1)).mean() < 0.7 * np.abs(np.diff(sharp, axis=1)).mean()

@@ -191,13 +191,3 @@ def test_the_camera_and_its_calibration_are_found(one_camera_log, tmp_path) -> N
     assert np.array_equal(given.rig.left.K, pair.rig.right.K)
     with pytest.raises(sfm.ConfigError, match=r"section \[right\] is missing"):
         sfm.StereoRig.from_calibration(file)
-
-
-def test_the_viewer_shows_one_camera(one_camera_log, tmp_path) -> None:
-    pytest.importorskip("rerun")
-    rrd = tmp_path / "one.rrd"
-    log = sfm.open_log(one_camera_log, mono=True)
-    viewer = sfm.open_viewer(log.rig, rrd)
-    sfm.replay(log, None, MONO, sfm.Selection(max_frames=4), sinks=[viewer])
-    data = rrd.read_bytes()
-    assert b"left image with tracks" in data and b"right image with tracks" not in data

@@ -3,7 +3,6 @@
 That its pictures agree with its depth and its poses is seen in tests/dense/ and tests/test_odometry.py.
 """
 
-import sys
 from itertools import islice, pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from mcap.reader import make_reader
 
 import stream_sfm as sfm
 from tests.helpers.places import DEMO, ROOM, ROOT
+from tools import render
 
 FRAMES, DEPTHS, SECONDS = 84, 9, 9
 
@@ -33,11 +33,6 @@ def test_topics_counts_and_size():
 
 def test_the_renderer_still_makes_this_scene():
     """The committed log is of the committed renderer: rig, path and depth agree, the picture resembles it."""
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import render
-    finally:
-        sys.path.remove(str(ROOT / "tools"))
     log, ours, path = sfm.open_log(ROOM), render.room_rig(), render.room_path()
     np.testing.assert_allclose(ours.right_from_left, log.rig.right_from_left, atol=1e-9)
     np.testing.assert_allclose(path, log.ground_truth().world_from_cam, atol=1e-9)
@@ -55,11 +50,6 @@ def test_the_renderer_still_makes_this_scene():
 
 
 def test_the_demo_is_of_this_renderer_and_its_calibration_is_a_little_wrong():
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import render
-    finally:
-        sys.path.remove(str(ROOT / "tools"))
     log, frames, rate_hz = sfm.open_log(DEMO), 180, 20.0
     np.testing.assert_allclose(render.room_path(frames, rate_hz), log.ground_truth().world_from_cam, atol=1e-9)
     assert len(list(log.pairs())) == frames and len(list(log.depths())) == 3

@@ -31,13 +31,6 @@ def test_an_estimate_says_pose_sigma_and_points_in_one_line(estimate: sfm.FrameE
     assert " units σ=" in repr(replace(estimate, unscaled=True))
 
 
-def test_a_frame_says_its_stamp_and_size() -> None:
-    image = np.zeros((48, 64), np.uint8)
-    assert repr(sfm.StereoFrame(7, image, image)) == "<StereoFrame at 7 ns, 64×48 and 64×48>"
-    assert repr(sfm.MonoFrame(7, np.zeros((48, 64, 3), np.uint8))) == "<MonoFrame at 7 ns, 64×48×3>"
-    assert "str" in repr(sfm.StereoFrame(7, "left.png", image))  # type: ignore[arg-type]
-
-
 def records(estimate: sfm.FrameEstimate) -> list[object]:
     image, views, cov = np.zeros((48, 64), np.uint8), np.zeros((5, 4)), np.zeros((5, 4, 4))
     start = MapStart(views, cov, np.eye(4), np.zeros((6, 6)))
@@ -72,6 +65,7 @@ def records(estimate: sfm.FrameEstimate) -> list[object]:
 
 
 def test_every_record_has_a_short_repr_and_equals_itself_only(estimate: sfm.FrameEstimate) -> None:
+    assert "str" in repr(sfm.StereoFrame(7, "left.png", np.zeros((48, 64), np.uint8)))  # type: ignore[arg-type]
     for one, other in zip(records(estimate), records(replace(estimate)), strict=True):
         assert repr(one).startswith(f"<{type(one).__name__}") and len(repr(one)) < 250, repr(one)
         assert "\n" not in repr(one) and "array" not in repr(one)

@@ -1,6 +1,5 @@
 """Rigs: what the images of a log or a program come from, two cameras or one."""
 
-import reprlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -11,7 +10,7 @@ from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from .calibration import read, toml_file
-from .calibration.document import Pair, load
+from .calibration.document import Pair, load, short
 from .known_timing import KnownTiming
 from .models import Camera
 from .refinement import Refinement
@@ -146,7 +145,7 @@ def _checked_pose(given: object) -> Array:
         pose: Array = np.array(given, dtype=float)
     except (TypeError, ValueError):
         raise ConfigError(
-            f"{wanted}, got {_short(given)}; of rotation and translation it is [[R, t], [0, 1]]"
+            f"{wanted}, got {short(given, 120)}; of rotation and translation it is [[R, t], [0, 1]]"
         ) from None
     if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
         raise ConfigError(f"{wanted}, got {pose.tolist()}")
@@ -154,11 +153,6 @@ def _checked_pose(given: object) -> Array:
         turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
         raise ConfigError(f"{wanted} with the last row 0 0 0 1, got {pose.tolist()}{turned}")
     return pose
-
-
-def _short(value: object) -> str:
-    text = " ".join(reprlib.repr(value).split())
-    return text if len(text) <= 120 else f"{text[:119]}…"
 
 
 def checked_paths(calibration: read.Where) -> list[Path]:

@@ -6,7 +6,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..errors import ConfigError, ExitCode
-from ..wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 
@@ -37,7 +36,6 @@ def batch(
     """
     from ..batch.logs import find_logs
     from ..batch.replay_batch import replay_batch
-    from ..report.batch_page import conclusion
     from .progress import counter
     from .summaries import print_batch
 
@@ -65,9 +63,7 @@ def batch(
     if json:
         print_json(content)
     elif not quiet:
-        print_batch(content)
-        print(conclusion(content))
-        print(printable(str(Path(out) / "report.html")))
+        print_batch(content, Path(out))
     for log in content["logs"]:
         if log["status"] != "done":
             print_error(f"{log['name']}: {log['status']}: {log['reason']}")

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..wording import printable
 from .printing import broken_at, factors_text, interval, number, print_table
 
 # Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
@@ -41,48 +42,52 @@ def print_comparison(content: dict[str, Any]) -> None:
     """Print the methods of report.json; a figure that does not exist for this log is a dash."""
     ratios = content["error_over_cross_frame"]
     columns = _OF_METHODS if content["frames_with_ground_truth"] else _WITHOUT_TRUTH
-    headings, rows = ["method", *(heading for heading, _ in columns.values())], []
-    for key, figures in content["methods"].items():
-        rows.append([key.replace("_", "-"), *_cells(figures, columns)])
-        if ratios:
+    rows = [[key.replace("_", "-"), *_cells(figures, columns)] for key, figures in content["methods"].items()]
+    headings = ["method", *_headings(columns)]
+    if ratios:
+        headings.append("position error\nover cross-frame")
+        for row, key in zip(rows, content["methods"], strict=True):
             ratio = ratios.get(key, {}).get("position")
-            rows[-1].append(interval(ratio["value"], ratio["ci95"]) if ratio else "–")
-    print_table(rows, headings + ["position error\nover cross-frame"] * bool(ratios))
+            row.append(interval(ratio["value"], ratio["ci95"]) if ratio else "–")
+    print_table(rows, headings)
     for name, spans in (content["self_test"] or {}).items():
         print(f"halves of the {name} differ by {factors_text(spans)}")
 
 
 def print_evaluation(runs: Iterable[dict[str, Any]]) -> None:
     """Print the runs of `evaluate`, one row each."""
-    rows = [
-        [
-            broken_at(run["run"], "/._-", _NAME_WIDTH),
-            run["method"],
-            str(run["ground_truth"]["frames_compared"]),
-            *_cells(run["ground_truth"], _ERRORS),
-        ]
-        for run in runs
-    ]
-    headings = ["run", "method", "frames", *(heading for heading, _ in _ERRORS.values())]
+    rows = []
+    for run in runs:
+        name, figures = broken_at(run["run"], "/._-", _NAME_WIDTH), run["ground_truth"]
+        rows.append([name, run["method"], str(figures["frames_compared"]), *_cells(figures, _ERRORS)])
+    headings = ["run", "method", "frames", *_headings(_ERRORS)]
     print_table(rows, headings, width=_EVALUATION_WIDTH, text_columns=2)
 
 
-def print_batch(content: dict[str, Any]) -> None:
-    """Print the logs of batch.json, one row each."""
+def print_batch(content: dict[str, Any], folder: Path) -> None:
+    """Print the logs of batch.json, one row each, how many are done, and where the page is."""
+    from ..report.batch_page import conclusion
+
     rows = []
     for log in content["logs"]:
-        if (summary := log["summary"]) is None:
-            rows.append([log["name"], log["status"]])
-            continue
-        frames, truth = summary["frames"], summary.get("ground_truth", {})
-        figures = [summary["path_length_m"], *map(truth.get, _OF_BATCH), summary["timing_ms"]["total"]["p50"]]
-        cells = (number(figure, ".3g") for figure in figures)
-        rows.append([log["name"], log["status"], str(frames["estimated"]), str(frames["lost"]), *cells])
+        rows.append([log["name"], log["status"]])
+        if summary := log["summary"]:
+            frames, truth = summary["frames"], summary.get("ground_truth", {})
+            figures = [summary["path_length_m"], *map(truth.get, _OF_BATCH), summary["timing_ms"]["total"]["p50"]]
+            rows[-1] += [str(frames["estimated"]), str(frames["lost"]), *(number(f, ".3g") for f in figures)]
     errors = (_ERRORS[key][0].replace(" aligned", "") for key in _OF_BATCH)
     print_table(rows, ["log", "status", "frames", "lost", "path\nm", *errors, "time\nms/frame"], text_columns=2)
+    print(f"{conclusion(content)}\n{printable(str(folder / 'report.html'))}")
 
 
-def _cells(figures: dict[str, Any], columns: dict[str, tuple[str, str]]) -> Iterator[str]:
+Columns = dict[str, tuple[str, str]]
+
+
+def _headings(columns: Columns) -> Iterator[str]:
+    return (heading for heading, _ in columns.values())
+
+
+def _cells(figures: dict[str, Any], columns: Columns) -> Iterator[str]:
     return (number(figures.get(key), form) for key, (_, form) in columns.items())
 
 
@@ -122,29 +127,36 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
 def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     if truth is None:
         return
+
+    def told(key: str, form: str = ".2f") -> str:
+        return number(truth[key], form)
+
     if "ate_rmse_sim3_m" in truth:
-        percent, unit_m = number(truth["ate_sim3_percent"], ".3f"), number(truth["metres_per_unit"], ".5g")
-        yield "ATE after Sim(3)", f"{number(truth['ate_rmse_sim3_m'], '.4f')} m, {percent} % of the path"
-        yield "one unit", f"{unit_m} m, from the ground truth"
+        percent = told("ate_sim3_percent", ".3f")
+        yield "ATE after Sim(3)", f"{told('ate_rmse_sim3_m', '.4f')} m, {percent} % of the path"
+        yield "one unit", f"{told('metres_per_unit', '.5g')} m, from the ground truth"
         return
-    yield "ATE aligned", f"{number(truth['ate_rmse_aligned_m'], '.4f')} m"
-    yield "ATE, first poses aligned", f"{number(truth['ate_rmse_m'], '.4f')} m"
-    yield "final drift", f"{number(truth['final_drift_percent'])} %"
+    yield "ATE aligned", f"{told('ate_rmse_aligned_m', '.4f')} m"
+    yield "ATE, first poses aligned", f"{told('ate_rmse_m', '.4f')} m"
+    yield "final drift", f"{told('final_drift_percent')} %"
     lengths = truth["segment_lengths_m"]
     over = f" over {lengths[0]:.3g}–{lengths[-1]:.3g} m" if lengths else ""
-    t, r = number(truth["t_rel_percent"]), number(truth["r_rel_deg_per_100m"])
-    yield "t_rel, r_rel", f"{t} %, {r} °/100 m{over}"
-    yield "scale error", f"{number(truth['scale_error_percent'], '+.2f')} %"
+    yield "t_rel, r_rel", f"{told('t_rel_percent')} %, {told('r_rel_deg_per_100m')} °/100 m{over}"
+    yield "scale error", f"{told('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
-    yield "NEES of the pose", f"{number(truth['nees_pose_mean'])} (expected: 6)"
+    yield "NEES of the pose", f"{told('nees_pose_mean')} (expected: 6)"
     if truth["local_structure_rms_m"] is not None:
-        ratio = number(truth["local_structure_error_over_sigma"])
-        median, rms = (number(truth[f"local_structure_{k}_m"], ".4f") for k in ("median", "rms"))
-        yield "local structure", f"{median} m median error, {rms} m RMS, {ratio} × the estimated σ"
-        half = number(truth["local_structure_error_over_sigma_median"])
-        beyond = number(truth["local_structure_beyond_3_sigma_percent"])
-        yield "in units of σ", f"{half} median (expected: 0.67), {beyond} % beyond 3 (expected: 0.27 %)"
+        median, rms = (told(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
+        yield (
+            "local structure",
+            f"{median} m median error, {rms} m RMS, {told('local_structure_error_over_sigma')} × the estimated σ",
+        )
+        beyond = f"{told('local_structure_beyond_3_sigma_percent')} % beyond 3 (expected: 0.27 %)"
+        yield (
+            "in units of σ",
+            f"{told('local_structure_error_over_sigma_median')} median (expected: 0.67), {beyond}",
+        )
 
 
 def _milliseconds(times: dict[str, float | None]) -> str:

@@ -65,7 +65,11 @@ def surface(
     if json:
         print_json(figures)
     elif not quiet:
-        _print(figures)
+        std_mm, out = {key: 1e3 * std_m for key, std_m in figures["std_m"].items()}, printable(out)
+        frames_used = f"{found.used} frames" if all else f"frame {number}"
+        voxel = f", voxels of {1e3 * found.voxel_m:.1f} mm" if found.voxel_m else ""
+        print(f"{out}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames_used}{voxel}")
+        print(f"σ {std_mm['p50']:.1f} mm (median), {std_mm['p5']:.1f} to {std_mm['p95']:.1f} mm (5 to 95 %)")
     if found.interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if found.complete else ExitCode.INPUT
@@ -76,8 +80,6 @@ def _check_file(name: str) -> None:
     path = Path(name)
     if path.suffix.lower() != ".ply":
         raise ConfigError(f"--out {name}: the name must end in .ply")
-    if os.path.isdir(path):
-        raise OutputError(f"cannot write {name}: it is a folder")
     if not os.path.isdir(path.parent):
         raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
     if not os.access(path.parent, os.W_OK):
@@ -100,11 +102,3 @@ def _figures(found: "Surface") -> dict[str, Any]:
         "voxel_m": found.voxel_m or None,
         "peak_rss_mib": peak_rss_mib(),
     }
-
-
-def _print(figures: dict[str, Any]) -> None:
-    std, out = figures["std_m"], printable(figures["out"])
-    frames = f"frame {figures['frame']}" if figures["frame"] is not None else f"{figures['frames']['used']} frames"
-    voxel = f", voxels of {1e3 * figures['voxel_m']:.1f} mm" if figures["voxel_m"] else ""
-    print(f"{out}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames}{voxel}")
-    print(f"σ {1e3 * std['p50']:.1f} mm (median), {1e3 * std['p5']:.1f} to {1e3 * std['p95']:.1f} mm (5 to 95 %)")

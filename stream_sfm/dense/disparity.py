@@ -17,13 +17,8 @@ from .refine import refine
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
 _SEARCH_WIDTH_PX = 320  # about the width of the small copy: enough for the range, at a fraction of the cost
-_RANGE_PERCENTILES = (0.1, 99.9)  # of the disparities on the small copy; what lies outside are mismatches
-_SMOOTHNESS = (8, 32)  # OpenCV's recommendation for P1 and P2 in one channel, times the area of the block
-_LEFT_RIGHT_PX = 1  # largest disagreement of left and right, whole pixels
-_SPECKLE_PX, _SPECKLE_STEP_PX = 100, 2  # smaller patches of disparity are mismatches; OpenCV recommends 50 to 200
 _SLOPE_RADIUS_PX = 3  # half width of the patch in which the slope of the disparity is fitted
 _MAX_SLOPE = 1.0  # pixels per pixel; a steeper disparity is an edge
-_SUBDIVISIONS = 16  # of a pixel, in OpenCV's fixed-point disparities
 
 
 @record
@@ -76,25 +71,24 @@ class DenseStereo:
             found = self._matched(left, right, int(np.floor(first / scale)) - 1, int(np.ceil(last / scale)))
             found = found[np.isfinite(found)]
             if len(found):
-                low, high = np.percentile(found, _RANGE_PERCENTILES)
+                low, high = np.percentile(found, (0.1, 99.9))  # what lies outside are mismatches
                 first, last = max(first, scale * (low - 2)), min(last, scale * (high + 2))
         return int(np.floor(first)), int(np.ceil(last))
 
     def _matched(self, left: Grey, right: Grey, first: int, last: int) -> Image:
         """Return disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
         block = self.config.block_px
-        smooth, jump = (factor * block * block for factor in _SMOOTHNESS)
         count = 16 * -(-(last - first + 1) // 16)  # OpenCV wants a multiple of 16
         matcher = cv2.StereoSGBM.create(
             minDisparity=first,
             numDisparities=count,
             blockSize=block,
-            P1=smooth,
-            P2=jump,
-            disp12MaxDiff=_LEFT_RIGHT_PX,
+            P1=8 * block * block,  # both as OpenCV recommends
+            P2=32 * block * block,
+            disp12MaxDiff=1,  # largest disagreement of left and right, whole pixels
             uniquenessRatio=self.config.uniqueness_percent,
-            speckleWindowSize=_SPECKLE_PX,
-            speckleRange=_SPECKLE_STEP_PX,
+            speckleWindowSize=100,  # smaller patches of disparity are mismatches; OpenCV recommends 50 to 200
+            speckleRange=2,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
         # OpenCV leaves out all columns for which some disparity of the range points outside: add a margin
@@ -102,9 +96,9 @@ class DenseStereo:
         wide = [cv2.copyMakeBorder(i, 0, 0, before, after, cv2.BORDER_CONSTANT) for i in (left, right)]
         width = left.shape[1]
         raw = matcher.compute(*wide)[:, before : before + width]
-        disparity = raw.astype(np.float32) / _SUBDIVISIONS
+        disparity = raw.astype(np.float32) / cv2.StereoMatcher_DISP_SCALE
         in_right = np.arange(width, dtype=np.float32) - disparity
-        disparity[(raw < _SUBDIVISIONS * first) | (in_right < 0) | (in_right > width - 1)] = np.nan
+        disparity[(raw < cv2.StereoMatcher_DISP_SCALE * first) | (in_right < 0) | (in_right > width - 1)] = np.nan
         return np.asarray(disparity, np.float32)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -146,7 +147,13 @@ def surface(
 
 def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
     """The surface that one frame shows, in the axes of its physical left camera."""
-    frame, read = _frame(log, number, selection)
+    read, frame = 0, None
+    for read, frame in enumerate(islice(log.frames(selection), number + 1), 1):  # noqa: B007 the last one counts
+        pass
+    if frame is None or read <= number:
+        if not log.stats.complete:
+            raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
+        raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
     view = DenseView(Rectifier(log.stereo_rig), config)
     found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
@@ -154,18 +161,6 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
     warnings = [*log.stats.warnings, *log_problems(log, [images_of(frame)])]
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), warnings)
-
-
-def _frame(log: StereoLog, number: int, selection: Selection | None) -> tuple[RecordedFrame, int]:
-    """Return frame `number` of the selected ones, and the number of frames read."""
-    read = 0
-    for frame in log.frames(selection):
-        read += 1
-        if read > number:
-            return frame, read
-    if not log.stats.complete:
-        raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
-    raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
 
 
 def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:

@@ -14,8 +14,8 @@ from .measure import QUANTITIES, Method, bound_of, bound_variances, measure
 from .scenes import MOTIONS, Scene
 from .trials import Job, Measured, Report, Study, exponent, mean, ratio, trials_of
 
-METHOD = Method("cross-frame")
-READINGS = (METHOD, Method("cross-frame-wc"), Method("cross-frame-cc"))  # the joint window; the paper's WC and CC
+# The joint window; the paper's WC and CC.
+READINGS = tuple(map(Method, ("cross-frame", "cross-frame-wc", "cross-frame-cc")))
 SPANS = (2, 4, 8, 16)  # L of the drift rates
 WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
 LAST_FRAMES = tuple(range(20, 31, 2))  # over which variances of the estimators are taken
@@ -28,22 +28,20 @@ class Run(msgspec.Struct, frozen=True):
 
     title: str
     scene: Scene
-    frames: tuple[int, ...]
+    frames: range
+
+
+def _run(title: str, motion: str, length: int, frames: range) -> Run:
+    return Run(title, Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length), frames)
 
 
 _SLOW, _LATERAL = MOTIONS["slow"], MOTIONS["lateral"]
 RUNS = {
-    "non_transitory_slow": Run(
-        "non-transitory, 10 mm per frame", Scene(motion=_SLOW, track_length=31), tuple(range(1, 31))
-    ),
-    "simple_slow": Run("simple, 10 mm per frame", Scene(motion=_SLOW, track_length=2), tuple(range(1, 31))),
-    "simple_lateral": Run(
-        "simple, 200 mm per frame", Scene(frames=81, motion=_LATERAL, track_length=2), tuple(range(20, 81, 4))
-    ),
-    "general_slow": Run("general L = 8, 10 mm per frame", Scene(motion=_SLOW, track_length=8), tuple(range(8, 31))),
-    "general_lateral": Run(
-        "general L = 8, 200 mm per frame", Scene(motion=_LATERAL, track_length=8), tuple(range(8, 31))
-    ),
+    "non_transitory_slow": _run("non-transitory, 10 mm per frame", "slow", 31, range(1, 31)),
+    "simple_slow": _run("simple, 10 mm per frame", "slow", 2, range(1, 31)),
+    "simple_lateral": _run("simple, 200 mm per frame", "lateral", 2, range(20, 81, 4)),
+    "general_slow": _run("general L = 8, 10 mm per frame", "slow", 8, range(8, 31)),
+    "general_lateral": _run("general L = 8, 200 mm per frame", "lateral", 8, range(8, 31)),
 }
 
 # quantity -> kind of sequence -> the paper's rate, and what theory says
@@ -91,15 +89,28 @@ def _report(measured: dict[str, Measured]) -> Report:
     """Report Table 1; see the module.
 
     Keys: `table` (rows), `drift_over_span` and `structure_over_window` of the bound, `estimators_over_span` and
-    `estimators_over_window`: variances of the estimators themselves.
+    `estimators_over_window`: variances of the estimators themselves, over those at L = 2 at the end of 31 frames, and
+    over the bound at L = 8 and 200 mm per frame.
     """
+    by_length = [measured[f"L={length}"] for length in SPANS]
+    over_span = {
+        m.label: {q: [ratio(data[m.label][q], by_length[0][m.label][q]) for data in by_length] for q in QUANTITIES}
+        for m in READINGS
+    }
+    windows = measured["windows"]
+    over_window = {
+        m.label: {
+            q: [ratio(windows[f"{m.name} b={b}"][q], windows[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
+            for q in QUANTITIES
+        }
+        for m in READINGS
+    }
     return {
-        "estimator": METHOD.label,
         "table": [_row(name, quantity, measured[name]) for name in RUNS for quantity in QUANTITIES],
         "drift_over_span": _drift_report(measured["drift"]),
         "structure_over_window": _structure_report(measured["structure"]),
-        "estimators_over_span": _estimators_over_span([measured[f"L={length}"] for length in SPANS]),
-        "estimators_over_window": _estimators_over_window(measured["windows"]),
+        "estimators_over_span": {"span_frames": list(SPANS), "variance_relative": over_span},
+        "estimators_over_window": {"window_frames": list(BATCHES), "variance_over_bound": over_window},
     }
 
 
@@ -107,40 +118,16 @@ def _row(name: str, quantity: str, data: Measured) -> Report:
     run = RUNS[name]
     paper, theory = _KNOWN[quantity][name.split("_")[0]]  # non, simple or general
     x = np.array(run.frames)
-    exponents = {m.label: exponent(x, data[m.label][quantity]) for m in READINGS}
     return {
         "sequence": name,
         "title": run.title,
         "quantity": quantity,
         "frames": [run.frames[0], run.frames[-1]],
         "paper": paper,
-        "measured_exponent": exponents[METHOD.label],
-        "exponents": exponents,
+        "exponents": {m.label: exponent(x, data[m.label][quantity]) for m in READINGS},
         "bound_exponent": exponent(x, data["bound"][quantity]).value,
         "theory": theory,
     }
-
-
-def _estimators_over_span(by_length: list[Measured]) -> Report:
-    """Report variances at the end of 31 frames by track length, over those at L = 2."""
-    base = by_length[0]
-    found = {
-        m.label: {q: [ratio(data[m.label][q], base[m.label][q]) for data in by_length] for q in QUANTITIES}
-        for m in READINGS
-    }
-    return {"span_frames": list(SPANS), "variance_relative": found}
-
-
-def _estimators_over_window(data: Measured) -> Report:
-    """Report variances over the bound by the frames b in the window, at L = 8 and 200 mm per frame."""
-    found = {
-        m.label: {
-            q: [ratio(data[f"{m.name} b={b}"][q], data[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
-            for q in QUANTITIES
-        }
-        for m in READINGS
-    }
-    return {"window_frames": list(BATCHES), "variance_over_bound": found}
 
 
 def drift_rates(seed: np.random.SeedSequence) -> Measured:

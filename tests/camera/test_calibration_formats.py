@@ -100,14 +100,14 @@ def check(where, rig=RIG, size=None, atol=1e-9):
     np.testing.assert_allclose(left.left.K, rig.left.K, atol=1e-9)
 
 
-def test_kalibr(tmp_path):
-    check(write(tmp_path / "camchain.yaml", kalibr(LEFT, RIGHT)))
-
-
-@pytest.mark.parametrize("name", ["equi", "equidistant", "fisheye"])
-def test_kalibr_of_a_fisheye(tmp_path, name):
-    cameras = [Camera(*SIZE, c.K, (-0.01, 0.02, -0.003, 0.001), "equidistant") for c in (LEFT, RIGHT)]
-    check(write(tmp_path / "camchain.yaml", kalibr(*cameras, name)), StereoRig(*cameras, POSE))
+@pytest.mark.parametrize("name", ["radtan", "equi", "equidistant", "fisheye"])
+def test_kalibr(tmp_path, name):
+    rig = RIG
+    if name != "radtan":
+        rig = StereoRig(
+            *(Camera(*SIZE, c.K, (-0.01, 0.02, -3e-3, 1e-3), "equidistant") for c in (LEFT, RIGHT)), POSE
+        )
+    check(write(tmp_path / "camchain.yaml", kalibr(rig.left, rig.right, name)), rig)
 
 
 def test_kalibr_with_an_imu_instead_of_a_chain(tmp_path):
@@ -132,19 +132,13 @@ def test_ros_camera_info(tmp_path):
         StereoRig.from_calibration(tmp_path)
 
 
-def test_euroc_sensor_files(tmp_path):
-    left = write(tmp_path / "mav0" / "cam0" / "sensor.yaml", sensor_yaml(LEFT, BODY_FROM_LEFT))
-    right = sensor_yaml(RIGHT, BODY_FROM_LEFT @ se3.inverse(POSE))
-    right_path = write(tmp_path / "mav0" / "cam1" / "sensor.yaml", right)
-    check((left, right_path))
+@pytest.mark.parametrize("heads", [("", ""), ("%YAML:1.0\n", "%YAML:1.0\n---\n")], ids=["plain", "of OpenCV"])
+def test_euroc_sensor_files(tmp_path, heads):
+    bodies = (BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(POSE))
+    texts = [head + sensor_yaml(c, body) for head, c, body in zip(heads, (LEFT, RIGHT), bodies, strict=True)]
+    check([write(tmp_path / "mav0" / f"cam{n}" / "sensor.yaml", text) for n, text in enumerate(texts)])
     check(tmp_path)
     check(tmp_path / "mav0")
-
-
-def test_euroc_sensor_files_with_the_head_of_opencv(tmp_path):
-    left = write(tmp_path / "cam0" / "sensor.yaml", "%YAML:1.0\n" + sensor_yaml(LEFT, BODY_FROM_LEFT))
-    right = sensor_yaml(RIGHT, BODY_FROM_LEFT @ se3.inverse(POSE))
-    check((left, write(tmp_path / "cam1" / "sensor.yaml", "%YAML:1.0\n---\n" + right)))
 
 
 LENSES = {  # of a EuRoC camera, of TUM-VI, and of KITTI-360 at half its size: parameters, fx fy cx cy, size

@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-from stream_sfm import open_log
+from stream_sfm import Camera, StereoRig, import_images, open_log
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
@@ -23,9 +22,7 @@ from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.places import ROOM
-from tests.helpers.stereo_logs import Calib, LogWriter, write_info
 from tests.helpers.wall import Wall, rig
-from tests.helpers.wall_log import LEFT, RIGHT, START_NS
 
 PAIR = StereoProjection(200.0, 79.5, 70.5, 59.5, 0.2, 160, 120)  # its infinity lies at a disparity of 9 px
 GREY = np.full((120, 160, 3), 128, np.uint8)
@@ -169,15 +166,11 @@ def test_voxels_stay_within_their_number():
     assert np.median(np.abs(mesh.vertices[:, 2] - 2.0)) < 0.02  # half a voxel
 
 
-def small_mesh() -> Mesh:
-    found = plane_map(2.0)
+def test_ply_is_read_back_by_another_library_and_a_name_cannot_add_lines_to_its_header(tmp_path: Path):
     colours = np.random.default_rng(9).integers(0, 256, (120, 160, 3), dtype=np.uint8)
-    return mesh_of_frame(PAIR, found, colours, 1.0)
-
-
-def test_ply_is_read_back_by_another_library(tmp_path: Path):
-    mesh = small_mesh()
-    write_ply(tmp_path / "a.ply", mesh, "a test")
+    mesh = mesh_of_frame(PAIR, plane_map(2.0), colours, 1.0)
+    write_ply(tmp_path / "a.ply", mesh, "log\nelement vertex 99\r\n: axes")
+    assert b"\ncomment log\\nelement vertex 99\\r\\n: axes\n" in (tmp_path / "a.ply").read_bytes()
     back = trimesh.load(tmp_path / "a.ply", process=False)
     np.testing.assert_array_equal(back.vertices.astype(np.float32), mesh.vertices)
     np.testing.assert_array_equal(back.faces, mesh.faces)
@@ -185,12 +178,6 @@ def test_ply_is_read_back_by_another_library(tmp_path: Path):
     np.testing.assert_allclose(back.vertex_normals, mesh.normals, atol=1e-6)
     np.testing.assert_array_equal(back.metadata["_ply_raw"]["vertex"]["data"]["std_m"].ravel(), mesh.std_m)
     assert not (tmp_path / "a.ply.part").exists()
-
-
-def test_a_name_cannot_add_lines_to_the_header(tmp_path: Path):
-    write_ply(tmp_path / "a.ply", small_mesh(), "log\nelement vertex 99\r\n: axes")
-    assert len(trimesh.load(tmp_path / "a.ply", process=False).vertices) == len(small_mesh().vertices)
-    assert b"\ncomment log\\nelement vertex 99\\r\\n: axes\n" in (tmp_path / "a.ply").read_bytes()
 
 
 def test_room_against_its_depth():
@@ -208,18 +195,14 @@ def test_room_against_its_depth():
 
 
 def colour_log(path: Path, bgr: np.ndarray) -> Path:
-    """One raw bgr8 frame of this image in both cameras, the right one shifted by 12 px."""
+    """A log of one frame: this image in both cameras, the right one shifted by 12 px."""
     height, width = bgr.shape[:2]
-    log = LogWriter(path)
-    k = np.array([[200.0, 0, width / 2], [0, 200.0, height / 2], [0, 0, 1]])
-    for side, offset in (("left", 0.0), ("right", -40.0)):
-        calib = Calib(width=width, height=height, K=k, D=(), P=np.c_[k, [offset, 0, 0]])
-        write_info(log, "foxglove", f"/camera/{side}/calibration", START_NS, calib)
-    for topic, image in ((LEFT, bgr), (RIGHT, np.roll(bgr, -12, axis=1))):
-        message = RawImage(width=width, height=height, encoding="bgr8", step=3 * width, data=image.tobytes())
-        message.timestamp.FromNanoseconds(START_NS)
-        log.protobuf(topic, message, START_NS)
-    log.close()
+    camera = Camera(width, height, np.array([[200.0, 0, width / 2], [0, 200.0, height / 2], [0, 0, 1]]))
+    calibration, sides = path.with_suffix(".toml"), {"l.png": bgr, "r.png": np.roll(bgr, -12, axis=1)}
+    calibration.write_text(StereoRig(camera, camera, se3.exp([-0.2, 0, 0, 0, 0, 0])).to_toml())
+    for name, image in sides.items():
+        cv2.imwrite(str(path.with_name(name)), image)
+    import_images(*(str(path.with_name(name)) for name in sides), calibration, path)
     return path
 
 

@@ -28,7 +28,7 @@ def short(monkeypatch):
         monkeypatch.setitem(calibration.CONDITIONS, name, short)
     monkeypatch.setattr(figure6, "SCENE", dataclasses.replace(small, frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
-    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, (3, 4, 5))})
+    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, range(3, 6))})
     monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
     monkeypatch.setattr(rates, "BATCHES", (1, 2))
 

@@ -63,7 +63,7 @@ class Document:
         if not fits or not np.isfinite(array).all():
             wanted = "a list of numbers" if shape is None else f"{'×'.join(map(str, shape))} numbers"
             wanted = wanted if shape != () else "a number"
-            raise self.error(f"{key} must be {wanted}, finite, got {_short(value)}")
+            raise self.error(f"{key} must be {wanted}, finite, got {short(value)}")
         return array
 
     def rotation(self, value: Any, key: str) -> Array:
@@ -251,6 +251,7 @@ def _keys(node: Any) -> list[str]:
     return list(node.keys())  # a node has keys but is not a dictionary
 
 
-def _short(value: Any) -> str:
-    text = reprlib.repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}…"
+def short(value: object, most: int = 80) -> str:
+    """A value in one line of at most so many characters, for messages."""
+    text = " ".join(reprlib.repr(value).split())
+    return text if len(text) <= most else f"{text[: most - 1]}…"

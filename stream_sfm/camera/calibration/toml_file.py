@@ -1,35 +1,6 @@
 """The calibration file of this package: one or two cameras as TOML, written by hand or by `text`.
 
-    [left]
-    width = 752                     # pixels
-    height = 480
-    K = [[458.654, 0.0, 367.215],   # pixels; or fx, fy, cx, cy instead of K
-         [0.0, 457.296, 248.375],
-         [0.0, 0.0, 1.0]]
-    distortion_model = "plumb_bob"  # none, plumb_bob (k1 k2 p1 p2 [k3]), rational_polynomial (8), equidistant (4)
-    D = [-0.283, 0.074, 0.00019, 1.76e-05]   # may be left out
-
-    [right]                         # the same keys
-    ...
-
-    [right_from_left]               # carries points of the left camera into the right one
-    rotation = [[1.0, 0.0, 0.0],    # 3×3, rows; may be left out for parallel cameras
-                [0.0, 1.0, 0.0],
-                [0.0, 0.0, 1.0]]
-    translation_m = [-0.11, 0.0, 0.0]   # metres; the first number is −baseline for parallel cameras
-
-    [refinement]                    # written by `stream-sfm refine`; may be left out
-    error_px = [0.14, …]            # thirteen errors of the calibration (`camera/refinement.py`)
-    covariance_px2 = [[…], …]       # 13×13
-
-    [timing]                        # of the cameras, as far as it is known; may be left out
-    delay_s = 0.0081                # by which the right image is exposed later than the left one
-    std_delay_s = 0.0002            # its σ
-    readout_s = 0.019               # in which rolling shutters read out an image, from the top down
-    std_readout_s = 0.001
-
-Instead of [right_from_left], `right_from_left = [[…], […], […], [0, 0, 0, 1]]` (4×4, metres) may stand at the top. For
-one camera (`Config.mono`) the first section is enough.
+docs/own-data.md shows a complete one, docs/formats.md has all keys.
 """
 
 from collections.abc import Callable, Mapping, Sequence
