@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import core
-from .camera.axes import RectifiedAxes
 from .camera.models import Camera
 from .camera.pixels import FEWEST_BITS, bits_used, image_problem, to_grey, to_uint8
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
-from .camera.unseen_errors import UnseenErrors
+from .camera.unseen_errors import PhysicalAxes
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
@@ -26,7 +25,6 @@ from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
-from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
@@ -61,9 +59,8 @@ class Observer:
     """Rectifies the frames of one rig and runs the front-end on them. Frames come in order of time, from one thread.
 
     `rig`: the cameras that are used, with `Config.mono` the left one only; `projection`: of the rectified images;
-    observations and solutions are in their axes; `unseen`: what errors of the calibration that no view shows do to what
-    is reported. `state` is all that ever changes, and it is replaced as a whole: who keeps one can go on from there
-    again. Raises ConfigError for a rig that cannot work.
+    observations and solutions are in their axes. `state` is all that ever changes, and it is replaced as a whole: who
+    keeps one can go on from there again. Raises ConfigError for a rig that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -81,11 +78,9 @@ class Observer:
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
-        self._axes = RectifiedAxes(self.rectifier.rect_from_cam)
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
-        self.unseen = UnseenErrors(0.0, 0.0)
-        if not self._exact:
-            self.unseen = UnseenErrors(config.rig.std_baseline, config.rig.std_axes_rad)
+        unseen = () if self._exact else (config.rig.std_baseline, config.rig.std_axes_rad)
+        self._axes = PhysicalAxes(self.rectifier.rect_from_cam, *unseen)
 
     def prepare(self, frame: Frame, frame_index: int | None = None, grey_bits: int | None = None) -> PreparedImages:
         """Do the work on the images that depends on no other frame; it changes nothing, so any thread may do it.
@@ -136,32 +131,46 @@ class Observer:
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
-        observations, axes, unseen = observed.observations, self._axes, self.unseen
+        observations, axes = observed.observations, self._axes
         n_old = len(observations.track_ids) - observations.n_new
         shown = np.flatnonzero(~core.among(solution.track_ids, observations.track_ids[n_old:]))
-        in_cam, in_world = rows_of(solution.points_in_cam, shown), rows_of(solution.points_in_world, shown)
-        cov, cov_in_world = rows_of(solution.cov_points, shown), rows_of(solution.cov_points_in_world, shown)
-        shared_m = self._shared_m(in_cam, solution.track_ids[shown])
-        shared_in_world_m = shared_m @ solution.world_from_cam[:3, :3].T
+        ids, world_from_cam = solution.track_ids[shown], solution.world_from_cam
+        std_shared = self._std_shared(ids)
+        in_cam, in_world = (
+            axes.points(rows_of(points, shown), rows_of(cov, shown), std_shared, frame_from_cam)
+            for points, cov, frame_from_cam in (
+                (solution.points_in_cam, solution.cov_points, np.eye(4)),
+                (solution.points_in_world, solution.cov_points_in_world, world_from_cam),
+            )
+        )
+        ended = axes.points(
+            solution.ended_points_in_world,
+            solution.ended_cov_points_in_world,
+            self._std_shared(solution.ended_ids),
+            solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
+        )
+        weights = None if solution.common is None else solution.common.weights(len(TERMS))
+        by_common = None if solution.common is None else solution.common.jacobian
+        pose = self._motions(world_from_cam[None], solution.cov_pose[None], by_common, weights)
         return FrameEstimate(
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
             status=solution.status,
             reason=solution.reason,
-            world_from_cam=axes.poses(solution.world_from_cam),
-            cov_pose=axes.cov_pose(solution.cov_pose + unseen.of_pose(solution.world_from_cam)),
-            track_ids=solution.track_ids[shown],
-            points_in_cam=axes.points(in_cam),
-            cov_points=unseen.in_points(cov, in_cam, shared_m, axes.rotation),
-            points_in_world=axes.points(in_world),
-            cov_points_in_world=unseen.in_points(cov_in_world, in_world, shared_in_world_m, axes.rotation),
+            world_from_cam=pose[0][0],
+            cov_pose=pose[1][0],
+            track_ids=ids,
+            points_in_cam=in_cam[0],
+            cov_points=in_cam[1],
+            points_in_world=in_world[0],
+            cov_points_in_world=in_world[1],
             window_frame_indices=solution.window_frame_indices,
             window_world_from_cam=axes.poses(solution.window_world_from_cam),
             rejected_ids=solution.rejected_ids,
             iterations=solution.iterations,
             ended_ids=solution.ended_ids,
-            ended_points_in_world=axes.points(solution.ended_points_in_world),
-            ended_cov_points_in_world=self._cov_ended(solution),
+            ended_points_in_world=ended[0],
+            ended_cov_points_in_world=ended[1],
             counts={
                 "tracked": n_old,
                 "new": observations.n_new,
@@ -173,57 +182,45 @@ class Observer:
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
             rig=self._frontend.rig_in_px(self.state, solution.rig),
-            relative=self._relative(solution.relative, solution.common),
-            common=self._common(solution),
+            relative=self._relative(solution.relative, weights),
+            common=self._common(solution, pose[2][0]),
             rig_change=None if observations.rig is None else observations.rig.change,
         )
 
-    def _relative(self, relative: RelativeMotions | None, common: CommonErrors | None) -> RelativeMotions | None:
+    def _motions(
+        self, poses: Array, cov: Array, by_rig: Array | None, weights: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Poses (n, 4, 4), covariances and perturbations by common errors, as `PhysicalAxes.motions` turns them.
+
+        Of the rig's errors, by which they are moved (…, 6, m), the physical terms count: the field over the image is
+        what these tell of it, by `weights` (m, t); the rest is the motion's own.
+        """
+        of_terms = None if by_rig is None or weights is None else (by_rig @ weights).reshape(len(poses), 6, -1)
+        return self._axes.motions(poses, cov, of_terms)
+
+    def _relative(self, relative: RelativeMotions | None, weights: Array | None) -> RelativeMotions | None:
         """Relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None
-        poses = relative.frame_from_newest
-        by_common = None if self._exact else self._by_common(poses, relative.common_jacobian, common)
-        cov = self._axes.cov_pose(relative.cov + self.unseen.of_pose(poses))
-        return RelativeMotions(relative.frame_indices, self._axes.poses(poses), cov, by_common)
+        poses, cov, by_common = self._motions(
+            relative.frame_from_newest, relative.cov, relative.common_jacobian, weights
+        )
+        return RelativeMotions(relative.frame_indices, poses, cov, None if self._exact else by_common)
 
-    def _common(self, solution: Solution) -> CommonErrors | None:
-        """The errors that all frames share, with those that no view shows."""
-        common, pose = solution.common, solution.world_from_cam
+    def _common(self, solution: Solution, jacobian: Array) -> CommonErrors | None:
+        """The errors that all frames share, with those that no view shows, and how they move (6, m) the pose."""
         if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
             return None
-        jacobian = self._by_common(pose, None if common is None else common.jacobian, common)
-        if common is None:
+        if solution.common is None:
             return CommonErrors(np.zeros(3), np.eye(3), jacobian)
         t = len(TERMS)
         cov = np.eye(3 + t)
-        cov[3:, 3:] = common.cov[:t, :t]
-        return CommonErrors(np.concatenate([np.zeros(3), common.mean[:t]]), cov, jacobian)
+        cov[3:, 3:] = solution.common.cov[:t, :t]
+        return CommonErrors(np.concatenate([np.zeros(3), solution.common.mean[:t]]), cov, jacobian)
 
-    def _by_common(self, poses: Array, by_rig: Array | None, common: CommonErrors | None) -> Array:
-        """Perturbations of poses (…, 4, 4) per unit of what no view shows, and of the physical terms (…, 6, m).
-
-        The field over the image is what these tell of it; the rest is the motion's own.
-        """
-        moved = self.unseen.by_pose(poses)
-        if by_rig is not None and common is not None:
-            moved = np.concatenate([moved, by_rig @ common.weights(len(TERMS))], axis=-1)
-        return self._axes.by_pose(moved)
-
-    def _shared_m(self, points_in_cam: Array, track_ids: NDArray[np.int64]) -> Array:
-        """One σ (n, 3), m, of points (n, 3) by the disparity error that all views share, eq. (18)."""
-        p = self.projection
-        std_px = self.state.bias.std_px(track_ids)
-        relative = points_in_cam[:, 2] * std_px / (p.f_px * p.baseline_m)
-        return np.asarray(points_in_cam * relative[:, None])
-
-    def _cov_ended(self, solution: Solution) -> Array:
-        """Covariances (k, 3, 3), in the world, of the points that left the estimator with this frame."""
-        last = solution.window_world_from_cam[0]  # an ended point was seen last about when the window begins
-        in_last = se3.transform(se3.inverse(last), solution.ended_points_in_world)
-        shared_m = self._shared_m(in_last, solution.ended_ids) @ last[:3, :3].T
-        cov, points = solution.ended_cov_points_in_world, solution.ended_points_in_world
-        return self.unseen.in_points(cov, points, shared_m, self._axes.rotation)
+    def _std_shared(self, track_ids: NDArray[np.int64]) -> Array:
+        """Return σ (n,) of inverse depths, 1/m, by the disparity error that all views of a point share, eq. (18)."""
+        return self.state.bias.std_px(track_ids) / (self.projection.f_px * self.projection.baseline_m)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""

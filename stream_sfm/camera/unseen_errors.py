@@ -1,8 +1,9 @@
-"""What errors of the calibration that no view shows do to everything that is reported, eqs. (73) and (73a).
+"""From rectified axes, in which everything is estimated, to those of the physical left camera, in which it is reported.
 
-A wrong baseline makes all lengths too large or too small by one factor. Principal points that are off by δ in both
-cameras turn the camera's axes by δ/f: everything is as before, in other axes. Neither is an unknown of any estimate:
-their σ are added to whatever is reported.
+With what errors of the calibration that no view shows do to it, eqs. (73) and (73a). A wrong baseline makes all
+lengths too large or too small by one factor. Principal points that are off by δ in both cameras turn the camera's axes
+by δ/f: everything is as before, in other axes. Neither is an unknown of any estimate: their σ are added to whatever is
+reported.
 """
 
 import numpy as np
@@ -11,32 +12,33 @@ from .. import core
 from ..geometry.se3 import Array
 
 
-class UnseenErrors:
-    """Covariances by a relative error of all lengths, σ `std_scale`, and by axes that are off, σ `std_axes_rad`.
+class PhysicalAxes:
+    """Turns rectified axes, of the camera and of the world, into those of the physical left camera.
 
-    The axes err about x and y.
+    The world is the first left camera: T_cam = C⁻¹ T_rect C, and right perturbations turn with C⁻¹, eq. (7). Adds a
+    relative error of all lengths, σ `std_scale`, and one of the axes about x and y, σ `std_axes_rad`.
     """
 
-    def __init__(self, std_scale: float, std_axes_rad: float) -> None:
-        self._std_scale, self._std_axes_rad = std_scale, std_axes_rad
+    def __init__(self, rect_from_cam: Array, std_scale: float = 0.0, std_axes_rad: float = 0.0) -> None:
+        self._of_core = np.ascontiguousarray(rect_from_cam.T), std_scale, std_axes_rad
 
-    def in_points(self, cov: Array, points_m: Array, shared_m: Array, axes: Array) -> Array:
-        """Covariances (n, 3, 3), m², in other axes (3, 3), of points (n, 3) in the camera, or in the world.
+    def poses(self, poses: Array) -> Array:
+        """Turn poses (n, 4, 4)."""
+        return self.motions(poses, np.zeros((len(poses), 6, 6)))[0]
 
-        The world is the first camera. `cov` (n, 3, 3): what they have by themselves; `shared_m` (n, 3): one σ of an
-        error that all views of a point share.
+    def motions(self, poses: Array, cov: Array, by_terms: Array | None = None) -> tuple[Array, Array, Array]:
+        """Turn poses (n, 4, 4), with covariances (n, 6, 6) of the perturbations on their right.
+
+        Also returns the perturbations (n, 6, 3 + t) per σ of lengths and of axes about x and y, and by further errors,
+        whose own are `by_terms` (n, 6, t).
         """
-        return core.reported_covariances(cov, points_m, shared_m, self._std_scale, self._std_axes_rad, axes)
+        by_terms = np.empty((len(poses), 6, 0)) if by_terms is None else by_terms
+        return core.reported_motions(self._of_core, poses, cov, by_terms)
 
-    def of_pose(self, poses: Array) -> Array:
-        """Covariances (…, 6, 6) of the perturbations on the right of poses (…, 4, 4)."""
-        moved = self.by_pose(poses)
-        return moved @ np.swapaxes(moved, -1, -2)
+    def points(self, points_m: Array, cov: Array, std_shared: Array, frame_from_cam: Array) -> tuple[Array, Array]:
+        """Turn points (n, 3) with covariances (n, 3, 3), m², that were seen from a camera (4, 4) in their frame.
 
-    def by_pose(self, poses: Array) -> Array:
-        """Perturbations (…, 6, 3) on the right of poses T (…, 4, 4), per σ of lengths and of axes about x and y.
-
-        Axes that are turned by C make C T C⁻¹ of T, which is T Exp((Ad(T⁻¹) − I) c).
+        All views of a point share an error of its inverse depth, σ `std_shared` (n,), 1/m, eq. (18). The frame is that
+        of the camera itself or the world.
         """
-        moved = core.unseen_by_pose(poses.reshape(-1, 4, 4), self._std_scale, self._std_axes_rad)
-        return moved.reshape(*poses.shape[:-2], 6, 3)
+        return core.reported_points(self._of_core, points_m, cov, std_shared, frame_from_cam)

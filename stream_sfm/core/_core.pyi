@@ -19,6 +19,9 @@ Rows = tuple[tuple[float, float], Field, Array, float, float, float]
 # be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value, and
 # the variance factor of views.
 Templates = tuple[int, int, int, float, float, float, float]
+# Axes of the physical camera: the rotation (3, 3) of points into them, and σ of errors that no view shows, of lengths
+# as a share of themselves, and of the axes about x and y, radians.
+PhysicalAxes = tuple[Array, float, float]
 # Points with their views: homogeneous points (n, 4) with covariances (n, 4, 4), or (0, 4, 4) where they are exact,
 # views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
 # gates (n,) of squared residuals.
@@ -345,16 +348,21 @@ def cov_of_timed_pose(pinholes: Pinholes, points_in_cam: Array, row: Array, size
     By a delay and by a readout of `size` (2,), s; `row` as in `timed_views`.
     """
 
-def reported_covariances(
-    cov_points: Array, points: Array, shared_m: Array, std_scale: float, std_axes_rad: float, axes: Array
-) -> Array:
-    """Return the covariances (n, 3, 3) of points (n, 3) in other axes (3, 3), with what no view shows, eq. (73).
+def reported_motions(axes: PhysicalAxes, poses: Array, cov: Array, by_terms: Array) -> tuple[Array, Array, Array]:
+    """Return poses (n, 4, 4) in axes of the physical camera, with covariances (n, 6, 6) and what common errors do.
 
-    `shared_m` (n, 3): an error that all views of a point share, one σ of it.
+    `cov` (n, 6, 6) of the perturbations on their right gets that of errors that no view shows. Their perturbations, and
+    those of further errors, of which they are `by_terms` (n, 6, t): (n, 6, 3 + t). Eqs. (7) and (73a).
     """
 
-def unseen_by_pose(poses: Array, std_scale: float, std_axes_rad: float) -> Array:
-    """Return perturbations (n, 6, 3) on the right of poses (n, 4, 4), per σ of lengths and of axes, eq. (73a)."""
+def reported_points(
+    axes: PhysicalAxes, points: Array, cov_points: Array, std_shared: Array, frame_from_cam: Array
+) -> tuple[Array, Array]:
+    """Return points (n, 3) in axes of the physical camera, with covariances (n, 3, 3), eqs. (18) and (73).
+
+    They were seen from a camera (4, 4) in their frame; σ of their inverse depths (n,), 1/m, by an error that all views
+    of a point share. `cov_points` (n, 3, 3) gets that of errors that no view shows.
+    """
 
 def track_covariances(
     cov_left_px: Array, var_rho: Array, drift_px: Array, focal_px: float, baseline_m: float

@@ -125,6 +125,8 @@ struct Argument<Field> : RecordArgument<Field, View<double, 1>, View<double, 1>,
 template <>
 struct Argument<RowModel> : RecordArgument<RowModel, std::array<double, 2>, Field, View<double, 1>, double, double, double> {};
 template <>
+struct Argument<PhysicalAxes> : RecordArgument<PhysicalAxes, View<double, 2>, double, double> {};
+template <>
 struct Argument<TemplateKind> : RecordArgument<TemplateKind, int, int, int, double, double, double, double> {};
 template <>
 struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 2>, View<double, 3>, View<double, 2>, View<double, 3>,
@@ -250,8 +252,8 @@ NB_MODULE(_core, m) {
     m.def("timing_unknowns", &Bound<&timing_unknowns>::call);
     m.def("with_row_errors", &Bound<&with_row_errors>::call);
     m.def("cov_of_timed_pose", &Bound<&cov_of_timed_pose>::call);
-    m.def("reported_covariances", &Bound<&reported_covariances>::call);
-    m.def("unseen_by_pose", &Bound<&unseen_by_pose>::call);
+    m.def("reported_motions", &Bound<&reported_motions>::call);
+    m.def("reported_points", &Bound<&reported_points>::call);
     m.def("track_covariances", &Bound<&track_covariances>::call);
     m.def("whitening_of_views", &Bound<&whitening_of_views>::call);
     m.def("whiten_blocks", &Bound<&whiten_blocks>::call);

@@ -269,9 +269,23 @@ Array<double, 2> principal_components(const View<double, 2>& errors);
 Array<double, 3> principal_errors(const View<double, 3>& errors);  // of views (n, 4, k)
 
 // reported.cpp
-Array<double, 3> reported_covariances(const View<double, 3>& cov, const View<double, 2>& points, const View<double, 2>& shared,
-                                      double std_scale, double std_axes, const View<double, 2>& axes);
-Array<double, 3> unseen_by_pose(const View<double, 3>& poses, double std_scale, double std_axes);
+struct PhysicalAxes {  // rotation (3, 3) of points into them, and σ of lengths and of axes that no view shows
+    View<double, 2> rotation;
+    double std_scale, std_axes;
+};
+struct ReportedMotions {
+    Array<double, 3> poses, cov, jacobian;
+    auto parts() { return std::tie(poses, cov, jacobian); }
+};
+ReportedMotions reported_motions(const PhysicalAxes& axes, const View<double, 3>& poses, const View<double, 3>& cov,
+                                 const View<double, 3>& by_terms);
+struct ReportedPoints {
+    Array<double, 2> points;
+    Array<double, 3> cov;
+    auto parts() { return std::tie(points, cov); }
+};
+ReportedPoints reported_points(const PhysicalAxes& axes, const View<double, 2>& points, const View<double, 3>& cov,
+                               const View<double, 1>& std_shared, const View<double, 2>& frame_from_cam);
 
 // poses.cpp
 Array<double, 3> pose_exp(const View<double, 2>& xi);

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..blas import one_thread
-from ..camera.axes import RectifiedAxes
 from ..camera.pixels import GreyScaler, to_grey
 from ..camera.rectification import Rectifier
 from ..camera.rig import MonoRig, StereoRig
-from ..camera.unseen_errors import UnseenErrors
+from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
 from ..estimators.ids import among
@@ -107,11 +106,10 @@ class PlaceMap:
         self._max_keyframes = max_keyframes
         self._rectifier = Rectifier(rig)
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        self._axes = RectifiedAxes(self._rectifier.rect_from_cam)
-        errors = (config or Config()).rig
-        self._unseen = UnseenErrors(0.0, 0.0)
+        errors, rect_from_cam = (config or Config()).rig, self._rectifier.rect_from_cam
+        self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:
-            self._unseen = UnseenErrors(errors.std_baseline, errors.std_axes_rad)
+            self._axes_with_unseen = PhysicalAxes(rect_from_cam, errors.std_baseline, errors.std_axes_rad)
         self._verifier = Verifier(self._rectifier.projection)
         self._scaler = GreyScaler()
         self._chain, self._words = Chain(), Words()
@@ -194,8 +192,8 @@ class PlaceMap:
         stamps_ns, _, rows = self._own()
         poses = self._graph.poses[rows].copy()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
-        covs = self._covs[rows] + self._axes.cov_pose(self._unseen.of_pose(in_rect))
-        return Trajectory(stamps_ns, poses, covs)
+        _, unseen, _ = self._axes_with_unseen.motions(in_rect, np.zeros((len(poses), 6, 6)))
+        return Trajectory(stamps_ns, poses, self._covs[rows] + unseen)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
         """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`.
@@ -332,7 +330,8 @@ class PlaceMap:
         found = self._verifier.motion(self._nodes[old].keyframe, seen, predicted)
         if found is None:
             return None
-        return Loop(old, new, Motion(self._axes.poses(found.earlier_from_newest), self._axes.cov_pose(found.cov)))
+        poses, covs, _ = self._axes.motions(found.earlier_from_newest[None], found.cov[None])
+        return Loop(old, new, Motion(poses[0], covs[0]))
 
     def _close_doubtful(self, loops: list[Loop], depth_m: float) -> None:
         """Keep a loop until others agree with it; then close them all. What looks like two places says nothing."""
