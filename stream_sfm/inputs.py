@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EFBIG, EINVAL
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from .errors import LogError
 
@@ -22,6 +22,30 @@ _KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+
+
+class Limits(NamedTuple):
+    """What a recording may ask for. No real one reaches them, and one of kilobytes costs no gigabytes."""
+
+    record_bytes: int = 128 * 2**20  # of a record, of a decompressed chunk, of a message; writers use 1–4 MiB
+    small_bytes: int = 2**20  # of a parsed schema, a message with lists, an attachment: elements become objects
+    header_bytes: int = 2**16  # of a few names, dozens of bytes
+    ros_definition_bytes: int = 2**15  # of a type with its parts; the longest that is read, Odometry, has 8 kB
+    definition_bytes: int = 8 * 2**20  # of one schema or channel; those of ROS and Foxglove messages are kilobytes
+    definitions_bytes: int = 64 * 2**20  # of all that one file declares and that is kept while it is read
+    object_bytes: int = 256  # overhead of each in memory, measured; all 2·65535 that MCAP has numbers for still fit
+    name: int = 2**12  # characters of a topic, a type, a coordinate frame, an encoding; of a line of numbers
+    named: int = 2**12  # topics, and pairs of coordinate frames; robots have hundreds
+    indexed: int = 2**20  # entries of an index: a terabyte has fewer; lines of a text: nine hours at 30 Hz
+    files: int = 2**14  # of one bag, whose metadata then has some megabytes
+    metadata_bytes: int = 2**24
+    text_bytes: int = 2**26  # of numbers: a pose of a million frames is a line of hundred bytes
+    image_file_bytes: int = 2**28  # the largest image without any compression is half of it
+    json_values: int = 2**22  # as many as a list of the pixels of a 4-megapixel image has
+    json_text_bytes: int = 2**24  # that is not ASCII, which Python may widen to four bytes; base64 is ASCII
+
+
+LIMITS = Limits()
 INT64 = 2**63  # whole numbers are smaller: sizes, stamps in nanoseconds
 MAX_DEPTH = 32  # of brackets; settings and calibrations need four
 _MAX_INDENT = 128  # spaces in front of a line, each of which may be a level in YAML

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import LogError
+from ..inputs import LIMITS
 from ..mcap_file.damage import Damage
-from ..mcap_file.records import MAX_RECORD_BYTES
 from ..recording.log_writer import MessageWriter
 from ..sources.mcap import McapSource
 from .data_sets import check_free
@@ -44,7 +44,7 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
         if not counts:
             raise LogError("; ".join([f"{source.path} has no message that can be read", *damage.notes[:3]]))
         attachments = metadata = 0
-        for attachment in source.attachments(damage, MAX_RECORD_BYTES):
+        for attachment in source.attachments(damage, LIMITS.record_bytes):
             copy.attach(attachment)
             attachments += 1
         for record in source.metadata(damage):

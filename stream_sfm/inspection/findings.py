@@ -1,8 +1,7 @@
 """Finds what is wrong with a calibration and says in sentences what to change.
 
-Nine well-calibrated logs (KITTI, EuRoC, rendered) have row offsets of at most 0.34 px, spreads of at most 0.30 px,
-0.2 % of negative disparities, and principal points within 6.5 % of half the image from the centre. The thresholds
-stand clear of that.
+Nine well-calibrated logs (KITTI, EuRoC, rendered) have row offsets of at most 0.34 px, spreads of at most 0.30 px, and
+0.2 % of negative disparities. The thresholds stand clear of that.
 """
 
 from collections.abc import Sequence
@@ -23,11 +22,7 @@ _NEGATIVE_SHARE = 0.05  # of the matches with negative disparity, from which on 
 _SWAPPED_SHARE = 0.5  # of the matches with negative disparity: most of the scene is beyond infinity
 _CLEARLY_BETTER = 0.5  # a row error below this share of the other one decides
 _UNSWAPPED_SHARE = 0.1  # at most so many with the images exchanged, where the rows show that they are
-# Each from which on it is a warning, and a problem.
-_OFF_CENTRE = 0.3, 0.5  # of a principal point, in halves of the image
-_OFF_SCALE = 0.2  # the same, where it is off by one factor in both directions: K of images of another size
-_SAME_FACTOR = 0.1  # relative difference of both factors that still counts as one
-# Median and spread of the row differences of matched corners; left-right matching allows 1.5 px.
+# Median and spread of the row differences of matched corners, from which on each is a warning, and a problem.
 _ROW_OFFSET_PX, _ROW_SPREAD_PX = (0.5, 2.0), (0.8, 3.0)
 # Offsets of stamps beyond both are reported: at 50 px of motion per frame, 0.02 periods are one pixel.
 _STAMP_OFFSET_MS, _STAMP_OFFSET_PERIODS = 1.0, 0.02
@@ -59,11 +54,7 @@ def calibration_findings(
         swapped = check_calibration(rig, [(right, left) for left, right in corners])
     if (problem := _side_problem(rig, check, swapped, choice)) is not None:
         return [problem], []
-    problems, warnings = _scale_findings(rig)
-    if problems:
-        return problems, warnings
-    problems, more = _row_findings(check)
-    warnings += more
+    problems, warnings = _row_findings(check)
     if check.negative_share > _NEGATIVE_SHARE:  # too few for cameras that are swapped
         warnings.append(
             f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond "
@@ -89,27 +80,6 @@ def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
         "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
         "they are not, moving scenes do not fit"
     )
-
-
-def _scale_findings(rig: StereoRig) -> Findings:
-    """Report intrinsics of images of another size: the principal point shows it."""
-    problems, warnings = [], []
-    for name, camera in (("left", rig.left), ("right", rig.right)):
-        cx, cy = camera.K[0, 2], camera.K[1, 2]
-        sx, sy = 2 * cx / camera.width, 2 * cy / camera.height
-        size = f"{camera.width}×{camera.height}"
-        text = f"the {name} principal point ({cx:.0f}, {cy:.0f}) is far from the centre of {size} images"
-        off_centre = max(abs(sx - 1), abs(sy - 1))
-        if abs(sx - sy) < _SAME_FACTOR * sx and abs(sx - 1) > _OFF_SCALE:
-            problems.append(
-                f"{text}: K seems to belong to images of about {2 * cx:.0f}×{2 * cy:.0f}; scale K (and P) with the "
-                f"images, that is by {2 / (sx + sy):.2g}, or {REMEDY}"
-            )
-        elif off_centre > _OFF_CENTRE[1]:
-            problems.append(f"{text}: K does not belong to these images; {REMEDY}")
-        elif off_centre > _OFF_CENTRE[0]:
-            warnings.append(f"{text}: were the images cropped after the calibration?")
-    return problems, warnings
 
 
 def _side_problem(

@@ -7,7 +7,8 @@ import lz4.frame
 import zstandard
 
 from ..deflate import zlib
-from .records import CHUNK_HEAD, MAX_RECORD_BYTES, BrokenRecord
+from ..inputs import LIMITS
+from .records import CHUNK_HEAD, BrokenRecord
 
 _STEP_BYTES = 1 << 14  # of a cut-off stream decompressed at a time: what comes before the cut is kept
 # What a chunk may unpack to by its bytes, more than real ones do: a record of a camera's log has thousands of bytes,
@@ -27,7 +28,7 @@ class Allowance:
     def begin(self, stored_bytes: int, declared_bytes: int) -> None:
         """Begin a chunk, by its bytes as they are stored and those that it declares to unpack to."""
         self._records_left = _RECORDS_PER_BYTE * stored_bytes
-        if declared_bytes > MAX_RECORD_BYTES:  # it will not be unpacked at all
+        if declared_bytes > LIMITS.record_bytes:  # it will not be unpacked at all
             return
         excess = max(declared_bytes - _BYTES_PER_BYTE * stored_bytes, 0)
         if excess > self._free_bytes:
@@ -64,8 +65,10 @@ def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: b
 
     Raises BrokenRecord; where the chunk is not `whole`, fewer bytes are no error.
     """
-    if size > MAX_RECORD_BYTES:
-        raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over the limit of {MAX_RECORD_BYTES / 2**20:.0f}")
+    if size > LIMITS.record_bytes:
+        raise BrokenRecord(
+            f"it declares {size / 2**20:.0f} MiB, over the limit of {LIMITS.record_bytes / 2**20:.0f}"
+        )
     records: bytes | memoryview
     try:
         if compression == b"zstd":

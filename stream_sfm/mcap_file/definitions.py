@@ -10,17 +10,13 @@ from mcap.opcode import Opcode
 from mcap.records import Channel as ChannelRecord
 from mcap.records import Schema
 
+from ..inputs import LIMITS
 from .message import Channel
 from .records import BrokenRecord, RecordTooLarge, parse_record
 
-_MAX_ONE_BYTES = 8 * 2**20  # one schema or channel; those of ROS and Foxglove messages are kilobytes
-_MAX_ALL_BYTES = 64 * 2**20  # all of one file
-_MAX_METADATA = 64  # entries of a channel; rosbag2 writes two
-_OBJECT_BYTES = 256  # overhead of each in memory, measured; all 2·65535 that MCAP has numbers for still fit
-
 
 class Definitions:
-    """`schemas` and `channels` by id. Metadata of more entries than any recorder writes to a channel is dropped."""
+    """`schemas` and `channels` by id."""
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
@@ -40,20 +36,19 @@ class Definitions:
         Raises BrokenRecord where it is damaged, which without `replace` means also that it differs from one of the
         same number, and RecordTooLarge where it exceeds the limits.
         """
-        if len(body) > _MAX_ONE_BYTES:
+        if len(body) > LIMITS.definition_bytes:
             raise RecordTooLarge(f"a schema or channel of {len(body) / 2**20:.0f} MiB")
         known: dict[int, Any] = self.schemas if opcode == Opcode.SCHEMA else self.channels
         record = parse_record(Schema.read if opcode == Opcode.SCHEMA else ChannelRecord.read, body)
-        metadata: dict[str, str] = getattr(record, "metadata", {})
-        if len(metadata) > _MAX_METADATA:
-            metadata.clear()
         if known.get(record.id) == record:
             return
         if record.id in known and not replace:
             raise BrokenRecord("it differs from the definition of the same number")
-        size_bytes = len(body) + _OBJECT_BYTES * (1 + len(metadata))
-        if self._bytes + size_bytes > _MAX_ALL_BYTES:
-            raise RecordTooLarge(f"schemas and channels of more than {_MAX_ALL_BYTES // 2**20} MiB in total")
+        size_bytes = len(body) + LIMITS.object_bytes * (1 + len(getattr(record, "metadata", ())))
+        if self._bytes + size_bytes > LIMITS.definitions_bytes:
+            raise RecordTooLarge(
+                f"schemas and channels of more than {LIMITS.definitions_bytes // 2**20} MiB in total"
+            )
         self._bytes += size_bytes
         known[record.id] = record
 

@@ -9,14 +9,14 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
+from ..inputs import LIMITS
 from .damage import Damage
 from .definitions import Definitions
-from .records import MAGIC, MAX_RECORD_BYTES, RECORD_HEAD, BrokenRecord, parse_record, split_records
+from .records import MAGIC, RECORD_HEAD, BrokenRecord, parse_record, split_records
 
 _FOOTER_BYTES = 20  # fixed by the specification
 _DATA_END = RECORD_HEAD.pack(Opcode.DATA_END, 4)
 _CHUNK_HEAD = struct.Struct("<QQQ")  # first and last log time, uncompressed size
-_MAX_CHUNK_COST = 2**20  # chunks and distinct channel sets kept; a recording of a terabyte has fewer
 
 
 @dataclass(slots=True)
@@ -61,7 +61,7 @@ def _read(stream: IO[bytes], damage: Damage) -> Index | None:
         return None
     before = len(_DATA_END) + 4  # the record that ends the messages, with its checksum
     stream.seek(max(start - before, 0) if start < size else size)
-    if not stream.read(before).startswith(_DATA_END) or not start < size - tail <= start + MAX_RECORD_BYTES:
+    if not stream.read(before).startswith(_DATA_END) or not start < size - tail <= start + LIMITS.record_bytes:
         damage.add("its index lies elsewhere than the file says: bytes before it are missing, or were added")
         return None
     summary = stream.read(size - tail - start)
@@ -80,7 +80,7 @@ def _parse(summary: bytes, stream: IO[bytes], size: int, checksummed: bool, dama
             definitions.add(opcode, body)
         elif opcode == Opcode.STATISTICS:
             statistics = parse_record(Statistics.read, body)
-        elif opcode == Opcode.CHUNK_INDEX and checksummed and cost <= _MAX_CHUNK_COST:
+        elif opcode == Opcode.CHUNK_INDEX and checksummed and cost <= LIMITS.indexed:
             chunk = parse_record(ChunkIndex.read, body)
             ids = frozenset(chunk.message_index_offsets)
             cost += 1 + (0 if ids in distinct else len(ids))
@@ -95,7 +95,7 @@ def _parse(summary: bytes, stream: IO[bytes], size: int, checksummed: bool, dama
     if statistics.channel_count != len(channels) or not set(counts) <= set(channels):
         raise BrokenRecord("its statistics are of other channels")
     found: dict[int, frozenset[int] | None] = {}
-    if cost <= _MAX_CHUNK_COST:
+    if cost <= LIMITS.indexed:
         for chunk, ids in sorted(chunks, key=lambda entry: entry[0].chunk_start_offset):
             if _has_chunk(stream, size, chunk):
                 found[chunk.chunk_start_offset] = ids if ids and ids <= set(channels) else None

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from ..deflate import zlib
 from ..errors import LogError
-from ..inputs import open_regular, reading
+from ..inputs import LIMITS, open_regular, reading
 from .chunks import Allowance, decompress_chunk
 from .damage import Damage
 from .definitions import Definitions
@@ -26,9 +26,6 @@ from .message import Message
 from .records import MAGIC, BrokenRecord, RecordTooLarge, ends_with_magic, parse_record, split_records
 from .search import MESSAGE_HEAD
 from .walk import READ, Record, Walk
-
-_MAX_HEADER_BYTES = 2**16  # profile and library name, a few dozen bytes
-_MAX_ATTACHMENT_BYTES = 2**20  # attachments are read whole; a calibration is kilobytes
 
 
 class LogFile:
@@ -128,7 +125,7 @@ class LogFile:
         chunks = list(self.index.chunk_channels) if self.index else []
         return Walk(self.path, stream, self.size_bytes, chunks, damage, knows_channel)
 
-    def attachments(self, damage: Damage, max_bytes: int = _MAX_ATTACHMENT_BYTES) -> Iterator[Attachment]:
+    def attachments(self, damage: Damage, max_bytes: int = LIMITS.small_bytes) -> Iterator[Attachment]:
         """Yield the attachments of at most `max_bytes`, in file order."""
         if self.index is not None and self.index.attachment_count == 0:
             return
@@ -140,12 +137,12 @@ class LogFile:
 
     def metadata(self, damage: Damage) -> Iterator[Metadata]:
         """Yield the metadata records of at most 1 MiB, in file order."""
-        for record, *_ in self._records(Metadata, Opcode.METADATA, damage, _MAX_ATTACHMENT_BYTES):
+        for record, *_ in self._records(Metadata, Opcode.METADATA, damage, LIMITS.small_bytes):
             yield record
 
     def header(self) -> Header | None:
         """The header record, or None where it is damaged."""
-        found = self._records(Header, Opcode.HEADER, Damage(), _MAX_HEADER_BYTES, first_only=True)
+        found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
         return next((header for header, *_ in found), None)
 
     def _records(

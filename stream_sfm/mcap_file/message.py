@@ -4,9 +4,6 @@ from typing import NamedTuple
 
 from ..record import record
 
-MAX_NAME = 2**12  # characters of a name: of a topic, a type, a coordinate frame, an encoding
-MAX_ROS_DEFINITION = 2**15  # bytes of a type with its parts; nav_msgs/Odometry, the longest that is read, has 8 kB
-
 
 @record
 class Channel:

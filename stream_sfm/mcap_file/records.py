@@ -16,8 +16,6 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the body in bytes
 # Of a chunk: first and last log time, uncompressed size in bytes, CRC-32, length of the compression's name.
 CHUNK_HEAD = struct.Struct("<QQQII")
-# A record or a decompressed chunk beyond it is damage, or hostile; writers use 1–4 MiB
-MAX_RECORD_BYTES = 128 * 2**20
 
 
 class BrokenRecord(Exception):

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
-from .records import CHUNK_HEAD, MAX_RECORD_BYTES, RECORD_HEAD
+from ..inputs import LIMITS
+from .records import CHUNK_HEAD, RECORD_HEAD
 
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time, publish time
 PEEK_BYTES = 64  # of a record: enough for the head of a chunk and its compression
@@ -27,7 +28,7 @@ _FIELDS: dict[int, tuple[int, tuple[int, ...], int]] = {
 }
 _FIRST_BLOCK_BYTES, _BLOCK_BYTES = 2**12, 2**20
 _MAX_CANDIDATES = 2**20  # some seconds; bytes that mean something else give a few in a megabyte
-_LENGTH = rb".{3}[\0-\x08]\0{4}"  # at most MAX_RECORD_BYTES, little-endian
+_LENGTH = rb".{3}[\0-\x08]\0{4}"  # at most LIMITS.record_bytes, little-endian
 _CHUNK = rb"\x06" + _LENGTH + rb".{16}" + _LENGTH + rb".{4}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd)"
 _ATTACHED = rb"\x09" + _LENGTH + rb"|\x0c" + _LENGTH
 _DEFINED = rb"\x03" + _LENGTH + rb"|\x04" + _LENGTH
@@ -107,10 +108,10 @@ def chunk_head(body: bytes) -> ChunkHead | None:
         return None
     start_ns, end_ns, size, _, name_length = CHUNK_HEAD.unpack_from(body)
     data = CHUNK_HEAD.size + name_length
-    if start_ns > end_ns or size > MAX_RECORD_BYTES or data + 8 > len(body):
+    if start_ns > end_ns or size > LIMITS.record_bytes or data + 8 > len(body):
         return None
     length = int.from_bytes(body[data : data + 8], "little")
-    if body[CHUNK_HEAD.size : data] not in _COMPRESSIONS or length > MAX_RECORD_BYTES:
+    if body[CHUNK_HEAD.size : data] not in _COMPRESSIONS or length > LIMITS.record_bytes:
         return None
     return ChunkHead(data + 8 + length, start_ns, end_ns)
 
@@ -126,7 +127,7 @@ def can_follow(start: bytes, left: int) -> bool:
     if opcode == Opcode.CHUNK and chunk_head(start[RECORD_HEAD.size :]) is not None:
         return True
     fits = RECORD_HEAD.size + length <= left
-    return (fits and opcode != 0) or (opcode in _KNOWN and length <= MAX_RECORD_BYTES)
+    return (fits and opcode != 0) or (opcode in _KNOWN and length <= LIMITS.record_bytes)
 
 
 def fields_add_up(opcode: int, length: int, read: Callable[[int, int], bytes]) -> bool:

@@ -11,8 +11,9 @@ from typing import IO, NamedTuple
 
 from mcap.opcode import Opcode
 
+from ..inputs import LIMITS
 from .damage import Damage
-from .records import MAGIC, MAX_RECORD_BYTES, RECORD_HEAD, ends_with_magic
+from .records import MAGIC, RECORD_HEAD, ends_with_magic
 from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_head
 
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
@@ -82,7 +83,7 @@ class Walk:
                 # A chunk that is cut off with the file can be read as far as it goes. Anything else that claims so
                 # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
                 cut = 0 <= left < length and stop == self._size and not ends_with_magic(self._stream)
-                if cut and opcode == Opcode.CHUNK and left <= MAX_RECORD_BYTES:
+                if cut and opcode == Opcode.CHUNK and left <= LIMITS.record_bytes:
                     yield Record(at, opcode, length, left)
                     self._unconfirmed = None
                 self._resume(at, problem)
@@ -93,7 +94,7 @@ class Walk:
                 self._data_ended = opcode == Opcode.DATA_END and stop == self._size
             self._unconfirmed = None if opcode == Opcode.CHUNK else at
             self._at = at + RECORD_HEAD.size + length
-            if length > MAX_RECORD_BYTES and opcode in READ:
+            if length > LIMITS.record_bytes and opcode in READ:
                 self._damage.add(f"{self._path} at byte {at}: a record of {length / 2**20:.0f} MiB was skipped")
             else:
                 yield Record(at, opcode, length, length)

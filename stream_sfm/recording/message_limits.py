@@ -8,9 +8,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-MAX_REPEATED_BYTES = 2**20  # of a message with repeated fields: some ten thousand transforms
-_MAX_JSON_VALUES = 2**22  # as many as a list of the pixels of a 4-megapixel image has
-_MAX_JSON_TEXT_BYTES = 2**24  # of text that is not ASCII, which Python may widen to four bytes; base64 is ASCII
+from ..inputs import LIMITS
+
 Decoder = Callable[[bytes], Any]
 
 
@@ -18,9 +17,9 @@ def bounded(decoder: Decoder) -> Decoder:
     """A decoder for a definition with repeated fields; it raises ValueError for messages over the bound."""
 
     def decode(data: bytes) -> Any:
-        if len(data) > MAX_REPEATED_BYTES:
+        if len(data) > LIMITS.small_bytes:
             raise ValueError(
-                f"its definition has repeated fields, and it is over {MAX_REPEATED_BYTES // 2**20} MiB"
+                f"its definition has repeated fields, and it is over {LIMITS.small_bytes // 2**20} MiB"
             )
         return decoder(data)
 
@@ -30,8 +29,8 @@ def bounded(decoder: Decoder) -> Decoder:
 def decode_json(data: bytes) -> Any:
     """Parse JSON like `json.loads`. Raises ValueError for more values than any message has."""
     values = sum(data.count(mark) for mark in (b",", b"[", b"{"))  # an upper bound: text may contain them too
-    if values > _MAX_JSON_VALUES:
+    if values > LIMITS.json_values:
         raise ValueError(f"up to {values} values")
-    if len(data) > _MAX_JSON_TEXT_BYTES and not data.isascii():
+    if len(data) > LIMITS.json_text_bytes and not data.isascii():
         raise ValueError("a long text that is not ASCII")
     return json.loads(data)

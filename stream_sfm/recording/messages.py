@@ -11,12 +11,12 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..inputs import INT64
+from ..inputs import INT64, LIMITS
 from ..mcap_file.damage import Damage
-from ..mcap_file.message import MAX_NAME, Channel, Message
+from ..mcap_file.message import Channel, Message
 from ..record import record
 from ..sources.source import Source
-from .message_limits import MAX_REPEATED_BYTES, decode_json
+from .message_limits import decode_json
 
 T = TypeVar("T")
 
@@ -33,7 +33,6 @@ _KINDS = {
     "TFMessage": "transform", "tfMessage": "transform",
 }  # fmt: skip
 
-_MAX_SCHEMA_BYTES = 2**20  # its parts become objects; those of an image, a calibration or a pose are kilobytes
 _MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
 _QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
 _ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
@@ -135,7 +134,7 @@ class MessageDecoder:
         try:
             if channel.message_encoding == "json":
                 return decode_json
-            if len(channel.definition) > _MAX_SCHEMA_BYTES:
+            if len(channel.definition) > LIMITS.small_bytes:
                 raise ValueError(f"a definition of {len(channel.definition)} bytes")
             if (decoder := _by_definition(channel)) is not None:
                 return decoder
@@ -153,11 +152,11 @@ class MessageDecoder:
 
     def calibration(self, message: Message) -> CalibrationMessage:
         """Decode a calibration message. Raises as `image`."""
-        return self._record(message, _calibration, MAX_REPEATED_BYTES)
+        return self._record(message, _calibration, LIMITS.small_bytes)
 
     def poses(self, message: Message) -> list[PoseMessage]:
         """Decode the poses in a message, several for a list of transforms. Raises as `image`."""
-        return self._record(message, _poses, MAX_REPEATED_BYTES)
+        return self._record(message, _poses, LIMITS.small_bytes)
 
     def _record(self, message: Message, make: Callable[[str, Any], T], max_bytes: int | None = None) -> T:
         decoded, topic = self._decode(message, max_bytes), message.channel.topic
@@ -269,7 +268,7 @@ def _frame_id(message: Any) -> str:
 
 def _text(value: Any) -> str:
     """A name as Unicode that can be encoded: JSON may hold half a surrogate pair. Raises ValueError if too long."""
-    if len(text := "" if value is None else str(value)) > MAX_NAME:  # JSON's null
+    if len(text := "" if value is None else str(value)) > LIMITS.name:  # JSON's null
         raise ValueError(f"a name of {len(text)} characters")
     return text.encode("utf-8", "backslashreplace").decode()
 

@@ -9,7 +9,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from ..mcap_file.message import MAX_ROS_DEFINITION
+from ..inputs import LIMITS
 from .message_limits import bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
@@ -48,7 +48,7 @@ def ros_decoder(
     """
     if (message_encoding, schema_encoding) not in _SUPPORTED:
         return None
-    if len(definition) > MAX_ROS_DEFINITION:
+    if len(definition) > LIMITS.ros_definition_bytes:
         raise ValueError(f"a definition of {len(definition)} bytes")
     text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
     types = _parse_types(text, schema_name, idl=schema_encoding == SchemaEncoding.ROS2IDL)

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
+from ..inputs import LIMITS
 from ..mcap_file.damage import Damage
-from ..mcap_file.message import MAX_NAME, Channel
+from ..mcap_file.message import Channel
 from ..sources.source import Source
 from .messages import kind_of
 
 # A log without an index is scanned this far at most, once cameras and calibrations have been met: some seconds of
 # reading, and enough for calibrations that are sent every few seconds.
 _SCAN_BYTES = 256 * 2**20
-_MAX_TOPICS = 2**12  # more are not a robot's
 
 
 @dataclass(slots=True)
@@ -41,10 +41,10 @@ class Survey:
         """Add messages of a channel to its topic; None where it is beyond the limits."""
         name = channel.topic
         if (topic := self.topics.get(name)) is None:
-            if len(self.topics) >= _MAX_TOPICS or max(len(name), len(channel.schema_name)) > MAX_NAME:
+            if len(self.topics) >= LIMITS.named or max(len(name), len(channel.schema_name)) > LIMITS.name:
                 damage.note(
-                    f"only {_MAX_TOPICS} topics with names of up to {MAX_NAME} characters are looked at: others are "
-                    "not used"
+                    f"only {LIMITS.named} topics with names of up to {LIMITS.name} characters are looked at: others "
+                    "are not used"
                 )
                 return None
             kind = kind_of(channel.schema_name)

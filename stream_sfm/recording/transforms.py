@@ -6,6 +6,7 @@ import numpy as np
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inputs import LIMITS
 from ..sources.source import Source
 from .messages import MessageDecoder, decoded
 from .survey import Survey
@@ -13,7 +14,6 @@ from .survey import Survey
 # A transform any of whose numbers (metres, or elements of the rotation) changes by more moves, and says nothing of how
 # two cameras are mounted. Far above the rounding of a double sent as text, far below any motion that matters.
 _FIXED_WITHIN = 1e-6
-_MAX_EDGES = 2**12  # transforms kept of one log; robots have hundreds
 
 
 def fixed_transform(source: Source, survey: Survey, target: str, origin: str) -> Array | None:
@@ -35,7 +35,7 @@ def fixed_edges(source: Source, topics: frozenset[str]) -> dict[tuple[str, str],
     moving: set[tuple[str, str]] = set()
     for pose in chain.from_iterable(decoded(source, topics, MessageDecoder.poses)):
         edge = (pose.parent, pose.child)
-        if edge in first or len(first) < _MAX_EDGES:
+        if edge in first or len(first) < LIMITS.named:
             known = first.setdefault(edge, pose.parent_from_child)
             if not np.allclose(known, pose.parent_from_child, rtol=0, atol=_FIXED_WITHIN):
                 moving.add(edge)

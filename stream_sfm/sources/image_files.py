@@ -13,15 +13,13 @@ from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
-from ..inputs import read_small, reading
+from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
 from ..record import record
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder
 from .source import Contents, Source
-
-_MAX_IMAGE_BYTES = 2**28  # the largest image without any compression is half of it
 
 
 @record
@@ -114,7 +112,7 @@ class ImageFilesSource(Source):
 def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
     """Bytes and format of an image file, of the camera's size if given. Raises LogError naming file and remedy."""
     with reading(f"image {path}"):
-        data = read_small(path, _MAX_IMAGE_BYTES)
+        data = read_small(path, LIMITS.image_file_bytes)
     encoding = image_format(data)
     if encoding is None and (plain := plain_size(data)) is not None:
         data, encoding = _as_png(path, data, plain), "png"

@@ -8,9 +8,9 @@ from pathlib import Path
 import zstandard
 from mcap.records import Attachment
 
+from ..inputs import LIMITS
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Message
-from ..mcap_file.records import MAX_RECORD_BYTES
 from .source import Contents, Source
 
 _Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
@@ -120,10 +120,10 @@ def _decompressed(data: bytes) -> bytes | str:
     """Return the content of a message, or why it has none."""
     try:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            content: bytes = reader.read(MAX_RECORD_BYTES + 1)
+            content: bytes = reader.read(LIMITS.record_bytes + 1)
     except zstandard.ZstdError as error:
         return f"{error}"
-    return content if len(content) <= MAX_RECORD_BYTES else "it is larger than 128 MiB"
+    return content if len(content) <= LIMITS.record_bytes else "it is larger than 128 MiB"
 
 
 def _generator(messages: Iterator[Message]) -> Generator[Message, None, None]:

@@ -18,20 +18,16 @@ from typing import IO, NamedTuple
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LogError
-from ..inputs import open_regular, reading
+from ..inputs import LIMITS, open_regular, reading
 from ..mcap_file.chunks import Allowance, decompress
 from ..mcap_file.damage import Damage
 from ..mcap_file.message import Channel, Message
-from ..mcap_file.records import MAX_RECORD_BYTES, BrokenRecord
+from ..mcap_file.records import BrokenRecord
 from .source import Contents, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
 _Kind = IntEnum("_Kind", {"MESSAGE": 2, "BAG_HEADER": 3, "CHUNK": 5, "CHUNK_INFO": 6, "CONNECTION": 7})
 _PAIR = struct.Struct("<II")  # of a time: seconds, nanoseconds; of a chunk info: connection, number of messages
-_MAX_HEADER_BYTES = 2**16  # the fields of one record, a few dozen bytes
-_MAX_INDEXED = 2**20  # connections and chunks: a recording of a terabyte has fewer
-_MAX_DEFINITIONS_BYTES = 64 * 2**20  # of all connections, which are kept while a bag is read
-_CONNECTION_BYTES = 2**10  # overhead of each
 _FREE_BYTES = 2**32  # total size that small chunks may expand to: under a minute of bzip2
 
 
@@ -77,9 +73,9 @@ class _Index:
         if number in self.connections:
             return
         topic, described = record.fields.get("topic", b""), _fields(data)
-        self.definition_bytes += len(data) + len(topic) + _CONNECTION_BYTES
-        if self.definition_bytes > _MAX_DEFINITIONS_BYTES:
-            raise BrokenRecord(f"definitions of more than {_MAX_DEFINITIONS_BYTES // 2**20} MiB in total")
+        self.definition_bytes += len(data) + len(topic) + LIMITS.object_bytes
+        if self.definition_bytes > LIMITS.definitions_bytes:
+            raise BrokenRecord(f"definitions of more than {LIMITS.definitions_bytes // 2**20} MiB in total")
         text, name = (value.decode("utf-8", "replace") for value in (topic, described.get("type", b"")))
         definition = described.get("message_definition", b"")
         self.connections[number] = Channel(text, MessageEncoding.ROS1, name, SchemaEncoding.ROS1, definition)
@@ -181,7 +177,7 @@ class Ros1BagSource(Source):
         if at == 0:
             return None
         index = _Index()
-        while at < self.size_bytes and len(index.connections) + len(index.chunks) < _MAX_INDEXED:
+        while at < self.size_bytes and len(index.connections) + len(index.chunks) < LIMITS.indexed:
             record = _read_record(stream, at)
             data = _take(stream, record.length)
             if record.kind == _Kind.CONNECTION:
@@ -248,13 +244,13 @@ def _read_record(stream: IO[bytes], at: int) -> _Record:
     """The record at a position of a file or of a chunk, its data unread. Raises BrokenRecord."""
     stream.seek(at)
     header_length = int.from_bytes(_take(stream, 4), "little")
-    if header_length > _MAX_HEADER_BYTES:
+    if header_length > LIMITS.header_bytes:
         raise BrokenRecord(f"there is no record (a header of {header_length} bytes)")
     fields = _fields(_take(stream, header_length))
     if len(fields.get("op", b"")) != 1:
         raise BrokenRecord("there is no record (zeros, or damage)")
     length = int.from_bytes(_take(stream, 4), "little")
-    if length > MAX_RECORD_BYTES:
+    if length > LIMITS.record_bytes:
         raise BrokenRecord(f"a record of {length / 2**20:.0f} MiB")
     return _Record(at, fields, at + 8 + header_length, length)
 

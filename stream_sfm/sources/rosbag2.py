@@ -13,7 +13,7 @@ from typing import IO
 import zstandard
 
 from ..errors import LogError
-from ..inputs import open_regular, read_small
+from ..inputs import LIMITS, open_regular, read_small
 from ..wording import some_of
 from .joined import JoinedSource
 from .mcap import McapSource
@@ -24,7 +24,6 @@ METADATA = "metadata.yaml"
 _SUFFIXES = (".mcap", ".db3")
 # What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
 _FREE_BYTES, _MAX_RATIO = 2**29, 20
-_MAX_METADATA_BYTES, _MAX_FILES = 2**24, 2**14  # a bag of ten thousand files has some megabytes of metadata
 _SQLITE_VERSIONS_AT = 18  # two bytes: 1 with a rollback journal, 2 with a write-ahead log
 # What is read of metadata.yaml, as recorders write it: a YAML parser would take minutes for a long one, and aliases
 # can make it take forever.
@@ -74,11 +73,11 @@ def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
         return [], False, []
     problem = "it lists no files"
     try:
-        text = read_small(path, _MAX_METADATA_BYTES).decode()
+        text = read_small(path, LIMITS.metadata_bytes).decode()
         listed = _FILES.search(text)
         names = [line.strip().removeprefix("-").strip(" \"'") for line in listed[1].splitlines()] if listed else []
-        if len(names) > _MAX_FILES:
-            problem = f"it lists more than {_MAX_FILES} files"
+        if len(names) > LIMITS.files:
+            problem = f"it lists more than {LIMITS.files} files"
         elif names and not any(name.startswith(("*", "&")) for name in names):  # YAML's aliases and anchors
             return [Path(name).name for name in names], _BY_MESSAGE.search(text) is not None, []
     except (OSError, UnicodeDecodeError) as error:

@@ -16,16 +16,14 @@ from urllib.parse import quote
 from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
-from ..inputs import open_regular, reading
+from ..inputs import LIMITS, open_regular, reading
 from ..mcap_file.damage import Damage
-from ..mcap_file.message import MAX_NAME, MAX_ROS_DEFINITION, Channel, Message
-from ..mcap_file.records import MAX_RECORD_BYTES
+from ..mcap_file.message import Channel, Message
 from .source import Contents, Source
 
 MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
-_MAX_ROWS = 2**13  # rows that are read of topics and definitions; robots have hundreds
 # Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
 _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
@@ -97,8 +95,8 @@ class SqliteBagSource(Source):
         if next(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", _TABLES[2:]), None):
             query = (
                 "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
-                f"WHERE length(topic_type) <= {MAX_NAME} "
-                f"AND length(encoded_message_definition) <= {MAX_ROS_DEFINITION} LIMIT {_MAX_ROWS}"
+                f"WHERE length(topic_type) <= {LIMITS.name} "
+                f"AND length(encoded_message_definition) <= {LIMITS.ros_definition_bytes} LIMIT {LIMITS.named}"
             )
             for kind, encoding, text in self._rows(query):
                 if text and _are_text(encoding, text):
@@ -106,7 +104,7 @@ class SqliteBagSource(Source):
         channels = {}
         query = (
             "SELECT id, name, type, serialization_format FROM topics "
-            f"WHERE length(name) <= {MAX_NAME} AND length(type) <= {MAX_NAME} LIMIT {_MAX_ROWS}"
+            f"WHERE length(name) <= {LIMITS.name} AND length(type) <= {LIMITS.name} LIMIT {LIMITS.named}"
         )
         for number, topic, kind, encoding in self._rows(query):
             if not _are_text(topic, kind, encoding or ""):
@@ -141,7 +139,7 @@ class SqliteBagSource(Source):
             damage.add(self._journal)
         wanted = [n for n, channel in self._channels.items() if topics is None or channel.topic in topics]
         marks = ",".join("?" * len(wanted))
-        data = f"CASE WHEN length(data) <= {MAX_RECORD_BYTES} THEN data END"
+        data = f"CASE WHEN length(data) <= {LIMITS.record_bytes} THEN data END"
         # By row number, which is that of recording: nothing has to be sorted.
         query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         read = 0
@@ -164,7 +162,9 @@ def connect(path: Path, option: str) -> sqlite3.Connection:
     """A connection to a database, which may be used by any thread."""
     uri = f"file:{quote(str(path.absolute()))}?{option}"
     database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * MAX_RECORD_BYTES)  # of a row; images are bounded one by one
+    database.setlimit(
+        sqlite3.SQLITE_LIMIT_LENGTH, 2 * LIMITS.record_bytes
+    )  # of a row; images are bounded one by one
     return database
 
 

@@ -7,11 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from ..errors import LogError
-from ..inputs import INT64, read_small, reading
+from ..inputs import INT64, LIMITS, read_small, reading
 
-_MAX_BYTES = 2**26  # a pose of a million frames is a line of hundred bytes
-_MAX_LINES = 2**20  # nine hours at 30 Hz; each becomes objects of some hundred bytes
-_MAX_LINE = 2**12  # characters: thirteen numbers of KITTI take three hundred
 _NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
 
 
@@ -19,7 +16,7 @@ def read_text(path: Path, what: str) -> str:
     """The content of a text file; `what` names it in errors. Raises LogError."""
     try:
         with reading(f"{what} {path}"):
-            return read_small(path, _MAX_BYTES).decode("utf-8-sig")
+            return read_small(path, LIMITS.text_bytes).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise LogError(f"{what} {path} is not a text file") from None
 
@@ -30,8 +27,12 @@ def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
     Raises LogError.
     """
     for number, line in enumerate(StringIO(read_text(path, what)), start=1):
-        if number > _MAX_LINES or len(line) > _MAX_LINE:
-            many = f"more than {_MAX_LINES} lines" if number > _MAX_LINES else f"a line of {len(line)} characters"
+        if number > LIMITS.indexed or len(line) > LIMITS.name:
+            many = (
+                f"more than {LIMITS.indexed} lines"
+                if number > LIMITS.indexed
+                else f"a line of {len(line)} characters"
+            )
             raise LogError(f"{what} {path} has {many}: is it another file?")
         if line.strip() and not line.lstrip().startswith("#"):
             cells = line.split(",") if "," in line else line.split()

@@ -8,6 +8,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.importers.data_sets import Imported, import_euroc, import_kitti
+from stream_sfm.recording.stereo_log import StereoLog
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
     EUROC_STAMPS_NS,
@@ -29,7 +30,7 @@ def check_both(
     files: tuple[str, str],
     right_from_left: np.ndarray,
     world_from_cam: np.ndarray,
-) -> sfm.StereoLog:
+) -> StereoLog:
     """The folder and the log made of it have these stamps, the bytes of these files, this rig and this ground truth."""
     for log in (sfm.open_log(folder), sfm.open_log(imported.path)):
         pairs = list(log.pairs())
