@@ -8,11 +8,14 @@ Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
 
-`METHODS` lists them: name -> (module, class). A method is imported when it is asked for, so that its heavy dependency
-(filterpy for the EKF) costs the others nothing.
+`METHODS` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for the
+EKF) costs the others nothing.
 """
 
 from importlib import import_module
+from typing import NamedTuple
+
+import msgspec
 
 from ..config import Config
 from ..errors import ConfigError
@@ -20,16 +23,27 @@ from ..geometry.stereo import StereoProjection
 from ..types import Estimator
 from ..wording import unknown_name
 
-METHODS: dict[str, tuple[str, str]] = {
-    "cross-frame": ("cross_frame.window", "CrossFrame"),
-    "cross-frame-wc": ("baselines.per_point", "CrossFrameWC"),
-    "cross-frame-cc": ("baselines.per_point", "CrossFrameCC"),
-    "cross-frame-cc-literal": ("baselines.per_point", "CrossFrameCCLiteral"),
-    "ekf": ("baselines.ekf", "Ekf"),
-    "iterated-ekf": ("baselines.iterated_ekf", "IteratedEkf"),
-    "ekf-cv": ("baselines.ekf", "EkfConstantVelocity"),
-    "frame-to-frame": ("baselines.frame_to_frame", "FrameToFrame"),
-    "depth-filter": ("baselines.per_point", "DepthFilter"),
+
+class Method(NamedTuple):
+    """A class, by its module here; `frames` of its window, None: as configured."""
+
+    module: str
+    kind: str
+    frames: int | None = None
+
+
+METHODS = {
+    "cross-frame": Method("cross_frame.window", "CrossFrame"),
+    "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC"),
+    "cross-frame-cc": Method("baselines.per_point", "CrossFrameCC"),
+    "cross-frame-cc-literal": Method("baselines.per_point", "CrossFrameCCLiteral"),
+    "ekf": Method("baselines.ekf", "Ekf"),
+    # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
+    # filter update as a Gauss-Newton method, 1993); the world is one more pose, about which iterating tells nothing.
+    "iterated-ekf": Method("cross_frame.window", "CrossFrame", frames=1),
+    "ekf-cv": Method("baselines.ekf", "EkfConstantVelocity"),
+    "frame-to-frame": Method("baselines.frame_to_frame", "FrameToFrame"),
+    "depth-filter": Method("baselines.per_point", "CrossFrameWC", frames=1),  # the classical one
 }
 
 
@@ -46,9 +60,14 @@ def make_estimator(name: str, projection: StereoProjection, config: Config) -> E
 
         return CrossFrameMono(projection, config)
     check_method(name)
-    module, attribute = METHODS[name]
-    kind = getattr(import_module(f"{__name__}.{module}"), attribute)
+    method = METHODS[name]
+    if method.frames is not None:
+        config = msgspec.structs.replace(
+            config, window=msgspec.structs.replace(config.window, frames=method.frames)
+        )
+    kind = getattr(import_module(f"{__name__}.{method.module}"), method.kind)
     estimator: Estimator = kind(projection, config)
+    estimator.name = name
     if config.estimate_every == 1:
         return estimator
     from .every_kth import EveryKth

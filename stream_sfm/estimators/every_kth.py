@@ -17,7 +17,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Estimator, Observations, Solution, Status
 from .initial_motion import initial_motion
-from .lifecycle import frame_status
+from .lifecycle import WorldPoints, frame_status, solution_of
 from .triangulation import compose_cov
 
 
@@ -112,20 +112,17 @@ class EveryKth:
         known, rejected = known[found.accepted], observations.track_ids[rows[~found.accepted]]
         last_from_cam = se3.inverse(found.cam_from_ref)
         world_from_cam = se3.orthonormalise(last.world_from_cam @ last_from_cam)
-        in_cam, cov = _seen_from(found, last.points_in_cam[known], last.cov_points[known])
-        status, reason = frame_status(int(found.accepted.sum()), observations.note, self._config.robust, found)
-        return Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=world_from_cam,
-            cov_pose=compose_cov(last.cov_pose, last_from_cam, found.cov_pose),
-            track_ids=last.track_ids[known],
-            points_in_cam=in_cam,
-            cov_points=cov,
-            points_in_world=se3.transform(world_from_cam, in_cam),
-            cov_points_in_world=last.cov_points_in_world[known],
-            window_frame_indices=np.array([observations.frame_index], np.int64),
-            window_world_from_cam=world_from_cam[None],
+        in_cam = WorldPoints(
+            last.track_ids[known], *_seen_from(found, last.points_in_cam[known], last.cov_points[known])
+        )
+        in_world = se3.transform(world_from_cam, in_cam.points)
+        return solution_of(
+            observations,
+            frame_status(int(found.accepted.sum()), observations.note, self._config.robust, found),
+            world_from_cam,
+            compose_cov(last.cov_pose, last_from_cam, found.cov_pose),
+            in_cam,
+            WorldPoints(in_cam.ids, in_world, last.cov_points_in_world[known]),
             rejected_ids=rejected,
             nis=found.chi2,
             nis_dof=found.dof,

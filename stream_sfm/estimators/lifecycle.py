@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,28 @@ def _weaknesses(motion: Resection) -> list[str]:
     return reasons
 
 
+def solution_of(
+    observations: Observations,
+    status: tuple[Status, str],
+    world_from_cam: Array,
+    cov_pose: Array,
+    in_cam: WorldPoints,
+    in_world: WorldPoints,
+    **more: Any,
+) -> Solution:
+    """Return the Solution of a frame with points (n) in the camera and the same in the world, and `more` of its fields.
+
+    Its window is the frame alone where these do not say otherwise.
+    """
+    window = {
+        "window_frame_indices": np.array([observations.frame_index], np.int64),
+        "window_world_from_cam": world_from_cam[None],
+    }
+    ids, points, covs = in_cam
+    world = in_world.points, in_world.cov_points
+    return Solution(*status, world_from_cam, cov_pose, ids, points, covs, *world, **window | more)
+
+
 def with_ended(solution: Solution, ended: WorldPoints) -> Solution:
     """Return the solution of the frame with which these points left the estimator."""
     return replace(
@@ -114,19 +136,9 @@ def lost_solution(
     ended: WorldPoints | None = None,
 ) -> Solution:
     """Return the Solution of a lost frame: a predicted pose and no structure."""
-    solution = Solution(
-        status=Status.LOST,
-        reason=f"{reason}; {observations.note}" if observations.note else reason,
-        world_from_cam=world_from_cam,
-        cov_pose=cov_pose,
-        track_ids=np.empty(0, np.int64),
-        points_in_cam=np.empty((0, 3)),
-        cov_points=np.empty((0, 3, 3)),
-        points_in_world=np.empty((0, 3)),
-        cov_points_in_world=np.empty((0, 3, 3)),
-        window_frame_indices=np.array([observations.frame_index], np.int64),
-        window_world_from_cam=world_from_cam[None],
-    )
+    nothing = WorldPoints(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
+    reason = f"{reason}; {observations.note}" if observations.note else reason
+    solution = solution_of(observations, (Status.LOST, reason), world_from_cam, cov_pose, nothing, nothing)
     return solution if ended is None else with_ended(solution, ended)
 
 
@@ -148,18 +160,7 @@ def first_solution(
     if not enough:
         reason = f"{births.sum()} stereo points, {config.min_inliers} needed to start a map"
         return lost_solution(obs, reason, pose, cov_pose)
-    in_cam, cov_points = triangulate(projection, obs.z_px[births], obs.cov_px[births])
-    in_world, cov_in_world = points_to_world(pose, cov_pose, in_cam, cov_points)
-    return Solution(
-        status=Status.INITIALISING,
-        reason="first frame: it is the world" if first else "new map at the predicted pose",
-        world_from_cam=pose,
-        cov_pose=cov_pose,
-        track_ids=obs.track_ids[births],
-        points_in_cam=in_cam,
-        cov_points=cov_points,
-        points_in_world=in_world,
-        cov_points_in_world=cov_in_world,
-        window_frame_indices=np.array([obs.frame_index], np.int64),
-        window_world_from_cam=pose[None],
-    )
+    in_cam = WorldPoints(obs.track_ids[births], *triangulate(projection, obs.z_px[births], obs.cov_px[births]))
+    in_world = WorldPoints(in_cam.ids, *points_to_world(pose, cov_pose, in_cam.points, in_cam.cov_points))
+    reason = "first frame: it is the world" if first else "new map at the predicted pose"
+    return solution_of(obs, (Status.INITIALISING, reason), pose, cov_pose, in_cam, in_world)

@@ -17,7 +17,7 @@ from ...geometry.linear import matvec, symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, clamp_depth
 from ...types import Observations, Solution
-from ..lifecycle import WorldPoints, frame_status
+from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
 from .baseline import Baseline
 
@@ -54,20 +54,13 @@ class Ekf(Baseline):
         self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
         rejected = self._ids[~found.accepted]
         self._add(obs)
-        status, reason = frame_status(int(found.accepted.sum()), obs.note, self._config.robust, found)
-        in_cam, cov_in_cam = self._in_camera()
-        solution = Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=self._world_from_cam,
-            cov_pose=self._cov[:6, :6].copy(),
-            track_ids=self._ids,
-            points_in_cam=in_cam,
-            cov_points=cov_in_cam,
-            points_in_world=self._points,
-            cov_points_in_world=self._blocks(),
-            window_frame_indices=np.array([obs.frame_index], np.int64),
-            window_world_from_cam=self._world_from_cam[None],
+        solution = solution_of(
+            obs,
+            frame_status(int(found.accepted.sum()), obs.note, self._config.robust, found),
+            self._world_from_cam,
+            self._cov[:6, :6].copy(),
+            WorldPoints(self._ids, *self._in_camera()),
+            self._in_world(),
             rejected_ids=rejected,
             iterations=1,
             nis=found.chi2,

@@ -14,7 +14,7 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...types import Observations, Solution
-from ..lifecycle import LostError, WorldPoints, frame_status, too_few_inliers
+from ..lifecycle import LostError, WorldPoints, frame_status, solution_of, too_few_inliers
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .baseline import Baseline
 from .bundle_adjustment import Covariances, Reduced, WeightedViews, adjust, residuals_and_jacobians
@@ -146,17 +146,13 @@ class FrameToFrame(Baseline):
         local = WorldPoints.merge([WorldPoints(ids, in_cam, cov_in_cam), WorldPoints(new_ids, *new)])
         new = points_to_world(world_from_cam, cov_pose, *new)
         now = WorldPoints.merge([WorldPoints(ids, in_world, cov_in_world), WorldPoints(new_ids, *new)])
-        status, reason = frame_status(int(pair.kept.sum()), obs.note, self._config.robust)
-        solution = Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=world_from_cam,
-            cov_pose=cov_pose,
-            track_ids=now.ids,
-            points_in_cam=local.points,
-            cov_points=local.cov_points,
-            points_in_world=now.points,
-            cov_points_in_world=now.cov_points,
+        solution = solution_of(
+            obs,
+            frame_status(int(pair.kept.sum()), obs.note, self._config.robust),
+            world_from_cam,
+            cov_pose,
+            local,
+            now,
             window_frame_indices=np.array([self._previous.frame_index, obs.frame_index], np.int64),
             window_world_from_cam=np.stack([self._world_from_previous, world_from_cam]),
             rejected_ids=shared.ids[~pair.kept],

@@ -15,14 +15,11 @@ b = 1 is the classical depth filter.
 
 from typing import ClassVar
 
-import msgspec
 import numpy as np
 
-from ...config import Config
 from ...geometry import se3
-from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution
-from ..lifecycle import WorldPoints, frame_status
+from ..lifecycle import WorldPoints, frame_status, solution_of
 from .baseline import Baseline
 from .per_point_map import PerPointMap
 from .per_point_priors import LeavingRule, camera_centred, camera_centred_literal, world_centred
@@ -52,20 +49,15 @@ class _PerPointWindow(Baseline):
         result = current.solve()
         self._structure = in_world = current.points_in_world()
         rejected = np.setdiff1d(shared, current.window[-1].ids)
-        status, reason = frame_status(len(shared) - len(rejected), obs.note, self._config.robust)
         world_from_cam, cov_pose = current.newest_pose()
-        in_cam, cov_in_cam = current.points_in_newest_camera()
         now = np.isin(current.ids, current.window[-1].ids)
-        solution = Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=world_from_cam,
-            cov_pose=cov_pose,
-            track_ids=current.ids[now],
-            points_in_cam=in_cam[now],
-            cov_points=cov_in_cam[now],
-            points_in_world=in_world.points[now],
-            cov_points_in_world=in_world.cov_points[now],
+        solution = solution_of(
+            obs,
+            frame_status(len(shared) - len(rejected), obs.note, self._config.robust),
+            world_from_cam,
+            cov_pose,
+            WorldPoints(current.ids, *current.points_in_newest_camera()).select(now),
+            in_world.select(now),
             window_frame_indices=np.array([f.index for f in current.window], np.int64),
             window_world_from_cam=np.stack([current.world_from_ref @ f.ref_from_cam for f in current.window]),
             rejected_ids=rejected,
@@ -95,13 +87,3 @@ class CrossFrameCCLiteral(_PerPointWindow):
 
     name = "cross-frame-cc-literal"
     rule = camera_centred_literal
-
-
-class DepthFilter(CrossFrameWC):
-    """The classical filter of one Gaussian per point: a window of one frame, whatever the configuration says."""
-
-    name = "depth-filter"
-
-    def __init__(self, projection: StereoProjection, config: Config) -> None:
-        one = msgspec.structs.replace(config.window, frames=1)
-        super().__init__(projection, msgspec.structs.replace(config, window=one))
