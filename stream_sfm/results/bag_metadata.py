@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from ..files import json_bytes
+
 NAME = "metadata.yaml"
 _VERSION = 5  # of ROS 2 Humble; later ones read it
 
@@ -13,32 +15,27 @@ def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns
 
     It is written as JSON, which is YAML as well.
     """
-    starting, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
-    count = sum(messages for _, _, messages in topics.values())
+    times = {
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+        "duration": {"nanoseconds": last_ns - first_ns},
+    }
+    of_all = times | {"message_count": sum(messages for _, _, messages in topics.values())}
+    fields = ("name", "type", "serialization_format", "offered_qos_profiles")
+    counts = [
+        {"topic_metadata": dict(zip(fields, (topic, kind, "cdr", quality), strict=True)), "message_count": messages}
+        for topic, (kind, quality, messages) in topics.items()
+    ]
     information = {
         "version": _VERSION,
         "storage_identifier": "mcap",
         "relative_file_paths": [file],
-        "duration": duration,
-        "starting_time": starting,
-        "message_count": count,
-        "topics_with_message_count": [
-            {
-                "topic_metadata": {
-                    "name": topic,
-                    "type": kind,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": quality,
-                },
-                "message_count": messages,
-            }
-            for topic, (kind, quality, messages) in topics.items()
-        ],
+        **of_all,
+        "topics_with_message_count": counts,
         "compression_format": "",
         "compression_mode": "",
-        "files": [{"path": file, "starting_time": starting, "duration": duration, "message_count": count}],
+        "files": [{"path": file, **of_all}],
     }
-    return (json.dumps({"rosbag2_bagfile_information": information}, indent=2) + "\n").encode()
+    return json_bytes({"rosbag2_bagfile_information": information})
 
 
 def may_be_written(path: Path, file: str) -> bool:

@@ -1,11 +1,13 @@
 """ROS 2 messages without ROS: their definitions, objects with their fields, and the bytes of each in CDR.
 
-The standard messages used here are the same in every ROS 2. What is known of a type is compiled when it is first used.
+The standard messages used here are the same in every ROS 2. What is known of a type is compiled when it is first used:
+numbers that follow each other, in parts of parts, too, are packed in one go.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,8 +46,9 @@ _DEFINITIONS = {
 }
 _NUMBERS = {"bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "int64": "q", "float64": "d"}
 _PART = "=" * 80 + "\nMSG: "  # between a definition and those of its parts
+_COUNT = struct.Struct("<I")
 
-Write = Callable[[bytearray, Any], None]  # appends a value to the bytes of a message
+Write = Callable[[bytearray, Any], None]  # appends fields of a message to its bytes
 
 
 class Message(SimpleNamespace):
@@ -66,21 +69,16 @@ def schema_text(name: str) -> str:
 
 
 def make(name: str, /, **fields: Any) -> Message:
-    """Make a message, and of each dictionary among the fields the message that belongs there; arrays become flat."""
-    values, name = {}, _short(name)
-    for kind, field in _fields(name):
-        value = fields[field]
-        number = _NUMBERS.get(kind.partition("[")[0]) if kind.endswith("]") else None
-        if number is not None:
-            value = np.asarray(value, "<" + number).reshape(-1)
-        values[field] = make(kind, **value) if isinstance(value, dict) else value
-    return Message(type_name=name, **values)
+    """Make a message of fields and parts, which are objects with fields, too; arrays become flat."""
+    flat = {key: value.ravel() if isinstance(value, np.ndarray) else value for key, value in fields.items()}
+    return Message(type_name=_short(name), **flat)
 
 
 def encode(message: Message) -> bytes:
     """Return the bytes of a message: little-endian CDR."""
     content = bytearray()
-    _writer(message.type_name)(content, message)
+    for write in _writers(message.type_name):
+        write(content, message)
     return b"\0\1\0\0" + bytes(content)
 
 
@@ -89,11 +87,11 @@ def _short(name: str) -> str:
     return name.replace("/msg/", "/")
 
 
-@cache
-def _fields(name: str) -> list[tuple[str, str]]:
+def _fields(name: str) -> list[list[str]]:
     """Type and name of each field."""
-    lines = (line for line in _DEFINITIONS[name].splitlines() if not line.startswith("#") and "=" not in line)
-    return [(kind, field) for kind, field in (line.split() for line in lines)]
+    return [
+        line.split() for line in _DEFINITIONS[name].splitlines() if not line.startswith("#") and "=" not in line
+    ]
 
 
 def _parts(name: str) -> list[str]:
@@ -105,55 +103,92 @@ def _parts(name: str) -> list[str]:
     return list(found)
 
 
+def _leaves(name: str, where: str = "") -> Iterator[tuple[str, str]]:
+    """Type and dotted name of all fields that are numbers, texts or lists."""
+    for kind, field in _fields(name):
+        if kind in _DEFINITIONS:
+            yield from _leaves(kind, f"{where}{field}.")
+        else:
+            yield kind, where + field
+
+
 @cache
-def _writer(kind: str) -> Write:
-    """Return what writes values of a type."""
-    kind, _, repeated = kind.partition("[")
-    if repeated:
-        return _list_writer(kind, counted=repeated == "]")
-    if kind in _DEFINITIONS:
-        return _message_writer([(field, _writer(of)) for of, field in _fields(kind)])
-    if kind == "string":
-        return _write_string
-    packed = struct.Struct("<" + _NUMBERS[kind])
-
-    def write(content: bytearray, value: Any) -> None:
-        _align(content, packed.size)
-        content.extend(packed.pack(value))
-
-    return write
-
-
-def _message_writer(fields: list[tuple[str, Write]]) -> Write:
-    def write(content: bytearray, value: Any) -> None:
-        for field, write_field in fields:
-            write_field(content, getattr(value, field))
-
-    return write
+def _writers(name: str) -> list[Write]:
+    """What writes a message, one part after the other."""
+    found: list[Write] = []
+    paths: list[str] = []
+    codes = ""
+    for kind, path in _leaves(name):
+        if kind in _NUMBERS:
+            paths.append(path)
+            codes += _NUMBERS[kind]
+            continue
+        if paths:
+            found.append(_numbers(paths, codes))
+            paths, codes = [], ""
+        found.append(_text(path) if kind == "string" else _list(path, *kind.rstrip("]").split("[")))
+    return [*found, _numbers(paths, codes)] if paths else found
 
 
-def _list_writer(kind: str, counted: bool) -> Write:
-    write_count, write_one = _writer("uint32"), _writer(kind)
-    dtype = np.dtype("<" + _NUMBERS[kind]) if kind in _NUMBERS else None
+def _numbers(paths: list[str], codes: str) -> Write:
+    """Write numbers that follow each other, each at a multiple of its size; one format for each place to begin at."""
+    packs = [_format(codes, start).pack for start in range(8)]
+    get = attrgetter(*paths)
 
-    def write(content: bytearray, values: Any) -> None:
-        if counted:
-            write_count(content, len(values))
-        if dtype is None:
-            for value in values:
-                write_one(content, value)
-        elif len(values):
-            _align(content, dtype.itemsize)
-            content.extend(np.asarray(values, dtype).tobytes())
+    def write(content: bytearray, message: Any) -> None:
+        content += packs[len(content) % 8](*get(message))
 
-    return write
+    def write_one(content: bytearray, message: Any) -> None:
+        content += packs[len(content) % 8](get(message))
+
+    return write if len(paths) > 1 else write_one
 
 
-def _write_string(content: bytearray, text: str) -> None:
+def _format(codes: str, at: int) -> struct.Struct:
+    text = "<"
+    for code in codes:
+        size = struct.calcsize(f"<{code}")
+        text += "x" * (-at % size) + code
+        at += -at % size + size
+    return struct.Struct(text)
+
+
+def _text(path: str) -> Write:
+    get = attrgetter(path)
+    return lambda content, message: _write_text(content, get(message))
+
+
+def _write_text(content: bytearray, text: str) -> None:
     data = text.encode() + b"\0"
-    _writer("uint32")(content, len(data))
-    content.extend(data)
+    _write_count(content, len(data))
+    content += data
 
 
-def _align(content: bytearray, size: int) -> None:
-    content.extend(bytes(-len(content) % size))
+def _write_count(content: bytearray, count: int) -> None:
+    content += bytes(-len(content) % 4) + _COUNT.pack(count)
+
+
+def _list(path: str, kind: str, length: str) -> Write:
+    """Write a list of numbers, texts or messages; its count stands before it unless the type gives a `length`."""
+    get = attrgetter(path)
+    if kind in _NUMBERS:
+        dtype = np.dtype("<" + _NUMBERS[kind])
+
+        def write(content: bytearray, message: Any) -> None:
+            values = np.asarray(get(message), dtype)
+            if not length:
+                _write_count(content, values.size)
+            if values.size:
+                content += bytes(-len(content) % dtype.itemsize) + values.tobytes()
+
+        return write
+    writers = [_write_text] if kind == "string" else _writers(kind)
+
+    def write_parts(content: bytearray, message: Any) -> None:
+        parts = get(message)
+        _write_count(content, len(parts))
+        for part in parts:
+            for write in writers:
+                write(content, part)
+
+    return write_parts

@@ -10,7 +10,6 @@ file is moved to its name by `close`: a process that is killed leaves all but th
 which `read_estimates` reads.
 """
 
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, cast
@@ -28,7 +27,7 @@ from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
 from .bag_metadata import bag_metadata
 from .cdr import encode, schema_text
-from .estimate_messages import TOPICS, RosMessages
+from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION
 
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
@@ -64,40 +63,37 @@ class EstimatesWriter:
     ) -> None:
         self._messages = RosMessages(config.ros, map_from_world)
         self._file = PartFile(path)
-        self._writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
-        self._writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
+        self._writer = writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
+        writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         about = {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method}
-        self._writer.add_metadata("stream_sfm", about | {"unscaled": str(rig.unscaled).lower()})
-        self._writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
-        self._writer.add_attachment(0, 0, "calibration.toml", "application/toml", rig.to_toml().encode())
-        self._counts: Counter[str] = Counter()
-        self._times_ns = (0, 0)  # of the first and the last message
-        self._channels = self._register()
-        self._writer.flush()
-        self._chunk_began_ns = 0
-        self._frames_in_chunk = 0
-        self._closed = False
-
-    def _register(self) -> dict[str, int]:
+        writer.add_metadata("stream_sfm", about | {"unscaled": str(rig.unscaled).lower()})
+        writer.add_metadata("configuration", {"config.toml": config_to_toml(config)})
+        writer.add_attachment(0, 0, "calibration.toml", "application/toml", rig.to_toml().encode())
         topics = self._messages.topics
         schemas = {
-            name: self._writer.register_schema(name, SchemaEncoding.ROS2, schema_text(name).encode())
+            name: writer.register_schema(name, SchemaEncoding.ROS2, schema_text(name).encode())
             for name in dict.fromkeys(topics.values())
         }
-        register, cdr = self._writer.register_channel, MessageEncoding.CDR
-        return {
-            t: register(t, cdr, schemas[name], {"offered_qos_profiles": _quality(t)}) for t, name in topics.items()
+        self._channels = {
+            topic: writer.register_channel(
+                topic, MessageEncoding.CDR, schemas[name], {"offered_qos_profiles": _quality(topic)}
+            )
+            for topic, name in topics.items()
         }
+        writer.flush()
+        self._counts = dict.fromkeys(topics, 0)
+        self._times_ns = (2**63, 0)  # of the first and the last message
+        self._chunk_began_ns = self._frames_in_chunk = 0
+        self._closed = False
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append all messages of one frame."""
-        stamp = estimate.stamp_ns
         if self._frames_in_chunk == 0:
-            self._chunk_began_ns = stamp
-        for topic, message in self._messages.of(estimate):
-            self._add(estimate, topic, message)
+            self._chunk_began_ns = estimate.stamp_ns
+        self._add(estimate, self._messages.of(estimate))
         self._frames_in_chunk += 1
-        if self._frames_in_chunk >= _CHUNK_FRAMES or abs(stamp - self._chunk_began_ns) >= _CHUNK_NS:
+        since_ns = abs(estimate.stamp_ns - self._chunk_began_ns)
+        if self._frames_in_chunk >= _CHUNK_FRAMES or since_ns >= _CHUNK_NS:
             self._writer.flush()
             self._frames_in_chunk = 0
 
@@ -108,8 +104,7 @@ class EstimatesWriter:
         self._closed = True
         try:
             if (last := self._messages.last) is not None:
-                for topic, message in self._messages.end():
-                    self._add(last, topic, message)
+                self._add(last, self._messages.end())
             self._writer.finish()
         except OutputError:
             self._file.close()  # raises the same error
@@ -118,16 +113,18 @@ class EstimatesWriter:
 
     def metadata(self) -> bytes:
         """Return the content of metadata.yaml, which makes the folder of the file a bag."""
-        topics = {topic: (TOPICS[topic], _quality(topic), self._counts[topic]) for topic in self._channels}
+        topics = {topic: (TOPICS[topic], _quality(topic), count) for topic, count in self._counts.items()}
         return bag_metadata(self._file.path.name, topics, *self._times_ns)
 
-    def _add(self, estimate: FrameEstimate, topic: str, message: Any) -> None:
-        stamp = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
-        data = encode(message)
-        self._writer.add_message(self._channels[topic], stamp, data, stamp, estimate.frame_index)
-        first_ns, last_ns = self._times_ns if self._counts else (stamp, stamp)
-        self._times_ns = min(first_ns, stamp), max(last_ns, stamp)
-        self._counts[topic] += 1
+    def _add(self, estimate: FrameEstimate, messages: Stamped) -> None:
+        stamp_ns = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
+        for topic, message in messages:
+            self._writer.add_message(
+                self._channels[topic], stamp_ns, encode(message), stamp_ns, estimate.frame_index
+            )
+            self._counts[topic] += 1
+        first_ns, last_ns = self._times_ns
+        self._times_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
 
 
 def _quality(topic: str) -> str:

@@ -5,18 +5,18 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
-from ..files import json_bytes, make_folder, write_whole
+from ..files import PartFile, json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
 from ..outputs import MAP_TRAJECTORY, RESULTS, only_writer
-from ..types import Frame, FrameEstimate, Sink, Trajectory
+from ..types import Frame, FrameEstimate, Trajectory
 from . import bag_metadata
 from .estimates_writer import EstimatesWriter
-from .trajectory_files import csv_writer, kitti_writer, tum_line, tum_writer
+from .trajectory_files import NAMES, first_lines, lines_of, tum_line
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
 _STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits the 255 bytes of file systems
@@ -35,8 +35,8 @@ class ResultFolder:
         self._rig, self._config = rig, config
         # Where a map of places has the world of the estimates.
         self.map_from_world: Callable[[], Array] | None = None
-        self._files: list[Sink] = []
         self._estimates: EstimatesWriter | None = None
+        self._trajectories: list[PartFile] = []
         self._lock = ExitStack()  # that of the folder, while it is written to
         self._closed = False
 
@@ -55,47 +55,48 @@ class ResultFolder:
             )
         if self._closed:
             raise OutputError(f"{self.path} is closed; write to a new ResultFolder of another path")
-        if not self._files:
-            self._open()
-        for file in self._files:
-            file.write(estimate, frame)
+        if self._estimates is None:
+            self._estimates = self._open()
+        self._estimates.write(estimate, frame)
+        for file, line in zip(self._trajectories, lines_of(estimate), strict=True):
+            file.write(line.encode())
+            file.flush()
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write summary.json, if there was an estimate."""
-        if self._files:
-            with only_writer(self.path):
-                write_whole(self.path / "summary.json", json_bytes(summary))
+        self._write("summary.json", json_bytes(summary))
 
     def write_corrected(self, trajectory: Trajectory) -> None:
         """Write trajectory_map.tum, the poses in the world of a map."""
-        if self._files:
-            lines = map(tum_line, trajectory.stamps_ns.tolist(), trajectory.world_from_cam)
+        lines = map(tum_line, trajectory.stamps_ns.tolist(), trajectory.world_from_cam)
+        self._write(MAP_TRAJECTORY, "".join(lines).encode())
+
+    def _write(self, name: str, content: bytes) -> None:
+        if self._estimates is not None:
             with only_writer(self.path):
-                write_whole(self.path / MAP_TRAJECTORY, "".join(f"{line}\n" for line in lines).encode())
+                write_whole(self.path / name, content)
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
-        self._closed = bool(self._files)  # where nothing was written nothing is closed
+        self._closed = self._estimates is not None  # where nothing was written nothing is closed
         try:
-            close_all(self._files)
+            close_all([*filter(None, [self._estimates]), *self._trajectories])
             path = self.path / bag_metadata.NAME  # which makes the folder a bag, unless it is one that is not ours
             if self._estimates is not None and bag_metadata.may_be_written(path, "estimates.mcap"):
                 write_whole(path, self._estimates.metadata())
         finally:
             self._lock.close()
 
-    def _open(self) -> None:
+    def _open(self) -> EstimatesWriter:
         make_folder(self.path)
         self._lock.enter_context(only_writer(self.path))
         if self.path / "config.toml" in changed_results(self.path, self._config):
             write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
-        estimates = self.path / "estimates.mcap"
-        self._estimates = EstimatesWriter(estimates, self._rig, self._config, self.map_from_world)
-        self._files.append(self._estimates)  # one by one: those that are open are closed where the next one fails
-        unit = UNIT_WITHOUT_SCALE if self._config.mono else ""
-        self._files.append(tum_writer(self.path / "trajectory.tum", unit))
-        self._files.append(kitti_writer(self.path / "trajectory.kitti"))
-        self._files.append(csv_writer(self.path / "trajectory.csv"))
+        for name, text in zip(NAMES, first_lines(UNIT_WITHOUT_SCALE if self._config.mono else ""), strict=True):
+            # One by one: those that are open are closed where the next one fails.
+            self._trajectories.append(PartFile(self.path / name))
+            self._trajectories[-1].write(text.encode())
+        return EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config, self.map_from_world)
 
 
 def changed_results(folder: Path, config: Config) -> list[Path]:
@@ -111,7 +112,15 @@ def changed_results(folder: Path, config: Config) -> list[Path]:
     return files
 
 
-def close_all(sinks: Iterable[Sink]) -> None:
+class Closed(Protocol):
+    """Anything that is closed at the end."""
+
+    def close(self) -> None:
+        """Finish."""
+        ...
+
+
+def close_all(sinks: Iterable[Closed]) -> None:
     """Close every sink, even after one has failed; the first failure is raised at the end."""
     failures: list[Exception] = []
     for sink in sinks:

@@ -21,54 +21,50 @@ def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
     the fixed axes of the parent frame. To first order t' = t + R ρ and R' = R·Exp(ω) = Exp(R ω)·R, so
     Σ_ros = B Σ Bᵀ with B = diag(R, R): each half is rotated, without a lever arm.
     """
-    if not np.isfinite(cov_pose).all():
-        return np.full((6, 6), np.nan)
     b = np.zeros((6, 6))
     b[:3, :3] = b[3:, 3:] = rotation
-    return b @ cov_pose @ b.T
+    return _carried(b, cov_pose)
+
+
+def _carried(by: Array, cov: Array) -> Array:
+    """A covariance (6, 6) carried over by a matrix (6, 6); NaN if it is not finite."""
+    return by @ cov @ by.T if np.isfinite(cov).all() else np.full((6, 6), np.nan)
 
 
 class RosFrames:
-    """Transforms poses, covariances and points into the frames that the settings name."""
+    """Transforms poses, covariances and points into the frames that the settings name.
+
+    `fixed_from_world` (4, 4): the axes of the settings; `base_from_cam` (4, 4): the camera on the robot, None without.
+    """
 
     def __init__(self, ros: RosConfig) -> None:
         self.world, self.odom, self.camera = ros.world_frame, ros.odom_frame, ros.camera_frame
         self.moving = ros.base_frame or ros.camera_frame
         self.base_from_cam = _base_from_cam(ros) if ros.base_frame else None
-        own = self.base_from_cam if ros.base_frame else _BODY_FROM_CAMERA_AXES if ros.z_up else None
-        self._turns = own is not None  # without settings poses stay as they are, to the last bit
-        self.fixed_from_world: Array = np.eye(4) if own is None else own
+        own: Array = np.eye(4) if self.base_from_cam is None else self.base_from_cam
+        self.fixed_from_world = _BODY_FROM_CAMERA_AXES if ros.z_up and not ros.base_frame else own
+        self._world_from_fixed, self._cam_from_moving = se3.inverse(self.fixed_from_world), se3.inverse(own)
+        # W·Exp(ξ) in the base: B·W·Exp(ξ)·B⁻¹ = (B·W·B⁻¹)·Exp(Ad(B) ξ).
+        self._carries = se3.adjoint(own)
 
     def pose(self, world_from_cam: Array) -> Array:
         """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one: world or odom."""
-        if not self._turns:
-            return world_from_cam
-        fixed_from_cam: Array = self.fixed_from_world @ world_from_cam
-        return fixed_from_cam if self.base_from_cam is None else fixed_from_cam @ se3.inverse(self.base_from_cam)
+        return np.asarray(self.fixed_from_world @ world_from_cam @ self._cam_from_moving)
 
     def between(self, world_from_odom: Array) -> Array:
         """Return the pose (4, 4) of the odom frame in that of the world, both with the axes of the settings."""
-        if not self._turns:
-            return world_from_odom
-        return self.fixed_from_world @ world_from_odom @ se3.inverse(self.fixed_from_world)
+        return np.asarray(self.fixed_from_world @ world_from_odom @ self._world_from_fixed)
 
     def twist(self, twist: Array) -> Array:
         """Return the twist (6,) of the moving frame in its own axes from that of the camera in its own."""
-        return twist if self.base_from_cam is None else se3.adjoint(self.base_from_cam) @ twist
+        return np.asarray(self._carries @ twist)
 
     def cov_pose(self, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose or twist, translation first, in the moving frame's own axes."""
-        if self.base_from_cam is None:
-            return cov_pose
-        if not np.isfinite(cov_pose).all():
-            return np.full((6, 6), np.nan)
-        moved = se3.adjoint(self.base_from_cam)  # W·Exp(ξ) in the base: B·W·Exp(ξ)·B⁻¹ = (B·W·B⁻¹)·Exp(Ad(B) ξ)
-        return moved @ cov_pose @ moved.T
+        return _carried(self._carries, cov_pose)
 
     def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:
         """Return points (n, 3) of the world and their covariances (n, 3, 3) in the fixed frame."""
-        if not self._turns:
-            return points_in_world, cov_points
         turned = self.fixed_from_world[:3, :3]
         return se3.transform(self.fixed_from_world, points_in_world), turned @ cov_points @ turned.T
 

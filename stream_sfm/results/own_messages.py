@@ -129,6 +129,8 @@ _AS_IN_ESTIMATES = (
     *("frame_index", "stamp_ns", "reason", "world_from_cam", "cov_pose", "window_frame_indices"),
     *("window_world_from_cam", "unscaled", "nis", "nis_dof"),
 )
+_OF_RELATIVE = ("frame_indices", "frame_from_newest", "cov", "common_jacobian")
+_OF_COMMON = ("mean", "cov", "jacobian")
 _RIG_TIMES = {FOCAL: "rig_focal_length", DELAY: "rig_delay_s", READOUT: "rig_readout_s"}
 
 
@@ -140,30 +142,16 @@ def named(field: str, numbers: Mapping[str, float]) -> dict[str, Any]:
 def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     """Return the fields of an ESTIMATE, without its header; `estimate_of` is the inverse."""
     relative, common, rig, n = estimate.relative, estimate.common, estimate.rig, len(TERMS)
-    return {
-        **{name: getattr(estimate, name) for name in _AS_IN_ESTIMATES},
-        "schema_version": SCHEMA_VERSION,
-        "status": str(estimate.status),
-        **named("counts", estimate.counts),
-        "relative_frame_indices": _of(relative, "frame_indices"),
-        "relative_frame_from_newest": _of(relative, "frame_from_newest"),
-        "relative_frame_from_cam": _of(relative, "frame_from_newest"),
-        "relative_cov": _of(relative, "cov"),
-        "relative_common_jacobian": _of(relative, "common_jacobian"),
-        "common_mean": _of(common, "mean"),
-        "common_cov": _of(common, "cov"),
-        "common_jacobian": _of(common, "jacobian"),
-        "rig_error_px": () if rig is None else rig.mean[:n],
-        "rig_cov_px2": () if rig is None else rig.cov[:n, :n],
-        "rig_applied": rig is not None and rig.applied,
-        **{name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()},
-    }
-
-
-def _of(part: CommonErrors | RelativeMotions | None, name: str) -> Any:
-    """A field of a part; empty where the part is missing, or the field."""
-    value = getattr(part, name, None)
-    return () if value is None else value
+    fields = {name: getattr(estimate, name) for name in _AS_IN_ESTIMATES}
+    fields |= {"schema_version": SCHEMA_VERSION, "status": str(estimate.status), **named("counts", estimate.counts)}
+    for part, prefix, names in ((relative, "relative", _OF_RELATIVE), (common, "common", _OF_COMMON)):
+        values = {f"{prefix}_{name}": getattr(part, name, None) for name in names}
+        fields |= {name: () if value is None else value for name, value in values.items()}
+    fields["relative_frame_from_cam"] = fields["relative_frame_from_newest"]
+    fields["rig_applied"] = rig is not None and rig.applied
+    fields |= {name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()}
+    of_rig = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
+    return fields | dict(zip(("rig_error_px", "rig_cov_px2"), of_rig, strict=True))
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:

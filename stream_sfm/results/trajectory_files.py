@@ -4,58 +4,42 @@ All contain `world_from_cam` of the left camera in metres; with one camera in un
 comment in the TUM file says.
 """
 
-from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..files import PartFile
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..types import Frame, FrameEstimate
+from ..types import FrameEstimate
 from .frame_table import frame_table
 
-
-class LineWriter:
-    """A sink that writes a line per frame as it comes, under a temporary name until it is closed."""
-
-    def __init__(self, path: str | Path, line_of: Callable[[FrameEstimate], str], first_line: str = "") -> None:
-        self._file, self._line_of = PartFile(path), line_of
-        if first_line:
-            self._file.write(f"{first_line}\n".encode())
-
-    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
-        """Append one line."""
-        self._file.write(f"{self._line_of(estimate)}\n".encode())
-        self._file.flush()
-
-    def close(self) -> None:
-        """Move the file into place."""
-        self._file.close()
+NAMES = ("trajectory.tum", "trajectory.kitti", "trajectory.csv")
 
 
-def tum_writer(path: str | Path, comment: str = "") -> LineWriter:
-    """Return a sink that writes `trajectory.tum`."""
-    return LineWriter(path, lambda e: tum_line(e.stamp_ns, e.world_from_cam), comment and f"# {comment}")
+def first_lines(comment: str = "") -> tuple[str, str, str]:
+    """Return what the files of these `NAMES` begin with."""
+    return f"# {comment}\n" if comment else "", "", ",".join(frame_table([])) + "\n"
 
 
-def kitti_writer(path: str | Path) -> LineWriter:
-    """Return a sink that writes `trajectory.kitti`, which has no stamps."""
-    return LineWriter(path, lambda e: " ".join(f"{x:.12g}" for x in e.world_from_cam[:3].ravel()))
-
-
-def csv_writer(path: str | Path) -> LineWriter:
-    """Return a sink that writes `trajectory.csv`: a line of names, then the row of each frame."""
-    return LineWriter(path, _csv_line, ",".join(frame_table([])))
+def lines_of(estimate: FrameEstimate) -> tuple[str, str, str]:
+    """Return the line of a frame in the files of these `NAMES`."""
+    row = [column.tolist()[0] for column in frame_table([estimate]).values()]
+    kitti = _text(estimate.world_from_cam[:3].ravel().tolist(), " ")
+    return _tum(estimate.stamp_ns, row[2:9]), kitti, _text(row, ",")  # columns: number, stamp, position, quaternion
 
 
 def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
-    """Return the line of a pose (4, 4); its seconds have nine decimals and are exact."""
-    numbers = [*world_from_cam[:3, 3], *se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])]
+    """Return the line of a pose (4, 4)."""
+    quaternion = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
+    return _tum(stamp_ns, np.concatenate([world_from_cam[:3, 3], quaternion]).tolist())
+
+
+def _tum(stamp_ns: int, numbers: list[Any]) -> str:
+    """The seconds have nine decimals and are exact."""
     sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
-    return f"{sign}{ns // 10**9}.{ns % 10**9:09d} " + " ".join(f"{x:.12g}" for x in numbers)
+    return f"{sign}{ns // 10**9}.{ns % 10**9:09d} {_text(numbers, ' ')}"
 
 
-def _csv_line(estimate: FrameEstimate) -> str:
-    row = [column[0] for column in frame_table([estimate]).values()]
-    return ",".join(f"{value:.12g}" if isinstance(value, np.floating) else str(value) for value in row)
+def _text(values: list[Any], separator: str) -> str:
+    """Numbers with twelve digits; integers and texts as they are."""
+    return separator.join(f"{x:.12g}" if isinstance(x, float) else str(x) for x in values) + "\n"

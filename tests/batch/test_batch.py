@@ -149,7 +149,7 @@ def test_logs_are_compared_with_the_files_that_are_named_after_them(logs: Path, 
     doubled = truth.world_from_cam.copy()
     doubled[:, :3, 3] *= 2
     lines = [tum_line(stamp, pose) for stamp, pose in zip(truth.stamps_ns.tolist(), doubled, strict=True)]
-    (tmp_path / "good2.txt").write_text("\n".join(lines))
+    (tmp_path / "good2.txt").write_text("".join(lines))
     cli("batch", logs / "good2.mcap", "--out", tmp_path / "out", "--ground-truth", tmp_path, "-q")
     found = outcomes(tmp_path / "out")["good2"]["summary"]["ground_truth"]["scale_error_percent"]
     assert found == pytest.approx(-50, abs=1)

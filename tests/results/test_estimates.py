@@ -23,7 +23,7 @@ from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import fixed_axis_covariance
 from stream_sfm.results.run_results import read_results
-from stream_sfm.results.trajectory_files import kitti_writer, tum_writer
+from stream_sfm.results.trajectory_files import NAMES, lines_of
 from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
@@ -251,14 +251,11 @@ def test_evo_reads_the_odometry_and_the_text_files_straight(written: Path, tmp_p
         with Reader(written) as reader:
             read = file_interface.read_bag_trajectory(reader, topic)
         assert np.allclose(read.poses_se3, expected, atol=1e-12), topic
-    writers = tum_writer(tmp_path / "t.tum"), kitti_writer(tmp_path / "t.kitti")
-    for writer in writers:
-        for i in range(FRAMES):
-            writer.write(estimate(i))
-        writer.close()
-    assert read_tum(tmp_path / "t.tum").stamps_ns.tolist() == [estimate(i).stamp_ns for i in range(FRAMES)]
-    tum = file_interface.read_tum_trajectory_file(tmp_path / "t.tum")
-    kitti = file_interface.read_kitti_poses_file(tmp_path / "t.kitti")
+    for name, lines in zip(NAMES, zip(*(lines_of(estimate(i)) for i in range(FRAMES)), strict=True), strict=True):
+        (tmp_path / name).write_text("".join(lines))
+    assert read_tum(tmp_path / "trajectory.tum").stamps_ns.tolist() == [estimate(i).stamp_ns for i in range(FRAMES)]
+    tum = file_interface.read_tum_trajectory_file(tmp_path / "trajectory.tum")
+    kitti = file_interface.read_kitti_poses_file(tmp_path / "trajectory.kitti")
     assert np.allclose(tum.poses_se3, expected, atol=1e-9) and np.allclose(kitti.poses_se3, expected, atol=1e-9)
 
 
