@@ -20,8 +20,7 @@ def check_rigid(truth: Trajectory) -> None:
     poses = truth.world_from_cam
     known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
     rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
-    residual = abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-    orthogonal = residual < _ROTATION_TOLERANCE
+    orthogonal = abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < _ROTATION_TOLERANCE
     wrong = np.flatnonzero(~orthogonal | (np.linalg.det(rotations) < 0))
     if len(wrong):
         row = int(wrong[0])
@@ -56,7 +55,8 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     result = poses[nearest].copy()
     if between.any():
         fraction = (wanted - stamps[before])[between] / gap[between]
-        result[between] = _interpolated(poses[before[between]], poses[after[between]], fraction)
+        first, last = poses[before[between]], poses[after[between]]
+        result[between] = first @ se3.exp(fraction[:, None] * se3.log(se3.inverse(first) @ last))
     found &= np.isfinite(result).all(axis=(1, 2))
     rows = np.flatnonzero(found).astype(np.int64)
     return rows, Trajectory(wanted[rows], result[rows])
@@ -94,6 +94,3 @@ def without_frames(
     order = np.argsort(stamps, kind="stable")
     return Trajectory(stamps[order], poses[order])
 
-
-def _interpolated(world_from_a: Array, world_from_b: Array, fraction: Array) -> Array:
-    return world_from_a @ se3.exp(fraction[:, None] * se3.log(se3.inverse(world_from_a) @ world_from_b))

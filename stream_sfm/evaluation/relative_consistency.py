@@ -20,7 +20,7 @@ from .association import matched
 
 SPANS = (1, 2, 5, 8, 20, 100)
 _OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
-_CHAINED = 24, 48  # composed of these once, of which longer spans are
+_CHAINED = 20, 40  # composed of these once, of which longer spans are
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
 _LONGEST = max(SPANS)
@@ -42,14 +42,11 @@ class RelativeRecord:
 
     def __init__(self) -> None:
         self.stamps_ns, self.frame_indices = array("q"), array("q")
-        self._motions = {span: array("d") for span in SPANS}
+        self._numbers = array("d")  # of each frame: a row per span, NaN where there is no motion
         self._recent: dict[int, dict[int, Motion | None]] = {}  # of the window, by the frame of the end and by span
 
     def add(self, estimate: FrameEstimate) -> None:
-        """Remember the motions of one estimate; NaN where it has none.
-
-        Where a span is longer than the window, they are composed of the window's.
-        """
+        """Remember the motions of one estimate; where a span is longer than the window, composed of the window's."""
         end = estimate.frame_index
         self.stamps_ns.append(estimate.stamp_ns)
         self.frame_indices.append(end)
@@ -57,12 +54,12 @@ class RelativeRecord:
         self._recent[end] = {span: Motion.of(estimate, span) for span in _OF_WINDOW}
         for span in _CHAINED:
             self._recent[end][span] = self._over(span, end)
-        for span, motions in self._motions.items():
-            numbers, motion = np.full(_NUMBERS, np.nan), self._over(span, end)
-            if motion is not None:
-                numbers[:6] = se3.log(motion.earlier_from_newest)
-                numbers[6:] = motion.cov[_UPPER]
-            motions.frombytes(numbers.tobytes())
+        found = {k: motion for k, span in enumerate(SPANS) if (motion := self._over(span, end)) is not None}
+        numbers = np.full((len(SPANS), _NUMBERS), np.nan)
+        if found:
+            numbers[list(found), :6] = se3.log(np.stack([m.earlier_from_newest for m in found.values()]))
+            numbers[list(found), 6:] = np.stack([m.cov for m in found.values()])[:, *_UPPER]
+        self._numbers.frombytes(numbers.tobytes())
 
     def _over(self, span: int, end: int) -> Motion | None:
         """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
@@ -78,7 +75,7 @@ class RelativeRecord:
 
     def motions(self, span: int) -> Motions:
         """Return the motions over a span."""
-        numbers = np.array(self._motions[span]).reshape(-1, _NUMBERS)
+        numbers = np.array(self._numbers).reshape(-1, len(SPANS), _NUMBERS)[:, SPANS.index(span)]
         rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
         cov = np.zeros((len(rows), 6, 6))
         cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[rows, 6:]

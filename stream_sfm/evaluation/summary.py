@@ -1,4 +1,4 @@
-"""All figures against ground truth: the section `ground_truth` of summary.json."""
+"""Figures of a whole run: those against ground truth (the section `ground_truth` of summary.json), and its end."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from ..types import Trajectory
 from .association import check_rigid, matched
 from .relative_consistency import RelativeRecord, against_truth
-from .structure import StructureComparison
+from .structure import STRUCTURE_FIGURES, StructureComparison
 from .trajectory import (
     ate_rmse_aligned_m,
     ate_rmse_m,
@@ -21,9 +21,7 @@ from .trajectory import (
 
 FIGURES = (  # against ground truth, of every run
     "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
-    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", "local_structure_rms_m", "local_structure_median_m",
-    "local_structure_error_over_sigma", "local_structure_error_over_sigma_median",
-    "local_structure_beyond_3_sigma_percent", "frames_compared",
+    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", *STRUCTURE_FIGURES, "frames_compared",
 )  # fmt: skip
 
 
@@ -34,9 +32,7 @@ def evaluate(
 
     That is the case for a short path, a camera that stands still, or a log without depth images. `frames_compared` is
     the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a truth,
-    because covariances are relative to it. Where the covariances of the structure are consistent,
-    `local_structure_error_over_sigma` (an RMS) is 1, its `_median` 0.67, and 0.27 % are beyond 3 σ. Raises LogError
-    for a truth that is not made of rigid motions.
+    because covariances are relative to it. Raises LogError for a truth that is not made of rigid motions.
     """
     check_rigid(truth)
     rows, true = matched(estimate, truth)
@@ -99,3 +95,23 @@ def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]
 
 def _or_none(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
+    """Return the last position and heading with their σ; None where there is no frame.
+
+    The heading is the direction of the optical axis in the plane of the first camera's x and z, from z towards x.
+    """
+    if not len(trajectory) or trajectory.cov_pose is None:
+        return None
+    pose, cov = trajectory.world_from_cam[-1], trajectory.cov_pose[-1]
+    length_m = path_length_m(trajectory.world_from_cam)
+    std_m = float(np.sqrt(np.trace(cov[:3, :3])))
+    up = pose[:3, :3].T @ (0, 1, 0)  # the axis that a change of heading turns about, in the camera
+    return {
+        "position_m": pose[:3, 3].tolist(),
+        "std_position_m": std_m,
+        "std_position_percent": 100 * std_m / length_m if length_m > 0 else None,
+        "heading_deg": float(np.degrees(np.arctan2(pose[0, 2], pose[2, 2]))),
+        "std_heading_deg": float(np.degrees(np.sqrt(up @ cov[3:, 3:] @ up))),
+    }

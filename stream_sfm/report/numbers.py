@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched, truth_of_frames
-from ..evaluation.end_pose import end_pose
 from ..evaluation.relative import (
     enough_known,
     growth_exponents,
@@ -18,7 +17,7 @@ from ..evaluation.relative import (
     relative_errors,
     turning,
 )
-from ..evaluation.summary import FIGURES, evaluate_run
+from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..evaluation.end_pose import end_pose
-from ..evaluation.summary import evaluate_run, evaluate_unscaled
+from ..evaluation.summary import end_pose, evaluate_run, evaluate_unscaled
 from ..recording.stereo_log import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stream_sfm.evaluation.end_pose import end_pose
 from stream_sfm.evaluation.relative_consistency import SPANS, RelativeRecord, against_truth, factors
+from stream_sfm.evaluation.summary import end_pose
 from stream_sfm.geometry import se3
 from stream_sfm.types import CommonErrors, RelativeMotions, Trajectory
 
@@ -60,9 +60,10 @@ def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None
 
 
 def test_motions_with_common_errors_add_up_to_what_they_err_by() -> None:
-    """Over 100 frames, of twelve motions over eight and two over two: errors c that become known on the way, with what
-    was last known of them, are in all alike; as if motions were independent, σ is far too small."""
-    rng, trials, ends = np.random.default_rng(4), 150, [2, 4, *range(12, 101, 8)]
+    """Over 100 frames, of motions over eight and two frames: errors c that become known on the way, with what was last
+    known of them, are in all alike; as if motions were independent, σ is far too small."""
+    rng, trials = np.random.default_rng(4), 150
+    ends = [begin + k for begin in range(0, 100, 20) for k in (2, 4, 12, 20)]
     by_c = np.zeros((6, 2))
     by_c[2, 0], by_c[4, 1] = 3e-2, 6e-3  # of a motion: a share of its length, and a turn
     apart: dict[bool, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {True: [], False: []}
