@@ -24,7 +24,7 @@ from rich.table import Table
 from stream_sfm import Engine, open_log
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.evaluation.association import matched
-from stream_sfm.frontend.persistence import _whitened_rows
+from stream_sfm.frontend.persistence import Persistence
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.recording.stereo_log import StereoLog
@@ -45,7 +45,7 @@ class Rows:
 
     def add(self, seen: Observations) -> None:
         """Take in the views of a frame."""
-        rows = _whitened_rows(seen.z_px, seen.cov_px)
+        rows = Persistence().after(seen.track_ids, seen.z_px, seen.cov_px).rows
         now = {int(i): float(r) for i, r in zip(seen.track_ids, rows, strict=True) if np.isfinite(r)}
         self._past.append(now)
         for lag, sums in self._sums.items():

@@ -173,10 +173,28 @@ def view_covariances(
     not found. `shared_pixels` have one noise value; a template's pixel is `scale` image pixels wide.
     """
 
-def inflation_by_age(ratio: float, decay: float, ages: int) -> Array:
-    """Return variances (n,) of white noise that say as much as the n-th view of a track adds, eqs. (68) and (69).
+def row_errors_of_tracks(
+    known: NDArray[np.int64],
+    ages: NDArray[np.int64],
+    rows: Array,
+    ids: NDArray[np.int64],
+    z_px: Array,
+    cov_px: Array,
+    counts: bool,
+) -> tuple[NDArray[np.int64], Array, float, int]:
+    """Return the ages (n,) of tracks in views, at most 59, and the row differences (n,) of their views, eq. (68).
 
-    In units of the white part of its errors; the lasting part has `ratio` times that, and its `decay` per view.
+    Tracks `ids` (n,) with views (n, 4) and covariances (n, 4, 4); those of the frame before, `known` (m,), with ages
+    and row differences (m,). All ids ascend; `counts`: whether this frame adds to the ages. Differences are in standard
+    deviations, at most 3, without what a whole frame shares, and NaN without a right side. Also returns the sum of
+    products with the differences of the frame before, and of how many.
+    """
+
+def view_inflation(ages: NDArray[np.int64], ratio_left: float, ratio_right: float, decay: float) -> Array:
+    """Return by how much (n, 2) the variances of views of tracks with these ages (n,) are to be multiplied, eq. (69).
+
+    For an estimator that adds up the views of a track as if they were independent: then each says as much as it adds.
+    In units of the white part of its errors, the lasting part of either side has a `ratio`, and its `decay` per view.
     """
 
 def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Array:

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <cstring>
+#include <limits>
 #include <tuple>
 #include <unordered_map>
 #include <vector>
@@ -60,20 +61,25 @@ struct Corner {
 std::vector<Corner> peaks(const Image& strength, const std::vector<char>& free, int reach, float least) {
     int height = strength.height, width = strength.width;
     auto row_of = [&](int v) { return strength.data + static_cast<std::size_t>(v) * width; };
-    std::vector<float> largest(width);
+    std::vector<float> column(width + 2 * reach, -std::numeric_limits<float>::infinity()), largest(width);
+    std::vector<char> is_peak(width);
     std::vector<Corner> found;
     for (int v = 0; v < height; v++) {
-        std::copy(row_of(v), row_of(v) + width, largest.begin());
+        const float* own = row_of(v);
+        const char* is_free = free.data() + static_cast<std::size_t>(v) * width;
+        float* of_columns = column.data() + reach;  // the largest within reach above and below, then beside, too
+        std::copy(own, own + width, of_columns);
         for (int row = std::max(v - reach, 0); row <= std::min(v + reach, height - 1); row++) {
             const float* other = row_of(row);
-            for (int u = 0; u < width; u++) largest[u] = std::max(largest[u], other[u]);
+            for (int u = 0; u < width; u++) of_columns[u] = std::max(of_columns[u], other[u]);
         }
-        for (int u = 0; u < width; u++) {
-            float own = row_of(v)[u];
-            if (!(own > least && own >= largest[u] && free[static_cast<std::size_t>(v) * width + u])) continue;
-            auto first = largest.begin() + std::max(u - reach, 0), last = largest.begin() + std::min(u + reach, width - 1) + 1;
-            if (own >= *std::max_element(first, last)) found.push_back({u, v, 0, own});
-        }
+        std::copy(of_columns, of_columns + width, largest.begin());
+        for (int beside = -reach; beside <= reach; beside++)
+            for (int u = 0; u < width; u++) largest[u] = std::max(largest[u], of_columns[u + beside]);
+        for (int u = 0; u < width; u++) is_peak[u] = static_cast<char>((own[u] >= largest[u]) & (own[u] > least) & (is_free[u] != 0));
+        const char *at = is_peak.data(), *end = at + width;
+        for (; (at = static_cast<const char*>(std::memchr(at, 1, static_cast<std::size_t>(end - at)))); at++)
+            found.push_back({at - is_peak.data(), v, 0, own[at - is_peak.data()]});
     }
     return found;
 }
@@ -109,8 +115,11 @@ Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& a
     for (std::size_t i = 0; i < taken.shape[0]; i++)
         if (std::isfinite(taken[i][0]) && std::isfinite(taken[i][1])) discs.take(whole(taken[i][0]), whole(taken[i][1]));
     // in a dark image all contrast, and with it every response, is scaled down
-    double strongest = *std::max_element(strength.data, strength.data + pixels);
-    float least = static_cast<float>(std::min(min_strength, DIM_FRACTION * strongest));
+    std::vector<float> strongest(strength.data, strength.data + width);  // of columns: four at a time
+    for (const float* row = strength.data; row < strength.data + pixels; row += width)
+        for (std::size_t u = 0; u < width; u++) strongest[u] = std::max(strongest[u], row[u]);
+    double limit = DIM_FRACTION * *std::max_element(strongest.begin(), strongest.end());
+    float least = static_cast<float>(std::min(min_strength, limit));
     std::vector<Corner> corners = peaks(strength, discs.free, radius / PEAK_FRACTION, std::max(least, 0.0f));
     double points = static_cast<double>(most + taken.shape[0]);
     double cell = std::max({1.0, MIN_CELL * distance, std::sqrt(static_cast<double>(pixels) / points)});

@@ -238,7 +238,8 @@ NB_MODULE(_core, m) {
     m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);
     m.def("union_of", &Bound<&union_of>::call);
-    m.def("inflation_by_age", &Bound<&inflation_by_age>::call);
+    m.def("row_errors_of_tracks", &Bound<&row_errors_of_tracks>::call);
+    m.def("view_inflation", &Bound<&view_inflation>::call);
     m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);
     m.def("inside_area", &Bound<&inside_area>::call);

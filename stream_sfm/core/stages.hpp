@@ -114,7 +114,6 @@ Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<d
                                   const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
 Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
                                    double focal, double baseline);
-Array<double, 1> inflation_by_age(double ratio, double decay, std::size_t ages);
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
 
 // corners.cpp
@@ -134,6 +133,18 @@ template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, const View<T, 3>& stored, const TemplateKind& kind,
                             const Pixels& corners, const Indices& slots, const View<double, 2>& start, double tolerance,
                             double std_grey, double max_apart);
+
+// persistence.cpp
+struct RowErrors {
+    Array<std::int64_t, 1> ages;
+    Array<double, 1> rows;
+    double product;
+    std::int64_t pairs;
+    auto parts() { return std::tie(ages, rows, product, pairs); }
+};
+RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 1>& rows, const Indices& ids,
+                               const View<double, 2>& z, const View<double, 3>& cov, bool counts);
+Array<double, 2> view_inflation(const Indices& ages, double ratio_left, double ratio_right, double decay);
 
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);

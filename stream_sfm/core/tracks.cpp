@@ -128,20 +128,6 @@ Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<d
     return result;
 }
 
-// Kalman filter on the lasting part, variance p, eq. (69); b is how much of a constant it has taken for that part.
-Array<double, 1> inflation_by_age(double ratio, double decay, std::size_t ages) {
-    require(ages <= 1000, "there are too many ages");
-    Array<double, 1> result({ages});
-    double p = ratio, b = 0;
-    for (std::size_t n = 0; n < ages; n++) {
-        double innovation = 1 + p, gain = p / innovation;
-        result.data[n] = innovation / ((1 - b) * (1 - b));
-        b = decay * (b + gain * (1 - b));
-        p = decay * decay * (1 - gain) * p + (1 - decay * decay) * ratio;
-    }
-    return result;
-}
-
 Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");

@@ -36,5 +36,5 @@ class DisparityBias:
         """Return σ (n,) px of points (n,), living or ended."""
         if not len(self.ids):
             return np.full(len(ids), self.least_px)
-        at = np.searchsorted(self.ids, ids).clip(0, len(self.ids) - 1)
+        at = np.minimum(np.searchsorted(self.ids, ids), len(self.ids) - 1)
         return np.where(self.ids[at] == ids, self.stds_px[at], self.least_px)

@@ -155,7 +155,7 @@ def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages)
     """Return new corners (k, 2) in whole pixels with a unique match on their row, and its rough position (k, 2)."""
     scale, corners = images.scale, detect_missing(setup, state, images)
     limits = _disparity_range(setup, state, scale)
-    disparity, unique = core.match_along_rows(images.coarse_left(), images.coarse_right(), corners, *limits)
+    disparity, unique = core.match_along_rows(*images.coarse, corners, *limits)
     left_px = corners[unique] * round(1 / scale)
     return left_px, _on_row(state, left_px, disparity[unique] / scale)
 

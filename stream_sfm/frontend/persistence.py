@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import record
 
@@ -29,8 +28,6 @@ _LEFT_FRACTION = 0.25
 _FIRST_GUESS = 0.3  # of the mean of both sides: rendered logs have 0.2 to 0.6, real ones 0.6 to 1.3
 _GUESS_PAIRS = 200.0  # weight of the first guess in pairs of views: about one frame's
 _MEMORY_PAIRS = 20_000.0  # a hundred frames: the ratio is a property of cameras and scene and changes slowly
-_MAX_ROW = 3.0  # standard deviations: beyond, a row difference is limited, as it may be a wrong match
-_MAX_AGE = 60  # views; by then information grows at a steady rate
 
 
 @record
@@ -47,7 +44,7 @@ class Persistence:
     product: float = _FIRST_GUESS * _DECAY * _GUESS_PAIRS
     pairs: float = _GUESS_PAIRS
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    ages: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
+    ages: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     rows: Array = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -58,21 +55,15 @@ class Persistence:
 
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "Persistence":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
-        rows = _whitened_rows(z_px, cov_px)
-        old, now = (
-            core.among(self.ids, ids),
-            core.among(ids, self.ids),
-        )  # both ascending: the same tracks in one order
-        products = self.rows[old] * rows[now]
-        products = products[np.isfinite(products)]
-        keep = max(0.0, 1 - len(products) / _MEMORY_PAIRS)
-        ages = np.zeros(len(ids), np.intp)
-        ages[now] = np.minimum(self.ages[old] + (self.frames % self.every == 0), _MAX_AGE - 1)
+        ages, rows, product, pairs = core.row_errors_of_tracks(
+            self.ids, self.ages, self.rows, ids, z_px, cov_px, self.frames % self.every == 0
+        )
+        keep = max(0.0, 1 - pairs / _MEMORY_PAIRS)
         return Persistence(
             every=self.every,
             frames=self.frames + 1,
-            product=keep * self.product + float(products.sum()),
-            pairs=keep * self.pairs + len(products),
+            product=keep * self.product + product,
+            pairs=keep * self.pairs + pairs,
             ids=ids,
             ages=ages,
             rows=rows,
@@ -84,24 +75,4 @@ class Persistence:
 
         For an estimator that adds up the views of one track as if they were independent.
         """
-        left, right = (inflation_by_age(share * self.ratio, _DECAY**self.every) for share in (_LEFT_FRACTION, 1.0))
-        return np.stack([left[self.ages], right[self.ages]], axis=1)
-
-
-def inflation_by_age(ratio: float, decay: float = _DECAY) -> Array:
-    """Return (60,) variances of white noise, in units of the white part, that say as much as the n-th view adds.
-
-    `decay`: of the lasting part from one view to the next.
-    """
-    return core.inflation_by_age(ratio, decay, _MAX_AGE)
-
-
-def _whitened_rows(z_px: Array, cov_px: Array) -> Array:
-    """Row differences (n,) in standard deviations, without what a whole frame shares; NaN without a right side."""
-    difference = z_px[:, 1] - z_px[:, 3]
-    seen = np.isfinite(difference)
-    if not seen.any():
-        return difference
-    std = np.sqrt(cov_px[:, 1, 1] + cov_px[:, 3, 3] - 2 * cov_px[:, 1, 3])
-    whitened: Array = ((difference - median(difference[seen])) / std).clip(-_MAX_ROW, _MAX_ROW)
-    return whitened
+        return core.view_inflation(self.ages, _LEFT_FRACTION * self.ratio, self.ratio, _DECAY**self.every)

@@ -48,9 +48,15 @@ class PreparedImages:
         return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits)
 
     @cached_property
+    def coarse(self) -> tuple[Image, Image]:
+        """Left and right image at no more than 800 columns."""
+        left = self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
+        return left, _coarse(self.right, self.scale)
+
+    @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
         """Strength of corners at every pixel of the coarse left image."""
-        return corner_strength(self.coarse_left())
+        return corner_strength(self.coarse[0])
 
     @cached_property
     def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -89,14 +95,6 @@ class PreparedImages:
     def scale(self) -> float:
         """Size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
         return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / _COARSE_COLUMNS))))
-
-    def coarse_left(self) -> Image:
-        """The left image at no more than 800 columns."""
-        return self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
-
-    def coarse_right(self) -> Image:
-        """The right image at no more than 800 columns."""
-        return _coarse(self.right, self.scale)
 
 
 def corner_strength(image: GreyImage) -> NDArray[np.float32]:

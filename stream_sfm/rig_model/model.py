@@ -220,7 +220,9 @@ class RigModel:
             cov=cov,
             mean_if_wrong=mean_if_wrong,
             cov_if_wrong=cov_if_wrong,
-            prior_std=np.r_[np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]],
+            prior_std=np.concatenate(
+                [np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]]
+            ),
             refined=known if self.refined else None,
         )
 

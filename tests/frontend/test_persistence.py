@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
+from stream_sfm.core import view_inflation
 from stream_sfm.estimators import make_estimator
-from stream_sfm.frontend.persistence import _DECAY, _LEFT_FRACTION, Persistence, inflation_by_age
+from stream_sfm.frontend.persistence import _DECAY, _LEFT_FRACTION, Persistence
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.types import LastingErrors
 from tests.helpers.estimators import nees
@@ -29,7 +30,7 @@ def test_information_adds_up_to_what_a_constant_can_be_known(ratio: float) -> No
     n = np.arange(60)
     cov = np.eye(60) + ratio * _DECAY ** np.abs(n[:, None] - n)
     total = [np.ones(k) @ np.linalg.solve(cov[:k, :k], np.ones(k)) for k in n + 1]
-    assert np.cumsum(1 / inflation_by_age(ratio)) == pytest.approx(total, rel=1e-9)
+    assert np.cumsum(1 / view_inflation(n, ratio, 0.0, _DECAY)[:, 0]) == pytest.approx(total, rel=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.7, 3.0])
@@ -92,12 +93,14 @@ def test_views_that_no_estimator_takes_do_not_count(every: int) -> None:
     n = every * np.arange(20)
     cov = np.eye(20) + 0.7 * _DECAY ** np.abs(n[:, None] - n)
     total = [np.ones(k) @ np.linalg.solve(cov[:k, :k], np.ones(k)) for k in range(1, 21)]
-    assert np.cumsum(1 / inflation_by_age(0.7, _DECAY**every)[:20]) == pytest.approx(total, rel=1e-9)
+    assert np.cumsum(1 / view_inflation(np.arange(20), 0.0, 0.7, _DECAY**every)[:, 1]) == pytest.approx(
+        total, rel=1e-9
+    )
     persistence, ids = Persistence(every), np.arange(50)
     cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (50, 4, 4))
     rng = np.random.default_rng(5)
     for frame in range(2 * every + 1):
         persistence = persistence.after(ids, STD_PX * rng.normal(size=(50, 4)), cov_px)
         if frame % every == 0:
-            expected = inflation_by_age(persistence.ratio, _DECAY**every)[frame // every]
+            expected = view_inflation(np.array([frame // every]), 0.0, persistence.ratio, _DECAY**every)[0, 1]
             assert persistence.inflation[:, 1] == pytest.approx(expected)

@@ -1,0 +1,81 @@
+// How long the errors of a track persist, from its row differences, and what a further view of it adds, eqs. (68) and (69).
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+constexpr double MAX_ROW = 3.0;       // standard deviations: beyond, a row difference is limited, as it may be a wrong match
+constexpr std::int64_t MAX_AGE = 60;  // views; by then information grows at a steady rate
+
+// Row differences (n,) in standard deviations, without what a whole frame shares; NaN without a right side.
+Array<double, 1> whitened_rows(const View<double, 2>& z, const View<double, 3>& cov) {
+    std::size_t n = z.shape[0];
+    Array<double, 1> rows({n});
+    std::vector<double> seen;
+    for (std::size_t i = 0; i < n; i++) {
+        rows.data[i] = z[i][1] - z[i][3];
+        if (std::isfinite(rows.data[i])) seen.push_back(rows.data[i]);
+    }
+    if (seen.empty()) return rows;
+    double shared = median(seen);
+    for (std::size_t i = 0; i < n; i++) {
+        double whitened = (rows.data[i] - shared) / std::sqrt(cov[i][5] + cov[i][15] - 2 * cov[i][7]);
+        rows.data[i] = std::isnan(whitened) ? whitened : std::clamp(whitened, -MAX_ROW, MAX_ROW);
+    }
+    return rows;
+}
+
+// Variances of white noise, in units of the white part, that say as much as the n-th view adds. A Kalman filter on the lasting
+// part, variance p, eq. (69); b is how much of a constant it has taken for that part.
+std::vector<double> inflation_by_age(double ratio, double decay) {
+    std::vector<double> result;
+    double p = ratio, b = 0;
+    for (std::int64_t n = 0; n < MAX_AGE; n++) {
+        double innovation = 1 + p, gain = p / innovation;
+        result.push_back(innovation / ((1 - b) * (1 - b)));
+        b = decay * (b + gain * (1 - b));
+        p = decay * decay * (1 - gain) * p + (1 - decay * decay) * ratio;
+    }
+    return result;
+}
+
+}  // namespace
+
+RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 1>& rows, const Indices& ids,
+                               const View<double, 2>& z, const View<double, 3>& cov, bool counts) {
+    std::size_t n = ids.shape[0], m = known.shape[0];
+    require_shape(ages, {m}, "ages");
+    require_shape(rows, {m}, "rows");
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(cov, {n, 4, 4}, "cov_px");
+    RowErrors result{Array<std::int64_t, 1>({n}), whitened_rows(z, cov), 0.0, 0};
+    for (std::size_t i = 0, j = 0; i < n; i++) {
+        while (j < m && known.data[j] < ids.data[i]) j++;
+        if (j == m || known.data[j] != ids.data[i]) continue;
+        result.ages.data[i] = std::min(std::clamp<std::int64_t>(ages.data[j], 0, MAX_AGE) + (counts ? 1 : 0), MAX_AGE - 1);
+        double product = rows.data[j] * result.rows.data[i];
+        if (!std::isfinite(product)) continue;
+        result.product += product;
+        result.pairs++;
+    }
+    return result;
+}
+
+Array<double, 2> view_inflation(const Indices& ages, double ratio_left, double ratio_right, double decay) {
+    std::vector<double> left = inflation_by_age(ratio_left, decay), right = inflation_by_age(ratio_right, decay);
+    Array<double, 2> result({ages.shape[0], 2});
+    for (std::size_t i = 0; i < ages.shape[0]; i++) {
+        std::size_t age = static_cast<std::size_t>(std::clamp<std::int64_t>(ages.data[i], 0, MAX_AGE - 1));
+        result[i][0] = left[age];
+        result[i][1] = right[age];
+    }
+    return result;
+}
+
+}  // namespace core
