@@ -57,16 +57,14 @@ class FrontendConfig(_Section, frozen=True, kw_only=True):
     # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
     max_tracks: Annotated[int, _number("points followed at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
-    renew_fraction: Annotated[
-        float, _expert("look for new points when this fraction of max_tracks is missing", 0, 1)
-    ] = 0.05
+    renew_fraction: Annotated[float, _expert("share of max_tracks missing that new ones wait for", 0, 1)] = 0.05
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
-    min_corner_distance_px: Annotated[
-        float, _expert("smallest distance between a new corner and all other points, pixels", 2, 200)
-    ] = 12.0
+    min_corner_distance_px: Annotated[float, _expert("least distance of a new corner from all points", 2, 200)] = (
+        12.0
+    )
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
     min_corner_response: Annotated[
-        float, _expert("smallest eigenvalue of a corner's gradient matrix, OpenCV's scale", 1e-8, 1)
+        float, _expert("least eigenvalue of a corner's gradients, as OpenCV", 1e-8, 1)
     ] = 2e-4
     # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
     # batch adjustment, 35 mm -> 2.3 mm.
@@ -74,26 +72,18 @@ class FrontendConfig(_Section, frozen=True, kw_only=True):
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
     window_radius_px: Annotated[int, _expert("half width of the tracked patch, pixels", 3, 30)] = 10
     # Measured: starts are predicted, more levels change no figure of the logs with ground truth.
-    pyramid_levels: Annotated[
-        int, _expert("pyramid level at which flow starts; it ends at half the image's size", 1, 8)
-    ] = 2
+    pyramid_levels: Annotated[int, _expert("level at which flow starts; it ends at level 1", 1, 8)] = 2
     # Measured: where frames are far apart, starts predicted from uncertain depths are off by that much. Of a drive at
     # every fourth frame 1.5 px lost a third of the tracks (t_rel 1.8 % instead of 1.6); calm logs change nothing.
-    max_realignment_px: Annotated[
-        float, _expert("largest step of the alignment from its start, pixels", 0.1, 50)
-    ] = 4.0
+    max_realignment_px: Annotated[float, _expert("largest step of the alignment from its start", 0.1, 50)] = 4.0
     # Twice the 0.8 px that the worst calibration met was off in the corners; what is learnt narrows it.
-    max_vertical_disparity_px: Annotated[
-        float, _expert("largest row difference between left and right, pixels", 0.1, 50)
-    ] = 1.5
+    max_vertical_disparity_px: Annotated[float, _expert("largest row difference of left and right", 0.1, 50)] = 1.5
     # Chosen by hand, many times a sensor's noise: it refuses patches that show something else.
-    max_photometric_error: Annotated[
-        float, _expert("largest deviation of a patch from its template, grey values of 255", 1, 255)
-    ] = 20.0
+    max_photometric_error: Annotated[float, _expert("largest deviation of a patch, grey values", 1, 255)] = 20.0
     # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search costs time and finds rivals.
-    max_disparity_fraction: Annotated[
-        float, _number("largest disparity of a new point, fraction of the image's width", 0.01, 1)
-    ] = 0.25
+    max_disparity_fraction: Annotated[float, _number("largest disparity, share of the image's width", 0.01, 1)] = (
+        0.25
+    )
 
 
 class WindowConfig(_Section, frozen=True, kw_only=True):
@@ -118,7 +108,7 @@ class MotionConfig(_Section, frozen=True, kw_only=True):
 
     std_acceleration_m_s2: Annotated[float, _number("σ of the acceleration while lost, m/s²", 1e-3, 1e4)] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
-        float, _number("σ of the angular acceleration while lost, rad/s²", 1e-3, 1e4)
+        float, _number("σ of the angular acceleration, rad/s²", 1e-3, 1e4)
     ] = 3.0
 
 
@@ -128,54 +118,36 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     # For rendered or simulated images, and to compare with an estimate that does not refine the calibration.
     exact: Annotated[bool, Meta(description="take the calibration as exact")] = False
     # Five real rigs are off by 0.05 to 1.1 px per term.
-    std_disparity_px: Annotated[
-        float, _expert("σ of each term of the disparity's error at the image's edge, pixels", 1e-3, 10)
-    ] = 0.4
+    std_disparity_px: Annotated[float, _expert("σ of each term of the disparity's error at the edge", 1e-3, 10)] = (
+        0.4
+    )
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
-    std_lens_px: Annotated[
-        float, _expert("σ of each error that both lenses share, in the image's corner, pixels", 1e-3, 50)
-    ] = 5.0
+    std_lens_px: Annotated[float, _expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
     std_lens_difference_px: Annotated[
-        float, _expert("σ of the difference of the lenses' radial errors in the corner, pixels", 1e-3, 50)
+        float, _expert("σ of the radial difference of the lenses there", 1e-3, 50)
     ] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
-    std_focal: Annotated[float, _number("σ of the common focal length's error, as a fraction of it", 1e-6, 0.1)] = (
-        0.003
-    )
+    std_focal: Annotated[float, _number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
     # Cameras that are triggered by software are a few milliseconds apart.
-    std_delay_s: Annotated[
-        float, _number("σ of the delay of the right camera against the left one, seconds", 1e-6, 0.1)
-    ] = 0.005
+    std_delay_s: Annotated[float, _number("σ of the right camera's delay, seconds", 1e-6, 0.1)] = 0.005
     # Rolling shutters of cheap cameras read out in 10 to 30 ms.
     std_readout_s: Annotated[float, _number("σ of the readout time of the shutters, seconds", 1e-6, 0.1)] = 0.02
     # A mount that warms up or gives way.
-    std_turning_rad_s: Annotated[
-        float, _expert("σ of how fast the right camera turns against the left one, radians per second", 1e-8, 0.1)
-    ] = 5e-4
+    std_turning_rad_s: Annotated[float, _expert("σ of how fast the right camera turns", 1e-8, 0.1)] = 5e-4
     # An autofocus moves by a percent or two in a second.
-    std_focusing_per_s: Annotated[
-        float, _expert("σ of how fast the focal length changes, as a fraction of it per second", 1e-8, 0.1)
-    ] = 0.005
+    std_focusing_per_s: Annotated[float, _expert("σ of how fast the focal length changes", 1e-8, 0.1)] = 0.005
     # A principal point that is off by a pixel, at usual focal lengths.
-    std_axes_rad: Annotated[
-        float, _expert("σ of the direction of the camera's axes, about x and about y, radians", 0, 0.5)
-    ] = 0.0015
+    std_axes_rad: Annotated[float, _expert("σ of the camera's axes, about x and about y", 0, 0.5)] = 0.0015
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
-    std_baseline: Annotated[float, _number("σ of the baseline's error, as a fraction of the baseline", 0, 0.5)] = (
-        0.006
-    )
+    std_baseline: Annotated[float, _number("σ of the baseline's error, fraction of it", 0, 0.5)] = 0.006
 
 
 class RosConfig(_Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
 
-    world_frame: Annotated[
-        str, Meta(description="the fixed frame of the best estimate, which corrections move; map in REP 105")
-    ] = "map"
-    odom_frame: Annotated[
-        str, Meta(description="the fixed frame in which the path drifts and never jumps; odom in REP 105")
-    ] = "odom"
+    world_frame: Annotated[str, Meta(description="the fixed frame that corrections move; map in REP 105")] = "map"
+    odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
         str,
         Meta(description="the robot's frame (base_link), whose poses are given then; empty: those of the camera"),
@@ -192,9 +164,7 @@ class RosConfig(_Section, frozen=True, kw_only=True):
     camera_y_m: Annotated[float, _number("to the left, metres", -1e3, 1e3)] = 0.0
     camera_z_m: Annotated[float, _number("upwards, metres", -1e3, 1e3)] = 0.0
     camera_roll_deg: Annotated[float, _number("about x, 0 where the camera is upright, degrees", -360, 360)] = 0.0
-    camera_pitch_deg: Annotated[
-        float, _number("about y, then, positive where it looks down, degrees", -360, 360)
-    ] = 0.0
+    camera_pitch_deg: Annotated[float, _number("about y, then, positive looking down, degrees", -360, 360)] = 0.0
     camera_yaw_deg: Annotated[float, _number("about z, last, 0 where it looks along x, degrees", -360, 360)] = 0.0
 
     def __post_init__(self) -> None:
@@ -217,7 +187,7 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
 
     # Chosen by hand: twice what points use, for surfaces close to the camera. The range is narrowed for each frame.
     max_disparity_fraction: Annotated[
-        float, _expert("largest disparity, fraction of the image's width", 0.01, 0.9)
+        float, _expert("largest disparity, share of the image's width", 0.01, 0.9)
     ] = 0.5
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
     block_px: Annotated[int, _expert("edge of the matched block, pixels, odd", 3, 21)] = 7
@@ -229,27 +199,19 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
     window_radius_px: Annotated[int, _expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
     # A uniform error of half a pixel has a σ of 0.29.
     std_start_px: Annotated[
-        float, _expert("σ of the disparity that the sub-pixel step starts from, pixels", 1e-3, 1000)
+        float, _expert("σ of the disparity that the sub-pixel step starts from", 1e-3, 1000)
     ] = 0.3
     # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
     std_bias_px: Annotated[float, _expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
     # Chosen by hand: a less certain disparity may be a mismatch.
-    max_std_px: Annotated[float, _expert("pixels with a larger σ of disparity are left out, pixels", 1e-3, 100)] = (
-        1.0
-    )
+    max_std_px: Annotated[float, _expert("pixels with a larger σ of disparity are left out", 1e-3, 100)] = 1.0
     # Chosen by hand: beyond it, depth is too uncertain to show a shape.
-    max_relative_std: Annotated[
-        float, _expert("pixels with a larger σ of depth over depth are left out", 1e-4, 1)
-    ] = 0.05
+    max_relative_std: Annotated[float, _expert("as max_std_px, of σ of depth over depth", 1e-4, 1)] = 0.05
     # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
-    max_disparity_step_px: Annotated[
-        float, _expert("largest disparity step between connected pixels, pixels", 0.01, 1000)
-    ] = 1.0
+    max_disparity_step_px: Annotated[float, _expert("largest step between connected pixels", 0.01, 1000)] = 1.0
     voxel_m: Annotated[float, _number("edge of a voxel of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
-    max_voxels: Annotated[
-        int, _expert("largest number of voxels; beyond it their edge is doubled", 10_000, 100_000_000)
-    ] = 4_000_000
+    max_voxels: Annotated[int, _expert("most voxels; beyond it larger ones", 10_000, 100_000_000)] = 4_000_000
     # Mismatches rarely agree in three frames.
     min_frames: Annotated[int, _expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
 
@@ -265,12 +227,10 @@ class Config(_Section, frozen=True, kw_only=True):
     method: Annotated[
         str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
-    mono: Annotated[
-        bool, Meta(description="use the left camera only; the unit of length is then the first baseline")
-    ] = False
+    mono: Annotated[bool, Meta(description="use the left camera only; lengths are without unit")] = False
     # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
     estimate_every: Annotated[
-        int, _number("track every frame, estimate every k-th; those between are placed by resection", 1, 1000)
+        int, _number("estimate every k-th frame; resection places those between", 1, 1000)
     ] = 1
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()

@@ -110,12 +110,8 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
     "override, message",
     [
         ("window.frames=0", r"setting window\.frames is 0; it must be a whole number of at least 1"),
-        ("window.frames=100", r"setting window\.frames is 100; it must be a whole number of at most 64"),
         ("window.frames=many", r"setting window\.frames is 'many'; it must be a whole number"),
         ("motion.std_acceleration_m_s2=0", r"it must be a number of at least 0\.001"),
-        ("rig.std_focal=0.5", r"setting rig\.std_focal is 0\.5; it must be a number of at most 0\.1"),
-        ("rig.std_delay_s=0", r"setting rig\.std_delay_s is 0; it must be a number of at least 1e-06"),
-        ("rig.std_readout_s=1", r"setting rig\.std_readout_s is 1; it must be a number of at most 0\.1"),
         ("mono=1", r"setting mono is 1; it must be true or false"),
         ("window=3", r"setting window is 3; it must be a section"),
         ("expert=3", r"expert holds sections only, such as \[expert\.frontend\]"),

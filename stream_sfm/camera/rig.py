@@ -15,10 +15,7 @@ from .known_timing import KnownTiming
 from .models import Camera
 from .refinement import Refinement
 
-_MAX_POSE = 1e6  # metres, of any element: more is a damaged file
-_MIN_BASELINE_M = 1e-4  # a tenth of a millimetre: less is a P without baseline, not a pair
 _USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
-_ANY_SIZE = (1000, 1000)  # of images, pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -51,7 +48,7 @@ class StereoRig:
                 f"left images are {self.left.width}×{self.left.height}, right ones "
                 f"{self.right.width}×{self.right.height}: both must have one size"
             )
-        if self.baseline_m < _MIN_BASELINE_M:
+        if self.baseline_m < 1e-4:  # a tenth of a millimetre: less is a P without baseline, not a pair
             raise ConfigError(
                 f"the baseline is {self.baseline_m:g} m: give right_from_left in metres; in a ROS calibration it "
                 "is −P[3]/P[0] of the right camera, which must not be zero"
@@ -147,7 +144,7 @@ def _checked_pose(given: object) -> Array:
         raise ConfigError(
             f"{wanted}, got {short(given, 120)}; of rotation and translation it is [[R, t], [0, 1]]"
         ) from None
-    if pose.shape != (4, 4) or not (np.abs(pose) < _MAX_POSE).all():  # false for NaN too
+    if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # metres; more is a damaged file, and so is NaN
         raise ConfigError(f"{wanted}, got {pose.tolist()}")
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
@@ -160,5 +157,5 @@ def checked_paths(calibration: read.Where) -> list[Path]:
 
     A mistake in it is thus reported once, before any log is opened; each log knows the size of its images.
     """
-    StereoRig.from_calibration(calibration, image_size=_ANY_SIZE)
+    StereoRig.from_calibration(calibration, image_size=(1000, 1000))  # pixels: any will do
     return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]

@@ -7,10 +7,8 @@ from ..errors import ExitCode, StreamSfmError
 from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
-_LOOK_FRAMES = 60  # some seconds, in which most cameras turn
 _MAX_TOPICS = 200  # shown; --json lists all
 _MAX_GAPS = 5  # listed; more would hide the rest of the table
-_OTHER_COLUMNS = 44  # characters: the columns of numbers and all borders
 
 
 def inspect(
@@ -32,7 +30,8 @@ def inspect(
     found["rig_errors"] = None
     if not found["problems"]:
         try:
-            look = replay.replay(open_log(log, *cameras.chosen), selection=Selection(max_frames=_LOOK_FRAMES))
+            # in some seconds most cameras turn
+            look = replay.replay(open_log(log, *cameras.chosen), selection=Selection(max_frames=60))
             found["rig_errors"] = look.summary.get("rig")
         except StreamSfmError as error:
             found["warnings"].append(f"the first frames cannot be estimated: {error}")
@@ -57,7 +56,7 @@ def print_inspection(found: dict[str, Any]) -> None:
 
 
 def _topics(found: dict[str, Any]) -> Iterator[list[str]]:
-    width = max(16, (output_width() - _OTHER_COLUMNS) // 2)
+    width = max(16, (output_width() - 44) // 2)  # 44: the columns of numbers and all borders
     for t in found["topics"][:_MAX_TOPICS]:
         rate = f"{t['rate_hz']:.1f} Hz" if t["rate_hz"] else ""
         names = (broken_at(text, "/._", width) for text in (t["topic"], t["schema"] or "–"))

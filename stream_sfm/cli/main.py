@@ -32,7 +32,7 @@ from .process import settle
 from .replay import live, replay
 from .simulate import simulate
 from .surface import surface
-from .usage import hint, option_names, rewritten, usage_error
+from .usage import hint, rewritten, usage_error
 from .view import view
 
 COMMANDS: dict[str, App | Callable[..., int | None]] = {
@@ -176,7 +176,7 @@ def _told(app: App, words: list[str], error: BaseException) -> tuple[int, str, s
         case CycloptsError():
             return ExitCode.USAGE, *usage_error(app, words, error)
         case StreamSfmError():
-            return error.exit_code, str(error), hint(error, words, option_names(app, words))
+            return error.exit_code, str(error), hint(app, words, error)
         case KeyboardInterrupt():
             return ExitCode.INTERRUPTED, "interrupted", ""
         case ModuleNotFoundError(name=str(name)) if not name.startswith("stream_sfm"):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,30 +43,18 @@ def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
     return lambda _kind, tokens: parse(tokens[-1].value)
 
 
-def whole(least: int) -> Callable[[Any, Sequence[Token]], Any]:
-    """Reads whole numbers of at least `least`."""
+def _at_least(least: int) -> Callable[[Any, int | None], None]:
+    def check(_kind: Any, value: int | None) -> None:
+        if value is not None and value < least:
+            raise ValueError(f"give a whole number of at least {least}")
 
-    def parse(text: str) -> int:
-        if not text.strip().isdecimal() or int(text) < least:
-            raise ValueError(f"{text!r} is not a whole number of at least {least}")
-        return int(text)
-
-    return each(parse)
+    return check
 
 
-def finite(text: str, meaning: str = "a number of seconds", least: float = -math.inf) -> float:
-    """A finite number of at least `least`; `meaning` completes "is not …"."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= least):
-        raise ValueError(f"{text!r} is not {meaning}")
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"{text!r} is not a finite number")
     return value
-
-
-def _seconds(text: str) -> float:
-    return finite(text, "a number of seconds (0 or more)", 0)
 
 
 def _place(text: str) -> str:
@@ -78,19 +67,21 @@ def _place(text: str) -> str:
 def _frame_ranges(text: str) -> tuple[tuple[int, int], ...]:
     ranges = []
     for part in text.split(","):
-        first, _, end = part.partition(":")
-        if not (first.strip().isdecimal() and end.strip().isdecimal() and int(first) < int(end)):
+        found = re.fullmatch(r"\s*(\d+)\s*:\s*(\d+)\s*", part)
+        if found is None or int(found[1]) >= int(found[2]):
             raise ValueError(f"{part!r} is not a range of frames: give it as 0:15 for frames 0 to 14")
-        ranges.append((int(first), int(end)))
+        ranges.append((int(found[1]), int(found[2])))
     return tuple(ranges)
 
 
 def _std_truth(text: str) -> tuple[float, float]:
-    meaning = "a σ in metres and one in radians, such as 0.001,0.0005"
-    std_m, comma, std_rad = text.partition(",")
-    if not comma or "," in std_rad:
-        raise ValueError(f"{text!r} is not {meaning}")
-    return finite(std_m, meaning, 0), finite(std_rad, meaning, 0)
+    try:
+        std_m, std_rad = map(float, text.split(","))
+    except ValueError:
+        std_m = std_rad = math.nan
+    if not (0 <= std_m < math.inf and 0 <= std_rad < math.inf):
+        raise ValueError(f"{text!r} is not a σ in metres and one in radians, such as 0.001,0.0005")
+    return std_m, std_rad
 
 
 def _one_or_two(_kind: Any, files: list[str] | None) -> None:
@@ -112,10 +103,10 @@ Recording = Annotated[
     str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders")
 ]
 NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
-MaybeSeconds = Annotated[float | None, Parameter(converter=each(_seconds), metavar="S")]
-Count = Annotated[int, Parameter(converter=whole(1), metavar="N")]
-MaybeCount = Annotated[int | None, Parameter(converter=whole(1), metavar="N")]
-MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, converter=whole(0), metavar="N")]
+MaybeSeconds = Annotated[float | None, Parameter(metavar="S")]
+Count = Annotated[int, Parameter(validator=_at_least(1), metavar="N")]
+MaybeCount = Annotated[int | None, Parameter(validator=_at_least(1), metavar="N")]
+MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
 Workers = Annotated[
     MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
 ]
@@ -233,7 +224,7 @@ class TruthFile:
 
     ground_truth: MaybeFile = None
     ground_truth_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
-    ground_truth_offset: Annotated[float, Parameter(converter=each(finite), metavar="S")] = 0.0
+    ground_truth_offset: Annotated[float, Parameter(converter=each(_finite), metavar="S")] = 0.0
 
     def read(self) -> "GroundTruthFile | None":
         """The file chosen, if any."""

@@ -6,10 +6,6 @@ import gc
 import os
 from contextlib import suppress
 
-# Python's collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
-_ALLOCATIONS_PER_COLLECTION = 100_000
-_M_ARENA_MAX = -8  # of glibc's mallopt
-
 
 def settle() -> None:
     """Compute in one thread, unless the environment says otherwise, and in one heap.
@@ -23,7 +19,8 @@ def settle() -> None:
             os.environ[variable] = "1"
     if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
         del os.environ["SOURCE_DATE_EPOCH"]
-    gc.set_threshold(_ALLOCATIONS_PER_COLLECTION)
+    # The collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
+    gc.set_threshold(100_000)
     atexit.register(gc.freeze)  # otherwise Python searches all that is left for cycles, twice, before it exits
     with suppress(OSError, TypeError, AttributeError):  # another C library, which has no such thing
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+        ctypes.CDLL(None).mallopt(-8, 1)  # M_ARENA_MAX of glibc

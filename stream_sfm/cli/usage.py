@@ -1,39 +1,17 @@
-"""Usage errors, and hints to the options and commands that help."""
+"""What is done to the words of a command line before they are parsed, and hints to options and commands that help."""
 
-from collections.abc import Iterable, Sequence
-from typing import get_args
+from collections.abc import Sequence
 
-from cyclopts import (
-    App,
-    CoercionError,
-    CycloptsError,
-    MissingArgumentError,
-    UnknownCommandError,
-    UnknownOptionError,
-    UnusedCliTokensError,
-    ValidationError,
-)
+from cyclopts import App, CycloptsError
 
 from ..errors import StreamSfmError
-from ..wording import did_you_mean, unknown_name
 
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
 _OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz")
 
-# By the names that errors use (`StreamSfmError.hint`): arguments of the library's functions as options, functions as
-# commands.
-OPTIONS = {
-    "calibration": "--calibration FILE",
-    "left": "--left TOPIC",
-    "right": "--right TOPIC",
-    "overwrite": "--force",
-    "ground_truth": "--ground-truth FILE",
-    "ground_truth_frame": "--ground-truth-frame FRAME",
-    "mono": "--mono",
-    "rate_hz": "--rate HZ",
-    "rrd": "--rrd FILE",
-    "size": "--size W×H",
-}
+# Errors hint at arguments of the library's functions (`StreamSfmError.hint`), most of which are options by that name,
+# and at other functions, which are commands.
+_OPTIONS = {"overwrite": "force", "rate_hz": "rate"}
 COMMANDS = {
     "replay_batch": "`stream-sfm batch DIR` replays all of a folder",
     "config_to_toml": "`stream-sfm config --expert` prints every setting",
@@ -60,55 +38,19 @@ def rewritten(words: Sequence[str]) -> list[str]:
 def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[str, str]:
     """What is wrong with a command line, and where to read on."""
     chain, _, _ = app.parse_commands(list(words))
-    return _wrong(error), f"hint: `{' '.join(['stream-sfm', *chain])} --help` lists all arguments"
+    problem = str(error)
+    return problem[:1].lower() + problem[
+        1:
+    ], f"hint: `{' '.join(['stream-sfm', *chain])} --help` lists all arguments"
 
 
-def _wrong(error: CycloptsError) -> str:
-    if isinstance(error, UnknownOptionError):
-        name = (error.token.keyword or error.token.value).partition("=")[0]
-        if name == "-":
-            return "standard input is not read: give a file"
-        return f"unknown option {name!r}{did_you_mean(name, _long(error.argument_collection))}"
-    if isinstance(error, UnknownCommandError):
-        name = (error.unused_tokens or [""])[0]
-        commands = [known for known in error.app or () if not known.startswith("-")]
-        return unknown_name("command", name, commands)
-    if isinstance(error, UnusedCliTokensError):
-        return f"unknown argument {(error.unused_tokens or [''])[0]!r}"
-    name = "" if error.argument is None else error.argument.name
-    if isinstance(error, MissingArgumentError):
-        given = error.keyword or (error.argument is not None and error.argument.tokens)
-        return f"{name}: a value is missing" if given else f"{name} is missing"
-    if isinstance(error, ValidationError):
-        return f"{name}: {error.exception_message}"
-    if isinstance(error, CoercionError):
-        value = error.token.value if error.token else ""
-        if error.msg is not None:
-            return f"{name}: {error.msg}"
-        if choices := get_args(error.target_type):
-            return unknown_name(name.lstrip("-").replace("-", " ").lower(), value, choices)
-        return f"{name}: {value!r} is not {_KINDS.get(error.target_type or str, 'valid')}"
-    return str(error).splitlines()[-1]
-
-
-_KINDS: dict[type, str] = {int: "a whole number", float: "a number", bool: "true or false"}
-
-
-def _long(arguments: Iterable[object]) -> list[str]:
-    return [name for argument in arguments for name in getattr(argument, "names", ()) if name.startswith("--")]
-
-
-def option_names(app: App, words: Sequence[str]) -> list[str]:
-    """The long names of all options of the command that was given."""
+def hint(app: App, words: Sequence[str], error: StreamSfmError) -> str:
+    """One line that says which options of the command, or which other commands, help; empty where none does."""
     _, apps, _ = app.parse_commands(list(words))
-    return _long(apps[-1].assemble_argument_collection())
-
-
-def hint(error: StreamSfmError, words: Sequence[str], known: Sequence[str]) -> str:
-    """One line that says which `known` options, or which other commands, help; empty where none does."""
-    options = [OPTIONS[name] for name in error.hint if name in OPTIONS and OPTIONS[name].split()[0] in known]
-    if words[0] == "import":
-        options = [option.replace("TOPIC", "FILES") for option in options]
+    arguments = apps[-1].assemble_argument_collection()
+    known = {name: argument.parameter.metavar for argument in arguments for name in argument.names}
+    options = [f"--{_OPTIONS.get(name, name).replace('_', '-')}" for name in error.hint]
+    options = [" ".join(filter(None, (option, known[option]))) for option in options if option in known]
     parts = [f"use {' '.join(options)}"] if options else []
     parts += [COMMANDS[name] for name in error.hint if name in COMMANDS and name != words[0]]
     return f"hint: {'; '.join(parts)}" if parts else ""

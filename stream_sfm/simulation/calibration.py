@@ -25,8 +25,6 @@ from .trials import Measured, Report, mean, ratio
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
-_FRAMES = (10, 15, 20, 25, 30)
-_STEPS = 4  # towards where a view is seen with the rig's errors; each is a hundredth of the one before
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,8 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
     amplitudes = np.concatenate([error, np.zeros(len(model) - len(error))])
     for o in sequence.observations:
         z_px = o.z_px
-        for _ in range(_STEPS if error.any() else 0):
+        # Steps towards where a view is seen with the rig's errors; each is a hundredth of the one before.
+        for _ in range(4 if error.any() else 0):
             z_px = o.z_px + model.effects(z_px) @ amplitudes
         persistence = persistence.after(o.track_ids, z_px, o.cov_px)
         result.append(replace(o, z_px=z_px, rig=RigView(model), lasting=LastingErrors(None, persistence.inflation)))
@@ -103,9 +102,12 @@ def _nees_rig(solution: Solution, error: Array) -> float:
     return float(away @ np.linalg.solve(solution.rig.cov_if_wrong[:n, :n], away))
 
 
-def condition(scene: Scene, wrong_rig: bool, frames: tuple[int, ...] = _FRAMES, share: float = 1.0) -> Condition:
+def condition(
+    scene: Scene, wrong_rig: bool, frames: tuple[int, ...] = (10, 15, 20, 25, 30), share: float = 1.0
+) -> Condition:
     """A condition of this study."""
-    return Condition(scene, frames, partial(measure, scene=scene, wrong_rig=wrong_rig, frames=frames), share)
+    trial = partial(measure, scene=scene, wrong_rig=wrong_rig, frames=frames)
+    return Condition(trial, share, scene=scene, frames=frames)
 
 
 # Row differences of real rigs scatter by 0.12 to 0.16 px.

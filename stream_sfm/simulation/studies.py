@@ -18,14 +18,12 @@ REFERENCE = "cross-frame"
 EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """A scene in which estimators are judged at `frames`: one trial; run in a `share` of the trials asked for."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition(Job):
+    """A job whose trials are of one scene, in which estimators are judged at `frames`."""
 
     scene: Scene
     frames: tuple[int, ...]
-    trial: Callable[[np.random.SeedSequence], Measured]
-    share: float = 1.0
 
 
 def of_conditions(
@@ -37,23 +35,19 @@ def of_conditions(
     `evaluate` is given the measurements of the estimator and of all; `known` is part of the report.
     """
 
-    def report(measured: dict[str, Measured]) -> Report:
-        parts = {}
-        for name, data in measured.items():
-            condition = conditions[name]
-            parts[name] = {
-                "trials": trials_of(data),
-                "frames": list(condition.frames),
-                "scene": msgspec.to_builtins(condition.scene),
-                "estimators": {
-                    label: {**evaluate(entry, data), "lost_share": float(np.isnan(entry["rotation"]).mean())}
-                    for label, entry in data.items()
-                    if label != "bound"
-                },
-            }
-        return {**known, "conditions": parts}
+    def part(name: str, data: Measured) -> Report:
+        of_each = {
+            label: {**evaluate(entry, data), "lost_share": float(np.isnan(entry["rotation"]).mean())}
+            for label, entry in data.items()
+            if label != "bound"
+        }
+        ran = {"frames": list(conditions[name].frames), "scene": msgspec.to_builtins(conditions[name].scene)}
+        return {"trials": trials_of(data), **ran, "estimators": of_each}
 
-    return Study(lambda: {name: Job(c.trial, c.share) for name, c in conditions.items()}, report)
+    def report(measured: dict[str, Measured]) -> Report:
+        return {**known, "conditions": {name: part(name, data) for name, data in measured.items()}}
+
+    return Study(lambda: conditions, report)
 
 
 def judged(
@@ -64,10 +58,9 @@ def judged(
     share: float = 1.0,
 ) -> Condition:
     """A condition in which methods are judged, with the bound or not."""
-    of_each = tuple(Method(name) for name in methods)
-    return Condition(
-        scene, frames, partial(measure, scene=scene, methods=of_each, frames=frames, bound=bound), share
-    )
+    of_each = tuple(map(Method, methods))
+    trial = partial(measure, scene=scene, methods=of_each, frames=frames, bound=bound)
+    return Condition(trial, share, scene=scene, frames=frames)
 
 
 _OF_LONG_RUNS = (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "frame-to-frame")

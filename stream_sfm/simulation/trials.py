@@ -3,7 +3,7 @@
 Ratios, means and exponents over trials have a 95 % interval by bootstrap over whole trials.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -12,9 +12,6 @@ import numpy as np
 
 from ..evaluation.relative import Interval
 from ..geometry.se3 import Array
-
-_RESAMPLES = 2000  # closed form: the ends of an interval then have a σ of 1.5 % of its length
-_PERCENTILES = [2.5, 97.5]
 
 Result = TypeVar("Result")
 Progress = Callable[[int], None]  # called with the number of trials just finished
@@ -71,7 +68,7 @@ class Job:
 class Study:
     """Jobs by name, and the report that is made of the measurements of each."""
 
-    jobs: Callable[[], dict[str, Job]]
+    jobs: Callable[[], Mapping[str, Job]]
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
@@ -92,11 +89,12 @@ class Study:
 def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:
     """Bootstrap a `statistic` that takes weights (r, n) of n trials, whose rows sum to n, and returns (r,)."""
     rng = np.random.default_rng(0)
-    weights = rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES).astype(float)
+    # 2000: the ends of an interval then have a σ of 1.5 % of its length
+    weights = rng.multinomial(n, np.full(n, 1 / n), size=2000).astype(float)
     value = float(statistic(np.ones((1, n)))[0])
     if n < 2:
         return Interval(value, value, value)
-    low, high = np.nanpercentile(statistic(weights), _PERCENTILES)
+    low, high = np.nanpercentile(statistic(weights), [2.5, 97.5])
     return Interval(value, float(low), float(high))
 
 

@@ -238,7 +238,7 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
     "arguments, code, says",
     [
         (["--frame", "12"], 2, "has no frame 12: the last one is 11"),
-        (["--frame", "-1"], 2, "not a whole number"),
+        (["--frame", "-1"], 2, "a whole number of at least 0"),
         (["--frame", "1", "--all"], 2, "exclude each other"),
         (["--out", "surface.obj"], 2, "must end in .ply"),
         (["--out", "nowhere/surface.ply"], 3, "the folder nowhere does not exist"),

@@ -28,23 +28,15 @@ def short(monkeypatch):
         monkeypatch.setitem(calibration.CONDITIONS, name, short)
     monkeypatch.setattr(figure6, "SCENE", dataclasses.replace(small, frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
-    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run("general", small, range(3, 6))})
+    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run(small, range(3, 6))})
     monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
     monkeypatch.setattr(rates, "BATCHES", (1, 2))
-
-
-SAID = {
-    "efficiency": "variance relative to the Cramér–Rao bound",
-    "consistency": "mean normalised squared error",
-    "calibration": "mean normalised squared error (expected: pose 6, rig 13)",
-    "figure6": "RMS errors at frame 3",
-}
 
 
 @pytest.mark.parametrize("experiment", [name for name in get_args(simulate.Experiment) if name != "rates"])
 def test_writes_results_and_figures(experiment, short, tmp_path, cli):
     captured = cli("simulate", experiment, *TRIALS, tmp_path)
-    assert SAID[experiment] in captured.out
+    assert ("cross-frame" in captured.out) == (experiment != "figure6")  # which is a picture
     report = json.loads((tmp_path / "results.json").read_text())
     assert (report["experiment"], report["trials"], report["seed"]) == (experiment, 2, 0)
     pictures = {path.name: path for path in tmp_path.glob("figure6.*")}
@@ -58,8 +50,14 @@ def test_writes_results_and_figures(experiment, short, tmp_path, cli):
 def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, cli):
     report = sfm.simulate("rates", trials=2, workers=1)
     captured = cli("simulate", "rates", *TRIALS, tmp_path)
-    assert "exact theory" in captured.out and report == json.loads((tmp_path / "results.json").read_text())
-    assert set(report["table"][0]["exponents"]) == {"cross-frame", "cross-frame-wc", "cross-frame-cc"}
+    assert "general slow rotation exponents" in captured.out and report == json.loads(
+        (tmp_path / "results.json").read_text()
+    )
+    assert set(report["table"]["general_slow rotation"]["exponents"]) == {
+        "cross-frame",
+        "cross-frame-wc",
+        "cross-frame-cc",
+    }
     over_window = report["estimators_over_window"]["variance_over_bound"]["cross-frame-cc"]["rotation"]
     assert len(over_window) == len(rates.BATCHES) and all(v["low"] <= v["value"] <= v["high"] for v in over_window)
     over_span = report["estimators_over_span"]["variance_relative"]["cross-frame-wc"]["position"]
