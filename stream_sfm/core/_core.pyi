@@ -42,6 +42,12 @@ TimedPoints = tuple[Array, Array, Array]
 # Tracks whose patches should be in a new frame: slots (n,), points (n, 4), slopes (n, 2), positions (n, 2) and right
 # columns (n,) where alignment starts, warps (n, 3, 2) of both images, and the twist (6,) of the points.
 Sought = tuple[Pixels, Array, Array, Array, Array, Array, Array, Array]
+# The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
+# errors (m,).
+WindowState = tuple[Array, Pixels, Array, Array, Array]
+# Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Errors of the
+# rig move a view by terms (V, 4, t) and by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
+WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array]
 
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
     """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
@@ -89,6 +95,9 @@ def match_new_points(
 
 def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
     """Return which of `ids` (n,) are in `known`, which is ascending."""
+
+def times_among(ids: Pixels, others: Pixels, counted: Mask) -> NDArray[np.int64]:
+    """Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`."""
 
 def union_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return ids (n,), in any order, ascending and each once."""
@@ -402,10 +411,10 @@ def log_evidence(information: Array, weighted: Array, variances: Array) -> Array
     Of n independent ones, from the information that views have about each and their sum weighted by it.
     """
 
-def window_points(cams_from_ref: Array, ref_from_anchor: Array, q: Array, frame: Pixels, point: Pixels) -> Array:
-    """Return homogeneous points (V, 4), in front of the cameras, of views of points q, eq. (24).
+def points_of_views(state: WindowState, views: WindowViews) -> Array:
+    """Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
-    `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3); `frame` and `point` (V,): indices of these.
+    Views of points that the state does not have are left out, here and in what follows.
     """
 
 def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
@@ -414,44 +423,16 @@ def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
     q (n, 3) in anchors (n, 4, 4).
     """
 
-def window_residuals(
-    pinholes: Pinholes,
-    cams_from_ref: Array,
-    ref_from_anchor: Array,
-    q: Array,
-    rig_error: Array,
-    frame: Pixels,
-    point: Pixels,
-    z_px: Array,
-    root: Array,
-    terms: Array,
-    field: Array,
-    moves: Array,
-) -> Array:
-    """Return the whitened residuals (V, 4) of the views of a window.
+def views_within_gates(
+    pinholes: Pinholes, state: WindowState, views: WindowViews, gate_of_one: float, gate_of_both: float
+) -> Mask:
+    """Return which views (V,) are used and agree with the state, each by its own covariance, as `weight` has it.
 
-    State as in `window_points`, with the rig's errors (m,); views (V, 4) with whitening roots (V, 4, 4). Errors move a
-    view by `terms` (V, 4, t) and by the parts of a field: `moves` (4, p) ⊗ `field` (V, K), m = t + p K.
+    Gates of squared residuals of views from one side, and from both.
     """
 
-def normal_blocks(
-    pinholes: Pinholes,
-    cams_from_ref: Array,
-    ref_from_anchor: Array,
-    q: Array,
-    rig_error: Array,
-    frame: Pixels,
-    point: Pixels,
-    z_px: Array,
-    root: Array,
-    terms: Array,
-    field: Array,
-    moves: Array,
-) -> tuple[Array, ...]:
-    """Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71): the arrays of `NormalBlocks`.
-
-    Arguments as of `window_residuals`.
-    """
+def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews) -> tuple[Array, ...]:
+    """Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71): the arrays of `NormalBlocks`."""
 
 def row_terms(size: tuple[float, float], field: Field, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, 7 + K) of views at (n, 2), eq. (19).
@@ -508,34 +489,47 @@ def invert_triangle(lower: Array, scale: Array) -> Array:
 def scaled_by_diagonal(matrix: Array) -> tuple[Array, Array]:
     """Return S A S (n, n) with a diagonal of ones, and that of S (n,), which is 1 where A's is not positive."""
 
-def eliminate_points(
-    v: Array, w: Array, by_rig: Array, known: Pixels, cov: Array, modes: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27) and (30).
+def eliminate_points(v: Array, w: Array) -> tuple[Array, Array]:
+    """Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
-    Blocks of the views `v` (P, 3, 3), `w` (P, 3, 6F) and `by_rig` (P, 3, m), with the last m modes; of the prior, over
-    points `known` (N,), D = `cov` (N, 3, 3) and F = `modes` (N, 3, k). Returns D⁻¹ (N, 3, 3), D⁻¹F (N, 3, k), lower
-    roots (P, 3, 3) of the covariances of points given the others, and rootsᵀ times what couples points to these
-    (P, 3, 6F + k). Raises LinAlgError where information is not definite.
+    Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.
+    """
+
+def window_system(
+    blocks: tuple[Array, ...], prior: tuple[Pixels, Array, Array, Array], q: Array, amplitudes: Array
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27), (30) and (71).
+
+    `blocks`: the arrays of `NormalBlocks`, at q (P, 3). The prior: known (N,), the rows of its points, with their mean
+    (N, 3), D (N, 3, 3) and modes F (N, 3, k), at `amplitudes` (k,); the last m modes are those of the rig's errors.
+    Returns H (n, n), its lower triangle, of the views alone; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
+    are to be added; lower roots (P, 3, 3) of the covariances of points given the others; rootsᵀ times what couples
+    points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
+    and that of the others (n,). What is known beforehand of the amplitudes of the rig's errors is not in it. Raises
+    LinAlgError where information is not definite.
+    """
+
+def point_covariances(
+    std_given: Array, own: Array, of_rig: Array, own_both: Array, rig_both: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return covariances of points, eq. (28), from what reaches them.
+
+    Roots L (P, 3, 3) of their covariances given the others; of the others' roots, in units of it, those of their `own`
+    (P, 3, k) and of the rig's errors (P, 3, m); and each times the roots of pose and world (P, 3, 12). Returns Σ_qq
+    (P, 3, 3) and Σ_q,both (P, 3, 12), and both given the rig's errors.
     """
 
 def point_marginals(
-    ref_from_anchor: Array,
-    q: Array,
-    finite: Mask,
-    qq: Array,
-    qx: Array,
-    qw: Array,
-    xx: Array,
-    ww: Array,
-    q_by_rig: Array,
-    x_by_rig: Array,
+    points: tuple[Array, Array, Mask],
+    cov: tuple[Array, Array, Array],
+    cov_given: tuple[Array, Array, Array],
     world_from_ref: Array,
     cam_from_ref: Array,
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return points in the newest camera and in the world, each with covariances, eqs. (37) to (41).
 
-    Points q (P, 3) in anchors (P, 4, 4), `finite` (P,): in metres; blocks of the covariance as in `JointCovariance`,
-    without that between pose and world; poses (4, 4). Returns q in the camera (P, 3), its covariance (P, 3, 3) given
-    the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3).
+    Points: anchors (P, 4, 4), q (P, 3), and which (P,) are finite: in metres. Blocks of the covariance as in
+    `JointCovariance`, and those given the rig's errors; poses (4, 4). Returns q in the camera (P, 3), its covariance
+    (P, 3, 3) given the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances
+    (P, 3, 3).
     """

@@ -14,6 +14,18 @@ Array<bool, 1> among(const Indices& ids, const Indices& known) {
     return result;
 }
 
+Array<std::int64_t, 1> times_among(const Indices& ids, const Indices& others, const View<bool, 1>& counted) {
+    require_shape(counted, {others.shape[0]}, "counted");
+    Array<std::int64_t, 1> result({ids.shape[0]});
+    const std::int64_t* end = ids.data + ids.shape[0];
+    for (std::size_t i = 0; i < others.shape[0]; i++) {
+        if (!counted.data[i]) continue;
+        const std::int64_t* at = std::lower_bound(ids.data, end, others.data[i]);
+        if (at != end && *at == others.data[i]) result.data[at - ids.data]++;
+    }
+    return result;
+}
+
 Array<std::int64_t, 1> union_of(const Indices& ids) {
     std::vector<std::int64_t> sorted(ids.data, ids.data + ids.shape[0]);
     std::sort(sorted.begin(), sorted.end());

@@ -1,7 +1,6 @@
 // Marginal estimates of the points of a window, in its newest camera and in the world, eqs. (37) to (41).
 
 #include <algorithm>
-#include <vector>
 
 #include "algebra.hpp"
 #include "stages.hpp"
@@ -36,6 +35,18 @@ void propagate(const double* jq, const double* qq, const double* jy, const doubl
         }
 }
 
+// The Gram matrix (3, 3) of rows (3, k).
+void gram(const double* rows, std::size_t k, double* out) {
+    const double *x = rows, *y = rows + k, *z = rows + 2 * k;
+    double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+    for (std::size_t i = 0; i < k; i++) {
+        xx += x[i] * x[i], xy += x[i] * y[i], xz += x[i] * z[i];
+        yy += y[i] * y[i], yz += y[i] * z[i], zz += z[i] * z[i];
+    }
+    const double all[9] = {xx, xy, xz, xy, yy, yz, xz, yz, zz};
+    std::copy(all, all + 9, out);
+}
+
 // ∂X/∂P (3, 4) of the metric point X = P₁..₃/ρ, eq. (38), times b (4, 3).
 void metric_by(const double* point, const double* b, double* out) {
     double inverse = 1 / point[3];
@@ -45,19 +56,47 @@ void metric_by(const double* point, const double* b, double* out) {
 
 }  // namespace
 
-PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& cov, const View<double, 2>& world_from_ref,
-                               const View<double, 2>& cam_from_ref) {
-    std::size_t n = of.q.shape[0], m = cov.x_by_rig.shape[1];
+PointCovariances point_covariances(const View<double, 3>& std_given, const View<double, 3>& own, const View<double, 3>& of_rig,
+                                   const View<double, 3>& own_both, const View<double, 3>& rig_both) {
+    std::size_t n = std_given.shape[0], k = own.shape[2], m = of_rig.shape[2];
+    require_shape(std_given, {n, 3, 3}, "std_given");
+    require_shape(own, {n, 3, k}, "own");
+    require_shape(of_rig, {n, 3, m}, "of_rig");
+    require_shape(own_both, {n, 3, 12}, "own_both");
+    require_shape(rig_both, {n, 3, 12}, "rig_both");
+    PointCovariances result{Array<double, 3>({n, 3, 3}), Array<double, 3>({n, 3, 12}), Array<double, 3>({n, 3, 3}),
+                            Array<double, 3>({n, 3, 12})};
+    for (std::size_t i = 0; i < n; i++) {
+        double given[9], by_rig[9], half[9], with_both[36], minus[9];
+        gram(own[i], k, given);
+        gram(of_rig[i], m, by_rig);
+        for (int x = 0; x < 9; x++) {
+            given[x] += x % 4 == 0 ? 1.0 : 0.0;
+            by_rig[x] += given[x];
+            minus[x] = -std_given[i][x];
+        }
+        for (int x = 0; x < 36; x++) with_both[x] = own_both[i][x] + rig_both[i][x];
+        multiply<3, 3>(std_given[i], given, half);
+        multiply<3, 3>(half, std_given[i], result.qq_given[i], true);
+        multiply<3, 3>(std_given[i], by_rig, half);
+        multiply<3, 3>(half, std_given[i], result.qq[i], true);
+        multiply<3, 12>(minus, own_both[i], result.q_both_given[i]);
+        multiply<3, 12>(minus, with_both, result.q_both[i]);
+    }
+    return result;
+}
+
+PointMarginals point_marginals(const WindowPoints& of, const JointCovariance& cov, const JointCovariance& given,
+                               const View<double, 2>& world_from_ref, const View<double, 2>& cam_from_ref) {
+    std::size_t n = of.q.shape[0];
     require_shape(of.ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(of.q, {n, 3}, "q");
     require_shape(of.finite, {n}, "finite");
-    require_shape(cov.qq, {n, 3, 3}, "qq");
-    require_shape(cov.qx, {n, 3, 6}, "qx");
-    require_shape(cov.qw, {n, 3, 6}, "qw");
-    require_shape(cov.q_by_rig, {n, 3, m}, "q_by_rig");
-    require_shape(cov.xx, {6, 6}, "xx");
-    require_shape(cov.ww, {6, 6}, "ww");
-    require_shape(cov.x_by_rig, {6, m}, "x_by_rig");
+    for (const JointCovariance* each : {&cov, &given}) {
+        require_shape(each->qq, {n, 3, 3}, "qq");
+        require_shape(each->q_both, {n, 3, 12}, "q_both");
+        require_shape(each->both, {12, 12}, "both");
+    }
     require_shape(world_from_ref, {4, 4}, "world_from_ref");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
     PointMarginals result{Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}), Array<double, 2>({n, 3}),
@@ -65,7 +104,13 @@ PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& c
     const double* world = world_from_ref.data;
     double turn[9];
     for (int k = 0; k < 9; k++) turn[k] = world[4 * (k / 3) + k % 3];
-    std::vector<double> by_rig(3 * m);
+    auto columns_of = [](const double* rows, int first, int count, double* out) {  // columns of the pose, or of the world
+        for (int row = 0; row < count; row++) std::copy(rows + 12 * row + first, rows + 12 * row + first + 6, out + 6 * row);
+    };
+    double xx[36], ww[36], xx_given[36];
+    columns_of(cov.both.data, 0, 6, xx);
+    columns_of(cov.both.data + 72, 6, 6, ww);
+    columns_of(given.both.data, 0, 6, xx_given);
     for (std::size_t i = 0; i < n; i++) {
         const double *anchor = of.ref_from_anchor[i], *q = of.q[i];
         double in_anchor[4] = {q[0], q[1], 1.0, q[2]}, in_ref[4], p[4];
@@ -88,21 +133,12 @@ PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& c
         for (int row = 0; row < 3; row++) k[4 * row + 2] = -seen[row] * inverse;
         multiply<4, 3>(k, cam_by_q, by_q);
         for (int row = 0; row < 3; row++) by_motion(k + 4 * row, p, by_x + 6 * row);
-        double cov_q[9];
-        propagate(by_q, cov.qq[i], by_x, cov.xx.data, cov.qx[i], cov_q);
-        for (std::size_t row = 0; row < 3; row++)
-            for (std::size_t c = 0; c < m; c++) {
-                double sum = 0;
-                for (std::size_t j = 0; j < 3; j++) sum += by_q[3 * row + j] * cov.q_by_rig[i][j * m + c];
-                for (std::size_t j = 0; j < 6; j++) sum += by_x[6 * row + j] * cov.x_by_rig[j][c];
-                by_rig[row * m + c] = sum;
-            }
-        for (std::size_t row = 0; row < 3; row++)
-            for (std::size_t c = 0; c < 3; c++) {
-                double sum = 0;
-                for (std::size_t j = 0; j < m; j++) sum += by_rig[row * m + j] * by_rig[c * m + j];
-                result.cov_q_in_cam[i][3 * row + c] = cov_q[3 * row + c] - sum;
-            }
+        double cov_q[9], qx[18], qx_given[18], qw[18];
+        columns_of(cov.q_both[i], 0, 3, qx);
+        columns_of(cov.q_both[i], 6, 3, qw);
+        columns_of(given.q_both[i], 0, 3, qx_given);
+        propagate(by_q, cov.qq[i], by_x, xx, qx, cov_q);
+        propagate(by_q, given.qq[i], by_x, xx_given, qx_given, result.cov_q_in_cam[i]);
         std::copy(seen, seen + 3, result.q_in_cam[i]);
 
         double here[4] = {seen[0], seen[1], 1.0, of.finite.data[i] ? seen[2] : 1.0};
@@ -124,7 +160,7 @@ PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& c
         of_world[4] = metric[2], of_world[5] = -metric[1], of_world[9] = -metric[2];
         of_world[11] = metric[0], of_world[15] = metric[1], of_world[16] = -metric[0];
         multiply<3, 6>(turn, of_world, world_by_w);
-        propagate(world_by_q, cov.qq[i], world_by_w, cov.ww.data, cov.qw[i], result.cov_points_in_world[i]);
+        propagate(world_by_q, cov.qq[i], world_by_w, ww, qw, result.cov_points_in_world[i]);
         for (int c = 0; c < 3; c++)
             result.points_in_world[i][c] = turn[3 * c] * metric[0] + turn[3 * c + 1] * metric[1] + turn[3 * c + 2] * metric[2] + world[4 * c + 3];
     }

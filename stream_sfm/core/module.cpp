@@ -139,6 +139,21 @@ template <>
 struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
                                          View<double, 3>, View<double, 3>, View<double, 1>> {};
 
+template <>
+struct Argument<WindowState> : RecordArgument<WindowState, View<double, 3>, Indices, View<double, 3>, View<double, 2>, View<double, 1>> {};
+template <>
+struct Argument<WindowViews> : RecordArgument<WindowViews, Indices, Indices, View<bool, 1>, View<double, 2>, View<double, 2>,
+                                              View<double, 3>, View<double, 3>, View<double, 2>, View<double, 2>> {};
+template <>
+struct Argument<BlockViews> : RecordArgument<BlockViews, View<double, 3>, View<double, 3>, View<double, 3>, View<double, 2>,
+                                             View<double, 2>, View<double, 2>, View<double, 3>, View<double, 3>, View<double, 1>> {};
+template <>
+struct Argument<PriorViews> : RecordArgument<PriorViews, Indices, View<double, 2>, View<double, 3>, View<double, 3>> {};
+template <>
+struct Argument<JointCovariance> : RecordArgument<JointCovariance, View<double, 3>, View<double, 3>, View<double, 2>> {};
+template <>
+struct Argument<WindowPoints> : RecordArgument<WindowPoints, View<double, 3>, View<double, 2>, View<bool, 1>> {};
+
 template <auto Stage>
 struct Bound;
 template <class Result, class... Taken, Result (*Stage)(Taken...)>
@@ -148,19 +163,6 @@ struct Bound<Stage> {
         return result([&] { return std::apply(Stage, taken); });
     }
 };
-
-// A stage that takes the state and the views of a window.
-template <class Stage>
-void def_of_window(nb::module_& m, const char* name, Stage stage) {
-    m.def(name, [stage](const nb::tuple& camera, const Blocks& cams, const Blocks& anchors, const Floats& q, const Numbers& rig_error,
-                        const Rows& frame, const Rows& point, const Floats& z, const Blocks& root, const Blocks& terms,
-                        const Floats& field, const Floats& moves) {
-        Pinholes of = pinholes(camera);
-        WindowState state{view(cams), view(anchors), view(q), view(rig_error)};
-        WindowViews views{view(frame), view(point), view(z), view(root), view(terms), view(field), view(moves)};
-        return result([&] { return stage(of, state, views); });
-    });
-}
 
 // Stages that take images of one type of pixels.
 template <class T, class OfImage>
@@ -209,15 +211,6 @@ NB_MODULE(_core, m) {
     m.def("polynomial_rows", [](double width, double height, const Floats& z, const Blocks& coefficients) {
         return result([&] { return polynomial_rows({width, height}, view(z), view(coefficients)); });
     });
-    m.def("point_marginals", [](const Blocks& anchors, const Floats& q, const In<bool, 1>& finite, const Blocks& qq, const Blocks& qx,
-                                const Blocks& qw, const Floats& xx, const Floats& ww, const Blocks& q_by_rig, const Floats& x_by_rig,
-                                const Floats& world_from_ref, const Floats& cam_from_ref) {
-        return result([&] {
-            return point_marginals({view(anchors), view(q), view(finite)},
-                                   {view(qq), view(qx), view(qw), view(q_by_rig), view(xx), view(ww), view(x_by_rig)},
-                                   view(world_from_ref), view(cam_from_ref));
-        });
-    });
     m.def("linearise_views", &Bound<&linearise_views>::call);
     m.def("view_residuals", &Bound<&view_residuals>::call);
     m.def("fit_motion", &Bound<&fit_motion>::call);
@@ -225,8 +218,12 @@ NB_MODULE(_core, m) {
     m.def("resect", &Bound<&resect>::call);
     m.def("evidence", &Bound<&evidence>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
-    def_of_window(m, "window_residuals", &window_residuals);
-    def_of_window(m, "normal_blocks", &normal_blocks);
+    m.def("views_within_gates", &Bound<&views_within_gates>::call);
+    m.def("normal_blocks", &Bound<&normal_blocks>::call);
+    m.def("points_of_views", &Bound<&points_of_views>::call);
+    m.def("window_system", &Bound<&window_system>::call);
+    m.def("point_covariances", &Bound<&point_covariances>::call);
+    m.def("point_marginals", &Bound<&point_marginals>::call);
     m.def("new_corners", &Bound<&new_corners>::call);
     m.def("project_points", &Bound<&project_points>::call);
     m.def("row_terms", &Bound<&row_terms>::call);
@@ -237,6 +234,7 @@ NB_MODULE(_core, m) {
     m.def("twists", &Bound<&twists>::call);
     m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);
+    m.def("times_among", &Bound<&times_among>::call);
     m.def("union_of", &Bound<&union_of>::call);
     m.def("row_errors_of_tracks", &Bound<&row_errors_of_tracks>::call);
     m.def("view_inflation", &Bound<&view_inflation>::call);
@@ -269,7 +267,6 @@ NB_MODULE(_core, m) {
     m.def("orthonormalise", &Bound<&orthonormalise>::call);
     m.def("multiply_blocks", &Bound<&multiply_blocks>::call);
     m.def("invert_triangle", &Bound<&invert_triangle>::call);
-    m.def("window_points", &Bound<&window_points>::call);
     m.def("q_by_reference", &Bound<&q_by_reference>::call);
     m.def("eliminate_points", &Bound<&eliminate_points>::call);
 }

@@ -148,6 +148,7 @@ Array<double, 2> view_inflation(const Indices& ages, double ratio_left, double r
 
 // ids.cpp
 Array<bool, 1> among(const Indices& ids, const Indices& known);
+Array<std::int64_t, 1> times_among(const Indices& ids, const Indices& others, const View<bool, 1>& counted);
 Array<std::int64_t, 1> union_of(const Indices& ids);
 
 // png.cpp
@@ -332,13 +333,16 @@ Scaled scaled_by_diagonal(const View<double, 2>& matrix);
 
 // window.cpp
 struct WindowState {
-    View<double, 3> cams_from_ref, ref_from_anchor;
+    View<double, 3> cams_from_ref;
+    Indices ids;
+    View<double, 3> ref_from_anchor;
     View<double, 2> q;
     View<double, 1> rig_error;
 };
 struct WindowViews {
-    Indices frame, point;
-    View<double, 2> z;
+    Indices frame, ids;
+    View<bool, 1> used;
+    View<double, 2> z, weight;
     View<double, 3> root, terms;
     View<double, 2> field, moves;
 };
@@ -349,27 +353,52 @@ struct NormalBlocks {
     Array<double, 1> g_rig;
     auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
 };
-Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<double, 3>& ref_from_anchor,
-                               const View<double, 2>& q, const Indices& frame, const Indices& point);
+Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
-Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
+                                  double of_both);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+
+// elimination.cpp
+struct BlockViews {
+    View<double, 3> u, v, w;
+    View<double, 2> g_pose, g_point, rig;
+    View<double, 3> rig_pose, rig_point;
+    View<double, 1> g_rig;
+};
+struct PriorViews {
+    Indices known;
+    View<double, 2> mean;
+    View<double, 3> cov, modes;
+};
+struct EliminatedPoints {
+    Array<double, 3> root, reach;
+    auto parts() { return std::tie(root, reach); }
+};
+struct WindowSystem {
+    Array<double, 2> h;
+    Array<double, 3> modes, std_given, reach;
+    Array<double, 2> given;
+    Array<double, 1> g;
+    auto parts() { return std::tie(h, modes, std_given, reach, given, g); }
+};
+EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w);
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q,
+                           const View<double, 1>& amplitudes);
+
+// marginals.cpp
 struct WindowPoints {
     View<double, 3> ref_from_anchor;
     View<double, 2> q;
     View<bool, 1> finite;
 };
-struct EliminatedPoints {
-    Array<double, 3> d_inverse, pull, std_given, reach;
-    auto parts() { return std::tie(d_inverse, pull, std_given, reach); }
-};
-EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w, const View<double, 3>& by_rig,
-                                  const Indices& known, const View<double, 3>& cov, const View<double, 3>& modes);
-
-// marginals.cpp
 struct PointCovariances {
-    View<double, 3> qq, qx, qw, q_by_rig;
-    View<double, 2> xx, ww, x_by_rig;
+    Array<double, 3> qq, q_both, qq_given, q_both_given;
+    auto parts() { return std::tie(qq, q_both, qq_given, q_both_given); }
+};
+struct JointCovariance {
+    View<double, 3> qq, q_both;
+    View<double, 2> both;
 };
 struct PointMarginals {
     Array<double, 2> q_in_cam;
@@ -380,7 +409,9 @@ struct PointMarginals {
     Array<double, 3> cov_points_in_world;
     auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world); }
 };
-PointMarginals point_marginals(const WindowPoints& of, const PointCovariances& cov, const View<double, 2>& world_from_ref,
-                               const View<double, 2>& cam_from_ref);
+PointCovariances point_covariances(const View<double, 3>& std_given, const View<double, 3>& own, const View<double, 3>& of_rig,
+                                   const View<double, 3>& own_both, const View<double, 3>& rig_both);
+PointMarginals point_marginals(const WindowPoints& of, const JointCovariance& cov, const JointCovariance& given,
+                               const View<double, 2>& world_from_ref, const View<double, 2>& cam_from_ref);
 
 }  // namespace core

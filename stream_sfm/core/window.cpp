@@ -1,10 +1,12 @@
-// The views of a window of frames: whitened residuals, Gauss-Newton normal equations, and points eliminated from them.
+// The views of a window of frames: whitened residuals, gates, and Gauss-Newton normal equations.
 //
 // Points are q = (X/Z, Y/Z, 1/Z) in their anchors, C (q₁, q₂, 1, q₃)ᵀ in the reference camera, eq. (24). Errors c of the
 // rig move a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products with
 // the field cost what those with one part of it do.
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -22,28 +24,56 @@ inline void add(double a, const double* x, std::size_t n, double* out) {
     for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
 }
 
-void check(const View<double, 3>& cams, const View<double, 3>& anchors, const View<double, 2>& q, const Indices& frame,
-           const Indices& point) {
-    std::size_t frames = cams.shape[0], points = q.shape[0];
-    require_shape(cams, {frames, 4, 4}, "cams_from_ref");
-    require_shape(anchors, {points, 4, 4}, "ref_from_anchor");
-    require_shape(q, {points, 3}, "q");
-    require_shape(point, {frame.shape[0]}, "point");
-    for (std::size_t i = 0; i < frame.shape[0]; i++)
-        require(static_cast<std::uint64_t>(frame.data[i]) < frames && static_cast<std::uint64_t>(point.data[i]) < points,
-                "a view is of no frame or of no point of the window");
-}
+constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
 
-void check(const WindowState& state, const WindowViews& views) {
-    check(state.cams_from_ref, state.ref_from_anchor, state.q, views.frame, views.point);
+// Rows of points by their ids, both ascending; fast where they are asked for in that order.
+struct Lookup {
+    const Indices& ids;
+    std::size_t at = 0;
+    std::int64_t before = std::numeric_limits<std::int64_t>::min();
+
+    std::size_t row(std::int64_t id) {
+        if (id < before) at = 0;
+        before = id;
+        while (at < ids.shape[0] && ids.data[at] < id) at++;
+        return at < ids.shape[0] && ids.data[at] == id ? at : NONE;
+    }
+};
+
+// A view that counts: its row, and those of its frame and of its point.
+struct Seen {
+    std::size_t view, frame, point;
+};
+
+// The views in use of points of the state; the others are left out.
+std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     std::size_t n = views.frame.shape[0], terms = views.terms.shape[2], parts = views.moves.shape[1];
+    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0];
+    require_shape(state.cams_from_ref, {frames, 4, 4}, "cams_from_ref");
+    require_shape(state.ids, {points}, "ids");
+    require_shape(state.ref_from_anchor, {points, 4, 4}, "ref_from_anchor");
+    require_shape(state.q, {points, 3}, "q");
+    require_shape(views.ids, {n}, "ids");
+    require_shape(views.used, {n}, "used");
     require_shape(views.z, {n, 4}, "z_px");
     require_shape(views.root, {n, 4, 4}, "root");
+    require_shape(views.weight, {n, 4}, "weight");
     require_shape(views.terms, {n, 4, terms}, "terms");
     require_shape(views.field, {n, views.field.shape[1]}, "field");
     require_shape(views.moves, {4, parts}, "moves");
     require(parts <= MAX_PARTS, "the field has too many parts");
     require_shape(state.rig_error, {terms + parts * views.field.shape[1]}, "rig_error");
+    std::vector<Seen> result;
+    result.reserve(n);
+    Lookup points_of_map{state.ids};
+    for (std::size_t i = 0; i < n; i++) {
+        if (!views.used.data[i]) continue;
+        auto frame = static_cast<std::uint64_t>(views.frame.data[i]);
+        require(frame < frames, "a view is of no frame of the window");
+        std::size_t point = points_of_map.row(views.ids.data[i]);
+        if (point != NONE) result.push_back({i, frame, point});
+    }
+    return result;
 }
 
 // The point of a view in the reference camera, eq. (24), and in its own.
@@ -54,11 +84,11 @@ void points_of(const double* anchor, const double* q, const double* cam, double*
     clamp_depth(in_cam);
 }
 
-// The whitened residual (4,) of view i, and its point in the camera.
-void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i, double* in_cam,
+// The whitened residual (4,) of a view, and its point in the camera.
+void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen, double* in_cam,
               double* r) {
-    auto at = static_cast<std::size_t>(views.point.data[i]);
-    points_of(state.ref_from_anchor[at], state.q[at], state.cams_from_ref[static_cast<std::size_t>(views.frame.data[i])], in_cam);
+    std::size_t i = seen.view;
+    points_of(state.ref_from_anchor[seen.point], state.q[seen.point], state.cams_from_ref[seen.frame], in_cam);
     std::size_t terms = views.terms.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     double z[4];
     project(pinholes, in_cam, z);
@@ -78,14 +108,11 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
 
 }  // namespace
 
-Array<double, 2> window_points(const View<double, 3>& cams_from_ref, const View<double, 3>& ref_from_anchor,
-                               const View<double, 2>& q, const Indices& frame, const Indices& point) {
-    check(cams_from_ref, ref_from_anchor, q, frame, point);
-    Array<double, 2> result({frame.shape[0], 4});
-    for (std::size_t i = 0; i < frame.shape[0]; i++) {
-        auto at = static_cast<std::size_t>(point.data[i]);
-        points_of(ref_from_anchor[at], q[at], cams_from_ref[static_cast<std::size_t>(frame.data[i])], result[i]);
-    }
+Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views) {
+    std::vector<Seen> seen = seen_by(state, views);
+    Array<double, 2> result({seen.size(), 4});
+    for (std::size_t i = 0; i < seen.size(); i++)
+        points_of(state.ref_from_anchor[seen[i].point], state.q[seen[i].point], state.cams_from_ref[seen[i].frame], result[i]);
     return result;
 }
 
@@ -106,16 +133,24 @@ Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const Vi
     return result;
 }
 
-Array<double, 2> window_residuals(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
-    check(state, views);
-    Array<double, 2> result({views.frame.shape[0], 4});
-    double in_cam[4];
-    for (std::size_t i = 0; i < views.frame.shape[0]; i++) residual(pinholes, state, views, i, in_cam, result[i]);
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
+                                  double of_both) {
+    Array<bool, 1> result({views.frame.shape[0]});
+    for (const Seen& seen : seen_by(state, views)) {
+        double in_cam[4], r[4], sum = 0;
+        residual(pinholes, state, views, seen, in_cam, r);
+        for (int c = 0; c < 4; c++) {
+            double own = r[c] / views.weight[seen.view][c];
+            sum += own * own;
+        }
+        bool both = views.root[seen.view][10] != 0;  // of u_right
+        result.data[seen.view] = !(sum > (both ? of_both : of_one));
+    }
     return result;
 }
 
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
-    check(state, views);
+    const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
     std::size_t terms = views.terms.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     NormalBlocks blocks{Array<double, 3>({frames, 6, 6}), Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, 6 * frames}),
@@ -124,20 +159,20 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     // A view's four whitened rows: by pose (6), residual (1), by terms, by parts of the field, by point (3).
     const std::size_t own = 7 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
     std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);
-    std::vector<double> of_frame(own * own), of_field(own * parts * basis), of_squares(pairs * basis * basis);
+    std::vector<double> phis(CHUNK * basis), of_frame(own * own), of_field(own * parts * basis), of_squares(pairs * basis * basis);
     double *rig = blocks.rig.data.get(), *g_rig = blocks.g_rig.data.get();
-    std::size_t n = views.frame.shape[0], next = 0;
+    std::size_t n = seen.size(), next = 0;
     for (std::size_t first = 0; first < n; first = next) {
-        auto f = static_cast<std::size_t>(views.frame.data[first]);
-        while (next < n && next < first + CHUNK && views.frame.data[next] == views.frame.data[first]) next++;
-        for (std::size_t i = first; i < next; i++) {
-            auto at = static_cast<std::size_t>(views.point.data[i]);
+        std::size_t f = seen[first].frame;
+        while (next < n && next < first + CHUNK && seen[next].frame == f) next++;
+        for (std::size_t slot = 0; slot < next - first; slot++) {
+            std::size_t i = seen[first + slot].view, at = seen[first + slot].point;
             const double *cam = state.cams_from_ref[f], *anchor = state.ref_from_anchor[at], *root = views.root[i];
-            const double* phi = views.field[i];
-            double *j = rows.data() + (i - first) * 4 * columns, *parted = with_parts.data() + (i - first) * own * parts;
-            double *square = squares.data() + (i - first) * pairs * basis, *w = blocks.w[at] + 6 * f, *by_rig = blocks.rig_point[at];
+            const double* phi = std::copy(views.field[i], views.field[i] + basis, phis.data() + slot * basis) - basis;
+            double *j = rows.data() + slot * 4 * columns, *parted = with_parts.data() + slot * own * parts;
+            double *square = squares.data() + slot * pairs * basis, *w = blocks.w[at] + 6 * f, *by_rig = blocks.rig_point[at];
             double p[4], r[4], a[16], by_cam[16], by_ref[16], by_anchor[16], q_by_parts[3 * MAX_PARTS] = {};
-            residual(pinholes, state, views, i, p, r);
+            residual(pinholes, state, views, seen[first + slot], p, r);
             jacobian(pinholes, p, a);
             multiply(root, a, by_cam);
             multiply(by_cam, cam, by_ref);
@@ -179,12 +214,12 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
                     for (std::size_t k = 0; k < basis; k++) square[k] = both * phi[k];
                 }
         }
-        std::size_t seen = next - first;
-        Rows all{rows.data(), columns}, field{views.field[first], basis};
-        add_product(all, own, all, own, 4 * seen, own, of_frame.data());
-        add_product({with_parts.data(), own * parts}, own * parts, field, basis, seen, 0, of_field.data());
-        add_product({squares.data(), pairs * basis}, pairs * basis, field, basis, seen, basis, of_squares.data());
-        if (next < n && views.frame.data[next] == views.frame.data[first]) continue;
+        std::size_t count = next - first;
+        Rows all{rows.data(), columns}, field{phis.data(), basis};
+        add_product(all, own, all, own, 4 * count, own, of_frame.data());
+        add_product({with_parts.data(), own * parts}, own * parts, field, basis, count, 0, of_field.data());
+        add_product({squares.data(), pairs * basis}, pairs * basis, field, basis, count, basis, of_squares.data());
+        if (next < n && seen[next].frame == f) continue;
         auto add_by_rig = [&](std::size_t x, double* out) {  // out += the product of column x with all of the rig's
             add(1.0, of_frame.data() + x * own + 7, terms, out);
             add(1.0, of_field.data() + x * parts * basis, parts * basis, out + terms);
@@ -209,48 +244,6 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     for (std::size_t x = 0; x < m; x++)
         for (std::size_t y = x + 1; y < m; y++) rig[y * m + x] = rig[x * m + y];
     return blocks;
-}
-
-EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w, const View<double, 3>& by_rig,
-                                  const Indices& known, const View<double, 3>& cov, const View<double, 3>& modes) {
-    std::size_t points = v.shape[0], n = cov.shape[0], k = modes.shape[2], poses = w.shape[2], m = by_rig.shape[2];
-    require_shape(v, {points, 3, 3}, "v");
-    require_shape(w, {points, 3, poses}, "w");
-    require_shape(by_rig, {points, 3, m}, "by_rig");
-    require_shape(known, {n}, "known");
-    require_shape(cov, {n, 3, 3}, "cov");
-    require_shape(modes, {n, 3, k}, "modes");
-    require(m <= k, "there are fewer modes than errors of the rig");
-    std::size_t size = poses + k;
-    EliminatedPoints result{Array<double, 3>({n, 3, 3}), Array<double, 3>({n, 3, k}), Array<double, 3>({points, 3, 3}),
-                            Array<double, 3>({points, 3, size})};
-    std::vector<double> information(v.data, v.data + 9 * points), cross(3 * size);
-    std::vector<const double*> pull(points, nullptr);
-    for (std::size_t i = 0; i < n; i++) {
-        require(static_cast<std::uint64_t>(known.data[i]) < points, "the prior knows a point that is not of the window");
-        auto at = static_cast<std::size_t>(known.data[i]);
-        double *d_inverse = result.d_inverse[i], *out = result.pull[i];
-        invert_positive<3>(cov[i], d_inverse);
-        for (int x = 0; x < 9; x++) information[9 * at + static_cast<std::size_t>(x)] += d_inverse[x];
-        for (std::size_t x = 0; x < 3; x++)
-            for (std::size_t y = 0; y < 3; y++) add(d_inverse[3 * x + y], modes[i] + y * k, k, out + x * k);
-        pull[at] = out;
-    }
-    for (std::size_t at = 0; at < points; at++) {
-        double given[9], *std_given = result.std_given[at];
-        invert_positive<3>(information.data() + 9 * at, given);
-        require_definite(cholesky<3>(given, std_given), "the information about a point is not positive definite");
-        for (std::size_t x = 0; x < 3; x++) {
-            double* out = cross.data() + x * size;
-            std::copy(w[at] + x * poses, w[at] + (x + 1) * poses, out);
-            std::fill(out + poses, out + size, 0.0);
-            if (pull[at]) add(-1.0, pull[at] + x * k, k, out + poses);
-            add(1.0, by_rig[at] + x * m, m, out + size - m);
-        }
-        for (std::size_t x = 0; x < 3; x++)  // std_givenᵀ, an upper triangle
-            for (std::size_t y = x; y < 3; y++) add(std_given[3 * y + x], cross.data() + y * size, size, result.reach[at] + x * size);
-    }
-    return result;
 }
 
 }  // namespace core

@@ -13,6 +13,11 @@ def among(ids: Ids, known: Ids) -> NDArray[np.bool_]:
     return core.among(ids, known)
 
 
+def times_among(ids: Ids, others: Ids, counted: NDArray[np.bool_]) -> Ids:
+    """Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`."""
+    return core.times_among(ids, others, counted)
+
+
 def union(*sets: Ids) -> Ids:
     """Return the ids of one set at least, ascending; the sets may be in any order."""
     return core.union_of(np.concatenate(sets))

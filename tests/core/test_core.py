@@ -30,8 +30,9 @@ GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
 ROWS = ((80.0, 60.0), GRID, np.ones(13), 0.01, 0.2, 2.0)
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 SOUGHT = (SLOTS, POINTS, STARTS, STARTS, STARTS[:, 0], WARPS, WARPS, np.ones(6))
-STATE = (MOTIONS[:2], MOTIONS, POINTS[:, :3], np.zeros(8))
-SEEN = (SLOTS % 2, SLOTS, VIEWS, COV, SHARED, FIELD, MOVES)
+STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
+SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, FIELD, MOVES)
+OF_BOTH = np.zeros((N, 3, 12))
 
 # Each function with arguments that it takes
 CALLS = {
@@ -89,21 +90,23 @@ CALLS = {
     "multiply_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
+    "point_covariances": (COV[:, :3, :3], SHARED[:, :3], SHARED[:, :3], OF_BOTH, OF_BOTH),
     "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], np.ones(N, bool), COV[:, :3, :3], np.zeros((N, 3, 6)), np.zeros((N, 3, 6))),
-        *(np.eye(6), np.eye(6), SHARED[:, :3], np.ones((6, 2)), np.eye(4), np.eye(4)),
+        (MOTIONS, POINTS[:, :3], np.ones(N, bool)),
+        *2 * ((COV[:, :3, :3], OF_BOTH, np.eye(12)),),
+        *2 * (np.eye(4),),
     ),
-    "window_points": (*STATE[:3], *SEEN[:2]),
+    "points_of_views": (STATE, SEEN),
+    "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
+    "normal_blocks": (PINHOLES, STATE, SEEN),
     "q_by_reference": (MOTIONS, POINTS[:, :3]),
-    "window_residuals": (PINHOLES, *STATE, *SEEN),
-    "normal_blocks": (PINHOLES, *STATE, *SEEN),
-    "eliminate_points": (
-        COV[:, :3, :3],
-        np.zeros((N, 3, 12)),
-        SHARED[:, :3],
-        SLOTS,
-        COV[:, :3, :3],
-        np.zeros((N, 3, 4)),
+    "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
+    "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
+    "window_system": (
+        core.normal_blocks(PINHOLES, STATE, SEEN),
+        (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9))),
+        POINTS[:, :3],
+        np.zeros(9),
     ),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
-    WhitenedViews,
+    State,
     in_reference,
     linearise,
 )
@@ -14,7 +14,7 @@ from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import q_from_homogeneous
+from tests.helpers.estimators import q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 FRAMES, POINTS, MODES = 2, 6, 8
@@ -57,9 +57,9 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
-    views = WhitenedViews(frame, point, z, roots, np.ones(z.shape), RigEffects.none(len(z)))
-    lin = linearise(P, cams, anchors, q, np.zeros(0), views)
-    system = System(prior, np.arange(POINTS), lin)
+    views = window_views(frame, point, z, roots, RigEffects.none(len(z)))
+    lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(0)), views)
+    system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))
     newest = FRAMES - 1
     marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)
     cov = np.linalg.inv(dense_information(system, lin, prior))

@@ -8,7 +8,7 @@ import pytest
 from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import (
     NormalBlocks,
-    WhitenedViews,
+    State,
     in_reference,
     linearise,
 )
@@ -18,7 +18,7 @@ from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import q_from_homogeneous
+from tests.helpers.estimators import q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 N, K, M = 9, 10, 2  # points, modes, of which those of the rig
@@ -226,18 +226,17 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     q = np.concatenate([prior.mean, [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.25], [0.0, -0.1, 0.4]]])
     frame, point = np.divmod(np.arange(frames * total), total)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
-    views = WhitenedViews(
+    views = window_views(
         frame,
         point,
         z + rng.normal(size=z.shape),
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
-        np.ones(z.shape),
         RigEffects(rng.normal(size=(len(z), 4, M)), np.zeros((len(z), 0))),
     )
-    lin = linearise(P, cams, anchors, q, np.zeros(M), views)
+    lin = linearise(P, State(cams, np.arange(total), anchors, q, np.zeros(M)), views)
     known = np.arange(N)
-    system = System(prior, known, lin)
-    dx, dq, dy, decrease = system.step(lin, q, np.zeros(K))
+    system = System(prior, known, lin, q, np.zeros(K))
+    dx, dq, dy, decrease = system.step()
 
     a, b = 6 * frames, 3 * total
     h = np.zeros((a + b + 6 + M, a + b + 6 + M))  # poses, points, world, rig
@@ -277,20 +276,21 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta, rel=1e-9)
-    cov_q, cov_qx, cov_qw, cov_x, cov_w, cov_xw, q_by_rig, x_by_rig = system.covariances(frames - 1)
+    joint, joint_given = system.covariances(frames - 1)
     x, w = slice(a - 6, a), slice(a + b, a + b + 6)
     points = _blocks(cov[a : a + b, a : a + b])
     given, least = np.linalg.inv(h[:-M, :-M]), scale[a : a + b].min()  # given the rig's errors
-    cov_q_given = cov_q - q_by_rig @ np.swapaxes(q_by_rig, 1, 2)
+    of_both, of_both_given = joint.q_both.reshape(b, 12), joint_given.q_both.reshape(b, 12)
     for mine, theirs, rows, columns in (
-        (cov_q.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
-        (cov_q_given.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
-        (cov_x - x_by_rig @ x_by_rig.T, given[x, x], scale[x], scale[x]),
-        (cov_qx.reshape(b, 6), cov[a : a + b, x], scale[a : a + b], scale[x]),
-        (cov_qw.reshape(b, 6), cov[a : a + b, w], scale[a : a + b], scale[w]),
-        (cov_x, cov[x, x], scale[x], scale[x]),
-        (cov_w, cov[w, w], scale[w], scale[w]),
-        (cov_xw, cov[x, w], scale[x], scale[w]),
+        (joint.qq.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
+        (joint_given.qq.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
+        (joint_given.both[:6, :6], given[x, x], scale[x], scale[x]),
+        (of_both[:, :6], cov[a : a + b, x], scale[a : a + b], scale[x]),
+        (of_both_given[:, :6], given[a : a + b, x], scale[a : a + b], scale[x]),
+        (of_both[:, 6:], cov[a : a + b, w], scale[a : a + b], scale[w]),
+        (joint.both[:6, :6], cov[x, x], scale[x], scale[x]),
+        (joint.both[6:, 6:], cov[w, w], scale[w], scale[w]),
+        (joint.both[:6, 6:], cov[x, w], scale[x], scale[w]),
     ):
         assert np.abs((mine - theirs) / np.outer(rows, np.broadcast_to(columns, mine.shape[1]))).max() < 1e-5
 

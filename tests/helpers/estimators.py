@@ -7,10 +7,12 @@ import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.rig_model.model import RigEffects
 from stream_sfm.simulation.scenes import Sequence
 from stream_sfm.types import Observations, Solution
 
@@ -42,3 +44,12 @@ def nees_of_points(found: Solution, sequence: Sequence) -> float:
 def q_from_homogeneous(points: Array) -> Array:
     """q = (X, Y, ρ)/Z (…, 3) of homogeneous points (X, Y, Z, ρ) (…, 4)."""
     return np.asarray(points[..., [0, 1, 3]] / points[..., 2:3])
+
+
+def window_views(
+    frame: np.ndarray, ids: np.ndarray, z_px: np.ndarray, root: np.ndarray, effects: RigEffects
+) -> WhitenedViews:
+    """Views that are all used, of both sides, whose errors are independent."""
+    n = len(ids)
+    every = np.ones(n, bool)
+    return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), effects, every, every, z_px, np.zeros((n, 3)))

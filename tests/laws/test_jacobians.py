@@ -5,16 +5,15 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import (
-    WhitenedViews,
+    State,
     in_reference,
     linearise,
     q_jacobian,
-    whitened_residuals,
 )
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import q_from_homogeneous
+from tests.helpers.estimators import q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -77,19 +76,21 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
         RigEffects(RNG.normal(size=(v, 4, terms)), RNG.normal(size=(v, basis))),
     )
     m = terms + effects.moves.shape[1] * basis
-    views = WhitenedViews(frame, point, z[frame, point], roots, np.ones((v, 4)), effects)
+    views = window_views(frame, point, z[frame, point], roots, effects)
     rig_error = RNG.normal(size=m)
     end = 6 * frames + 3 * n
 
     def residual(x: np.ndarray) -> np.ndarray:
         poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
         points = q + x[6 * frames : end].reshape(n, 3)
-        return whitened_residuals(P, poses, anchors, points, rig_error + x[end:], views).ravel()
+        in_cam = (poses[frame] @ in_reference(anchors, points)[point][..., None])[..., 0]
+        off_px = views.z_px - P.project_homogeneous(in_cam) - effects.at(rig_error + x[end:])
+        return (roots @ off_px[..., None]).ravel()
 
     size = end + m
     j = np.stack([(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(size)], axis=1)
     h, g = j.T @ j, -j.T @ residual(np.zeros(size))
-    lin = linearise(P, cams, anchors, q, rig_error, views)
+    lin = linearise(P, State(cams, np.arange(n), anchors, q, rig_error), views)
     scale = np.abs(h).max()
     for s in range(frames):
         a = slice(6 * s, 6 * s + 6)

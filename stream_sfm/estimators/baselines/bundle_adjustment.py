@@ -104,10 +104,7 @@ class Reduced:
         cls, free: NDArray[np.bool_], u: Array, w: Array, v: Array, g: Array, g_point: Array
     ) -> "Reduced":
         """Eliminate the points from U (n, n), W (p, 3, n), V (p, 3, 3). Raises LinAlgError where V is not definite."""
-        none = np.zeros((0, 3, 0))
-        *_, root, reach = core.eliminate_points(
-            v, w, np.zeros((len(v), 3, 0)), np.empty(0, np.intp), np.zeros((0, 3, 3)), none
-        )
+        root, reach = core.eliminate_points(v, w)
         flat = reach.reshape(3 * len(v), len(u))
         given = matvec(np.swapaxes(root, 1, 2), g_point)
         return cls(free, symmetric(u - flat.T @ flat), g - flat.T @ given.ravel(), root, reach, g_point)

@@ -9,8 +9,8 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from ... import core
 from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...record import record, rows_of
+from ...record import record
 from ...rig_model.model import RigEffects
 
 Q_COLUMNS = np.array([0, 1, 3])  # of a homogeneous point: what q moves
@@ -51,67 +51,80 @@ def q_jacobian(points: Array) -> Array:
     return k
 
 
+class State(NamedTuple):
+    """What views are predicted from: poses `cams_from_ref` (F, 4, 4), points (P,) and `rig_error` (m,) of the rig.
+
+    Of the points `ids`, which are ascending, `ref_from_anchor` (P, 4, 4) and `q` (P, 3).
+    """
+
+    cams_from_ref: Array
+    ids: NDArray[np.int64]
+    ref_from_anchor: Array
+    q: Array
+    rig_error: Array
+
+
 @record
 class WhitenedViews:
-    """The views of a window as flat rows.
+    """Views of one frame or of several, as rows in the order of frames, and of ids in each of them.
 
-    `frame` (V,) and `point` (V,) are indices from 0, each pair at most once; `z_px` (V, 4) finite; `root`
-    (V, 4, 4) whitens a residual: RᵀR is the information that counts, with zero rows for a side that is missing;
-    `weight` (V, 4): the square root of its share in what the view itself has, coordinate by coordinate. `rig_effects`:
-    of the rig's errors, which are part of what a view shows.
+    `frame` (V,): row of the frame, from 0; `ids` (V,): of the points, each pair at most once; `z_px` (V, 4) finite;
+    `root` (V, 4, 4) whitens a residual, as one of its track, in which errors that last are counted once: RᵀR is the
+    information that counts, with zero rows for a side that is missing. `weight` (V, 4): the square root of its share
+    in what the view itself has, coordinate by coordinate; 1 where errors are independent. `rig_effects`: of the rig's
+    errors, which are part of what a view shows. `used` (V,) bool: which views count; `stereo` (V,) bool: both sides
+    were seen. `expected_px` (V, 4): where the used views were expected before they counted; there the rig's errors are
+    taken. `var_drift` (V, 3): drift of q since the frame before.
     """
 
     frame: NDArray[np.intp]
-    point: NDArray[np.intp]
+    ids: NDArray[np.int64]
     z_px: Array
     root: Array
     weight: Array
     rig_effects: RigEffects
-
-    @classmethod
-    def none(cls, rig_errors: int = 0) -> "WhitenedViews":
-        """Return no views."""
-        none = np.empty(0, np.intp)
-        empty = np.empty((0, 4))
-        effects = RigEffects(np.empty((0, 4, rig_errors)), np.empty((0, 0)))
-        return cls(none, none, empty, np.empty((0, 4, 4)), empty, effects)
+    used: NDArray[np.bool_]
+    stereo: NDArray[np.bool_]
+    expected_px: Array
+    var_drift: Array
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
-        *names, effects = (f.name for f in fields(cls))
-        joined: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-        joined[effects] = RigEffects.concatenate([p.rig_effects for p in parts])
-        return cls(**joined)
+        joined: dict[str, Any] = {
+            f.name: np.concatenate([getattr(p, f.name) for p in parts])
+            for f in fields(cls)
+            if f.name != "rig_effects"
+        }
+        return cls(**joined, rig_effects=RigEffects.concatenate([p.rig_effects for p in parts]))
 
-    def __getitem__(self, rows: NDArray[np.intp] | slice) -> "WhitenedViews":
-        return WhitenedViews(
-            frame=rows_of(self.frame, rows),
-            point=rows_of(self.point, rows),
-            z_px=rows_of(self.z_px, rows),
-            root=rows_of(self.root, rows),
-            weight=rows_of(self.weight, rows),
-            rig_effects=self.rig_effects[rows],
-        )
-
-    def of_map(self, ids: NDArray[np.int64]) -> "WhitenedViews":
-        """Return the same views, whose points were given by ids, with indices in `ids` (ascending)."""
-        return replace(self, point=np.searchsorted(ids, self.point))
-
-    def of_core(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, Array, Array]:
-        """Return the arrays that the compiled core takes."""
+    @property
+    def of_core(
+        self,
+    ) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array, Array]:
+        """The arrays that the compiled core takes."""
         effects = self.rig_effects
-        return self.frame, self.point, self.z_px, self.root, effects.terms, effects.field, effects.moves
+        seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
+        return *seen, effects.terms, effects.field, effects.moves
 
-    def of_points(self, points: NDArray[np.intp]) -> "WhitenedViews":
-        """Return the views of the points with these indices (n,), ascending, which are counted anew from 0."""
-        at = np.minimum(np.searchsorted(points, self.point), max(len(points) - 1, 0))
-        rows = np.flatnonzero(points[at] == self.point) if len(points) else np.empty(0, np.intp)
-        return replace(self[rows], point=at[rows])
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __getitem__(self, rows: slice) -> "WhitenedViews":
+        return WhitenedViews(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def corrected_px(self, rig_error: Array) -> Array:
+        """Return the views (V, 4) without errors (m,) of the rig."""
+        return self.z_px - self.rig_effects.at(rig_error)
+
+    def seen_px(self, rows: NDArray[np.intp]) -> Array:
+        """Return the views (k, 4) of `rows` (k,), NaN for a side that was not seen."""
+        z_px = self.z_px[rows]
+        z_px[~self.stereo[rows], 2:] = np.nan
+        return z_px
 
 
-@record
-class NormalBlocks:
+class NormalBlocks(NamedTuple):
     """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
 
     `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3). Of the rig's
@@ -128,6 +141,12 @@ class NormalBlocks:
     rig_point: Array
     g_rig: Array
 
+    def without_poses(self) -> "NormalBlocks":
+        """Return the same of poses that are exact."""
+        m, none = len(self.rig), np.zeros((0, 6))
+        of_points, of_rig = np.zeros((len(self.v), 3, 0)), np.zeros((0, 6, m))
+        return self._replace(u=np.zeros((0, 6, 6)), w=of_points, g_pose=none, rig_pose=of_rig)
+
     def points_alone(self, q: Array, rig_step: Array) -> tuple[Array, Array, Array]:
         """Return the points by these views alone: mean (P, 3), covariance (P, 3, 3), and ∂q by the rig's errors.
 
@@ -138,32 +157,9 @@ class NormalBlocks:
         return q + matvec(cov, self.g_point) + by_rig @ rig_step, cov, by_rig
 
 
-def whitened_residuals(
-    projection: StereoProjection,
-    cams_from_ref: Array,
-    ref_from_anchor: Array,
-    q: Array,
-    rig_error: Array,
-    views: WhitenedViews,
-) -> Array:
-    """Return the whitened residuals (V, 4) of views.
+def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:
+    """Return the Gauss-Newton normal equations of all used views of the points, eqs. (25), (26) and (71).
 
-    `cams_from_ref` (F, 4, 4), `ref_from_anchor` (P, 4, 4), q (P, 3), `rig_error` (m,).
+    Views of other points are left out.
     """
-    return core.window_residuals(
-        projection.pinholes, cams_from_ref, ref_from_anchor, q, rig_error, *views.of_core()
-    )
-
-
-def linearise(
-    projection: StereoProjection,
-    cams_from_ref: Array,
-    ref_from_anchor: Array,
-    q: Array,
-    rig_error: Array,
-    views: WhitenedViews,
-) -> NormalBlocks:
-    """Return the Gauss-Newton normal equations of all views, eqs. (25), (26) and (71)."""
-    return NormalBlocks(
-        *core.normal_blocks(projection.pinholes, cams_from_ref, ref_from_anchor, q, rig_error, *views.of_core())
-    )
+    return NormalBlocks(*core.normal_blocks(projection.pinholes, state, views.of_core))

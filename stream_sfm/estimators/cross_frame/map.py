@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import matvec, scaled_cholesky
+from ...geometry.linear import scaled_cholesky
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -20,8 +20,8 @@ from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigEffects, RigModel
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
-from ..ids import among, union
-from .inverse_depth import WhitenedViews, homogeneous_from_q, in_reference, linearise, q_of_views
+from ..ids import among, times_among, union
+from .inverse_depth import NormalBlocks, State, WhitenedViews, homogeneous_from_q, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -37,41 +37,43 @@ class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
     `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the
-    newest frame began a second time, by one view. `frames`: the window, oldest first; the map has all of their views
-    with the rig's effects, one after the other. `reference_index`: which frame the reference camera is. `prior`, and
-    the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the latest
-    frame.
+    newest frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one
+    after the other, used or not. `reference_index`: which frame the reference camera is. `prior`, and the `amplitudes`
+    (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the latest frame.
     """
 
     def __init__(
-        self, projection: StereoProjection, frame: WindowFrame, first: Solution, rig: RigKnowledge
+        self,
+        projection: StereoProjection,
+        frame: WindowFrame,
+        views: WhitenedViews,
+        first: Solution,
+        rig: RigKnowledge,
     ) -> None:
         """Begin a map in the camera of `frame`, which becomes the reference.
 
-        `first` says which views start points; `rig`: what is known about the rig's errors.
+        `first` says which of its `views` start points; `rig`: what is known about the rig's errors.
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
-        # used or not; points are counted anew when they are asked for
-        self._all_views = WhitenedViews.none(len(rig))
+        self.views = views[:0]
         self._twist_error = TwistError()
         self._twists = np.zeros((1, 6))  # of the reference camera and of the window
-        self._first: WindowFrame | None = frame  # until another one is absorbed
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
         self.ids = first.track_ids
-        frame.used = among(frame.ids, self.ids)
-        self.q = q_of_views(projection, frame.corrected_px(rig.mean)[frame.used])
-        self.ref_from_anchor = np.broadcast_to(np.eye(4), (len(self.ids), 4, 4))
-        views = frame.views(self.ids)
-        blocks = linearise(projection, np.eye(4)[None], self.ref_from_anchor, self.q, rig.mean, views)
+        views = replace(views, used=among(views.ids, self.ids))
+        self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
+        self.q = q_of_views(projection, views.corrected_px(rig.mean)[views.used])
+        self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
+        blocks = self.linearised_in_reference(views, self.ids, self.ref_from_anchor, self.q, rig.mean)
         self.q, cov, by_rig = blocks.points_alone(self.q, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
-        self.gauss_newton_step(WhitenedViews.none(len(rig)))
+        self.gauss_newton_step()
         self.update_marginals()
 
     @property
@@ -93,28 +95,34 @@ class Map:
         """Return the poses (F, 4, 4) of the window."""
         return np.array([f.cam_from_ref for f in self.frames]).reshape(-1, 4, 4)
 
-    def views(self) -> WhitenedViews:
-        """Return the used views of the window."""
-        return self._all_views[self._used_rows()].of_map(self.ids)
+    def state(self) -> State:
+        """Return what views are predicted from."""
+        return State(self.cams_from_ref(), self.ids, self.ref_from_anchor, self.q, self.rig_error)
 
-    def _used_rows(self) -> NDArray[np.intp]:
-        return np.flatnonzero(np.concatenate([f.used for f in self.frames]))
+    def linearised_in_reference(
+        self, views: WhitenedViews, ids: NDArray[np.int64], ref_from_anchor: Array, q: Array, rig_error: Array
+    ) -> NormalBlocks:
+        """Return the normal equations of the reference camera's views of points `ids` (n,)."""
+        return linearise(self.projection, State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error), views)
 
-    def remove_oldest(self) -> WindowFrame:
+    @property
+    def newest(self) -> slice:
+        """The rows of the newest frame's views."""
+        return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
+
+    def remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
         """Take the oldest frame out of the window, with its views."""
-        frame = self.frames.pop(0)
-        n = len(frame.ids)
-        frame.rig_effects = self._all_views.rig_effects[:n]
-        later = self._all_views[n:]
-        self._all_views = replace(later, frame=later.frame - 1)
-        return frame
+        n = int(np.searchsorted(self.views.frame, 1))
+        views, later = self.views[:n], self.views[n:]
+        self.views = replace(later, frame=later.frame - 1)
+        return self.frames.pop(0), views
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
         self.ids, self.q = rows_of(self.ids, rows), rows_of(self.q, rows)
         self.ref_from_anchor = rows_of(self.ref_from_anchor, rows)
 
-    def enter(self, frame: WindowFrame, rejected: NDArray[np.int64], ambiguous: bool) -> None:
+    def enter(self, frame: WindowFrame, views: WhitenedViews, rejected: NDArray[np.int64], ambiguous: bool) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
         Points that the map does not hold yet start at their stereo view. Where the motion is `ambiguous`, the tracks
@@ -122,21 +130,19 @@ class Map:
         """
         if not ambiguous:
             self._count_rejected(rejected)
-        excluded = self.rejections.excluded(frame.ids)
-        known = among(frame.ids, self.ids)
-        new = ~known & frame.stereo & ~excluded & ~among(frame.ids, rejected)
-        again = among(self._dropped, frame.ids[new])
+        wanted = ~(self.rejections.excluded(views.ids) | among(views.ids, rejected))
+        known = among(views.ids, self.ids)
+        new = ~known & views.stereo & wanted
+        again = among(self._dropped, views.ids[new])
         self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
-        frame.used = (known & ~among(frame.ids, rejected) | new) & ~excluded
-        ref_from_cam = se3.inverse(frame.cam_from_ref)
-        self.ids = np.concatenate([self.ids, frame.ids[new]])
-        self.q = np.concatenate([self.q, q_of_views(self.projection, frame.corrected_px(self.rig_error)[new])])
-        self.ref_from_anchor = np.concatenate(
-            [self.ref_from_anchor, np.broadcast_to(ref_from_cam, (int(new.sum()), 4, 4))]
-        )
-        self.select(np.argsort(self.ids))
-        views = frame.all_views(len(self.frames))
-        self._all_views = WhitenedViews.concatenate([self._all_views, views]) if self.frames else views
+        ids = np.concatenate([self.ids, views.ids[new]])
+        order = np.argsort(ids)
+        ref_from_cam = np.tile(se3.inverse(frame.cam_from_ref), (len(ids) - len(self.ids), 1, 1))
+        q = q_of_views(self.projection, views.corrected_px(self.rig_error)[new])
+        self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
+        self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
+        views = replace(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
+        self.views = WhitenedViews.concatenate([self.views, views])
         self.frames.append(frame)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
@@ -145,24 +151,21 @@ class Map:
         Of a track with one view in the map that one view may be the wrong one, as well as the one rejected: the point
         is dropped, and begins anew with the track's next view.
         """
-        seen = np.array([among(rejected, f.ids[f.used]) for f in self.frames], int)
-        young = (seen.sum(0) <= 1) & ~among(rejected, self.prior.ids)
+        seen = times_among(rejected, self.views.ids, self.views.used)
+        young = rejected[(seen <= 1) & ~among(rejected, self.prior.ids)]
         for track_id in rejected.tolist():
             self.rejections.add(track_id)
-        for f in self.frames:
-            f.used &= ~among(f.ids, rejected[young])
-        self.select(~among(self.ids, rejected[young]))
-        self._dropped = union(self._dropped, rejected[young])
+        self.views = replace(self.views, used=self.views.used & ~among(self.views.ids, young))
+        self.select(~among(self.ids, young))
+        self._dropped = union(self._dropped, young)
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.
 
         Those of the window, and as many again if a point is older than that.
         """
-        count = len(self.frames) * among(ids, self.prior.ids).astype(np.int64) - ~among(ids, self.prior.ids)
-        for frame in self.frames:
-            count += among(ids, frame.ids[frame.used])
-        return np.maximum(count, 0)
+        count = times_among(ids, self.views.ids, self.views.used)
+        return np.maximum(count + np.where(among(ids, self.prior.ids), len(self.frames), -1), 0)
 
     def consider_other(self, motion: Resection) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one.
@@ -208,23 +211,20 @@ class Map:
 
         Those that ended after a single view go too: it says nothing about anything else.
         """
-        at = np.concatenate([np.searchsorted(self.ids, f.ids[f.used]) for f in self.frames])
-        stereo = np.concatenate([f.stereo[f.used] for f in self.frames])
-        count = np.bincount(at, minlength=len(self.ids))
-        keep = np.bincount(at[stereo], minlength=len(self.ids)) > 0
-        keep &= (count > 1) | among(self.ids, self.frames[-1].ids)
-        keep[np.searchsorted(self.ids, self.prior.ids)] = True
+        views = self.views
+        keep = times_among(self.ids, views.ids, views.used & views.stereo) > 0
+        keep &= (times_among(self.ids, views.ids, views.used) > 1) | among(self.ids, views.ids[self.newest])
+        keep |= among(self.ids, self.prior.ids)
         if not keep.all():
             self.select(keep)
-            for f in self.frames:
-                f.used &= among(f.ids, self.ids)
+            self.views = replace(views, used=views.used & among(views.ids, self.ids))
 
-    def gauss_newton_step(self, views: WhitenedViews) -> float:
+    def gauss_newton_step(self) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
-        cams = self.cams_from_ref()
-        blocks = linearise(self.projection, cams, self.ref_from_anchor, self.q, self.rig_error, views)
-        self.system = System(self.prior, np.searchsorted(self.ids, self.prior.ids), blocks)
-        *change, decrease = self.system.step(blocks, self.q, self.amplitudes)
+        blocks = linearise(self.projection, self.state(), self.views)
+        known = np.searchsorted(self.ids, self.prior.ids)
+        self.system = System(self.prior, known, blocks, self.q, self.amplitudes)
+        *change, decrease = self.system.step()
         self._move(*change)
         return decrease
 
@@ -237,30 +237,33 @@ class Map:
     def expect(
         self,
         frame: WindowFrame,
+        views: WhitenedViews,
         rows: NDArray[np.intp],
         points: Array,
         cam_from_previous: Array,
         std_acceleration: Array,
-    ) -> Array | None:
-        """Take what errors of the rig do to views `rows` of a frame to come, as they move there.
+    ) -> tuple[WhitenedViews, Array | None]:
+        """Take what errors of the rig do to `rows` of the views of a frame to come, as they move there.
 
-        Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns what is not known
-        of the timing of the views, with accelerations of σ (6,): (n, 4, j) px of σ = 1; None where nothing is.
+        Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns the views, and what
+        is not known of the timing of the rows, with accelerations of σ (6,): (n, 4, j) px of σ = 1; None where nothing
+        is.
         """
         if frame.rig is None:
-            return None
+            return views, None
         poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
         stamps = [*self._stamps_ns(), frame.stamp_ns]
         *_, before, now = twists(
             np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
         )
         moved = clamp_depth(points @ cam_from_previous.T)
-        by_timing = frame.rig.by_timing(moved, now[None], frame.seen_px(rows))
-        frame.rig_effects = frame.rig_effects.timed(rows, by_timing)
-        then = TimedViews(self.projection, points, before, frame.rig.row_of)
-        views = TimedViews(self.projection, moved, now, frame.rig.row_of)
+        by_timing = frame.rig.by_timing(moved, now[None], views.seen_px(rows))
+        views = replace(views, rig_effects=views.rig_effects.timed(rows, by_timing))
+        at_first = TimedViews(self.projection, points, before, frame.rig.row_of)
+        at_last = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
-        return timing_unknowns(then, views, *timing, std_acceleration * (stamps[-1] - stamps[-2]) / 1e9)
+        of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
+        return views, timing_unknowns(at_first, at_last, *timing, of_twist)
 
     def renew_rig_effects(self) -> None:
         """Take what errors of the rig do to the used views of the window, with the velocities that are known now.
@@ -276,19 +279,17 @@ class Map:
         self._twists = twists(np.concatenate([np.eye(4)[None], cams]), self._stamps_ns())
         if self._first is not None:
             self._renew_first(self._first, rig, self._twists[0])
-        views, rows = self.views(), self._used_rows()
-        in_cam = core.window_points(cams, self.ref_from_anchor, self.q, views.frame, views.point)
-        newest, at = self.frames[-1], views.frame == len(self.frames) - 1
-        stereo = newest.stereo[newest.used]
-        newest.expected_px[newest.used] = self._expected_px(in_cam[at], stereo, views.rig_effects[at])
-        at_rest = rig.effects_by_parts(newest.expected_px[newest.used], age_s=self.prior.rig.age_s(newest.stamp_ns))
-        effects = self._all_views.rig_effects.take(rows[at], at_rest)
-        by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame], self._everywhere_expected_px()[rows])
-        self._all_views = replace(self._all_views, rig_effects=effects.timed(rows, by_timing))
-
-    def _everywhere_expected_px(self) -> Array:
-        """Return where all views of the window were expected (V, 4)."""
-        return np.concatenate([np.empty((0, 4)), *(f.expected_px for f in self.frames)])
+        views = self.views
+        rows = np.flatnonzero(views.used)
+        in_cam = core.points_of_views(self.state(), views.of_core)
+        at = rows >= self.newest.start
+        new = rows[at]
+        expected_px = views.expected_px.copy()
+        expected_px[new] = self._expected_px(in_cam[at], views.stereo[new], views.rig_effects[new])
+        age_s = self.prior.rig.age_s(self.frames[-1].stamp_ns)
+        effects = views.rig_effects.take(new, rig.effects_by_parts(expected_px[new], age_s=age_s))
+        by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame[rows]], expected_px[rows])
+        self.views = replace(views, expected_px=expected_px, rig_effects=effects.timed(rows, by_timing))
 
     def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
         """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
@@ -302,35 +303,33 @@ class Map:
 
     def cov_of_timing(self, std_acceleration: Array) -> Array:
         """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
-        newest = self.frames[-1]
-        if newest.rig is None or not newest.used.any():
+        rig, newest = self.frames[-1].rig, self.views[self.newest]
+        if rig is None or not newest.used.any():
             return np.zeros((6, 6))
         self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
-        mean, cov = newest.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
-        at = np.searchsorted(self.ids, newest.ids[newest.used])
-        in_cam = clamp_depth(matvec(newest.cam_from_ref, in_reference(self.ref_from_anchor[at], self.q[at])))
-        views = TimedViews(self.projection, in_cam, np.zeros(6), newest.rig.row_of)
+        mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        in_cam = core.points_of_views(self.state(), self.views.of_core)[-np.count_nonzero(newest.used) :]
+        views = TimedViews(self.projection, in_cam, np.zeros(6), rig.row_of)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         size = np.sqrt(mean**2 + np.diag(cov))
         return views.cov_of_pose(size, cov_twist)
 
-    def _renew_first(self, frame: WindowFrame, rig: RigModel, twist: Array) -> None:
+    def _renew_first(self, views: WhitenedViews, rig: RigModel, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.
 
         Possible as long as nothing else is in the prior.
         """
-        at = np.searchsorted(self.ids, self.prior.ids)
-        frame.used = among(frame.ids, self.prior.ids)
+        ids, at = self.prior.ids, np.searchsorted(self.ids, self.prior.ids)
+        views = replace(views, used=among(views.ids, ids))
         q, anchors = self.q[at], self.ref_from_anchor[at]
-        rows = np.flatnonzero(frame.used)
-        age = self.prior.rig.age_s(frame.stamp_ns)
+        rows = np.flatnonzero(views.used)
         in_cam = homogeneous_from_q(q)
-        expected_px = self._expected_px(in_cam, frame.stereo[rows], frame.rig_effects[rows])
-        effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age)
-        frame.rig_effects = frame.rig_effects.take(rows, effects)
-        views = frame.views(self.prior.ids)
-        blocks = linearise(self.projection, np.eye(4)[None], anchors, q, self.rig_error, views)
+        expected_px = self._expected_px(in_cam, views.stereo[rows], views.rig_effects[rows])
+        age_s = self.prior.rig.age_s(self.reference_ns)
+        effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age_s)
+        self._first = replace(views, rig_effects=views.rig_effects.take(rows, effects))
+        blocks = self.linearised_in_reference(self._first, ids, anchors, q, self.rig_error)
         estimates = blocks.points_alone(q, self.prior.rig.mean - self.rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 
@@ -368,14 +367,17 @@ class Map:
         """Add a field to the rig's errors, and what it does to the views of the window."""
         for frame in self.frames:
             frame.rig = model
-        effects = RigEffects(self._all_views.rig_effects.terms, model.field_at(self._everywhere_expected_px()))
-        self._all_views = replace(self._all_views, rig_effects=effects)
+        self.views = self._with_field(self.views, model, self.views.expected_px)
         if self._first is not None:
-            self._first.rig = model
-            self._first.rig_effects = RigEffects(self._first.rig_effects.terms, model.field_at(self._first.z_px))
+            self._first = self._with_field(self._first, model, self._first.z_px)
         n = len(model) - len(self.prior.rig)
         self.prior = self.prior.with_field(n)
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
+
+    @staticmethod
+    def _with_field(views: WhitenedViews, model: RigModel, z_px: Array) -> WhitenedViews:
+        """Return the views with what a field does to them, where they are at (V, 4)."""
+        return replace(views, rig_effects=RigEffects(views.rig_effects.terms, model.field_at(z_px)))
 
     def change_rig(self, root: Array) -> None:
         """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).

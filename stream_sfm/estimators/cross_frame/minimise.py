@@ -1,9 +1,11 @@
 """Gauss-Newton over the whole window, with views gated out by the joint minimum that they contradict."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from ...geometry.gates import chi2_gates
-from .inverse_depth import WhitenedViews, whitened_residuals
+from ... import core
+from ...geometry.gates import chi2_gate
 from .map import Map
 
 # Decreases of the sum of squares that a step promises, in squared standard deviations. One that promises more than
@@ -26,24 +28,18 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
         current.drop_undetermined()
         if not len(current.ids):
             raise np.linalg.LinAlgError("no points are left")
-        views = current.views()
-        decrease = current.gauss_newton_step(views)
+        decrease = current.gauss_newton_step()
         if not decrease < max(before, _DIVERGED):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
-        _gate(current, views, gate_probability)
+        _gate(current, gate_probability)
         before, steps = decrease, steps + 1
     return steps
 
 
-def _gate(current: Map, views: WhitenedViews, gate_probability: float) -> None:
+def _gate(current: Map, gate_probability: float) -> None:
     """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
-    r = whitened_residuals(
-        current.projection, current.cams_from_ref(), current.ref_from_anchor, current.q, current.rig_error, views
-    )
-    r /= views.weight
-    both_sides = views.root[:, 2, 2] != 0
-    bad = (r * r).sum(axis=1) > chi2_gates(np.where(both_sides, 4, 2), gate_probability)
-    for row, track_id in zip(views.frame[bad].tolist(), current.ids[views.point[bad]].tolist(), strict=True):
-        frame = current.frames[row]
-        frame.used[np.searchsorted(frame.ids, track_id)] = False
+    gates = chi2_gate(2, gate_probability), chi2_gate(4, gate_probability)
+    used = core.views_within_gates(current.projection.pinholes, current.state(), current.views.of_core, *gates)
+    for track_id in current.views.ids[current.views.used & ~used].tolist():
         current.rejections.add(track_id)
+    current.views = replace(current.views, used=used)

@@ -18,73 +18,58 @@ from .prior import Prior
 
 
 class JointCovariance(NamedTuple):
-    """Blocks of the inverse of the normal equations, eq. (28): q of the points, one pose x, the world w.
+    """Blocks of the inverse of the normal equations, eq. (28): q of the points, and one pose x with the world w.
 
-    `qq` (P, 3, 3), `qx` and `qw` (P, 3, 6), `xx`, `ww` and `xw` (6, 6). `q_by_rig` (P, 3, r) and `x_by_rig` (6, r): the
-    part that errors of the rig have in them, by independent amplitudes of variance 1.
+    `qq` (P, 3, 3), `q_both` (P, 3, 12) with x and w, `both` (12, 12) of x and w.
     """
 
     qq: Array
-    qx: Array
-    qw: Array
-    xx: Array
-    ww: Array
-    xw: Array
-    q_by_rig: Array
-    x_by_rig: Array
+    q_both: Array
+    both: Array
 
 
 class System:
     """The factored normal equations of `prior` over the points `known` (N,) of the map's P, and of linearised views."""
 
-    def __init__(self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks) -> None:
-        frames = len(blocks.u)
-        self.prior, self.known = prior, known
-        self.poses = 6 * frames
-        k = prior.modes.shape[2]
-        size = self.poses + k
-        self.rig = slice(size - len(prior.rig), None)  # its amplitudes come last
-        # `pull` (N, 3, k): D⁻¹F; `std_given` (P, 3, 3): of a point once poses and modes are given; `reach` (P, 3, n):
-        # of the others, in units of it
-        self.d_inv, self.pull, self.std_given, self.reach = core.eliminate_points(
-            blocks.v, blocks.w, blocks.rig_point, known, prior.cov, prior.modes
+    def __init__(
+        self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks, q: Array, amplitudes: Array
+    ) -> None:
+        """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,)."""
+        self.prior, self.poses = prior, 6 * len(blocks.u)
+        rig, m = prior.rig, len(prior.rig)
+        # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `reach` (P, 3, n): of
+        # the others, in units of it; `_given` (P, 3): its step for itself
+        h, modes, self.std_given, self.reach, self._given, self._g = core.window_system(
+            blocks, (known, prior.mean, prior.cov, prior.modes), q, amplitudes
         )
-        h = np.zeros((size, size))
-        for s in range(frames):
-            h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = blocks.u[s]
-        h[self.poses :, self.poses :] = _flat(prior.modes).T @ _flat(self.pull)
-        own = slice(self.poses * (size + 1), self.rig.start * (size + 1), size + 1)  # on the diagonal
+        self.rig = slice(len(h) - m, None)  # its amplitudes come last
+        self._of_rig = amplitudes[len(amplitudes) - m :]
+        self._g[self.rig] += rig.weighted - rig.information @ self._of_rig
+        h[self.poses :, self.poses :] += _flat(modes).T @ _flat(modes)
+        own = slice(self.poses * (len(h) + 1), self.rig.start * (len(h) + 1), len(h) + 1)  # on the diagonal
         h.flat[own] += 1.0
-        h[self.rig, self.rig] += blocks.rig + prior.rig.information
-        h[self.rig, : self.poses] = blocks.rig_pose.reshape(self.poses, len(prior.rig)).T  # below the diagonal
+        h[self.rig, self.rig] += rig.information
         h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(h)
-        self.rig_offset = np.zeros(len(prior.rig))
+        self.rig_offset = np.zeros(m)
         self._rig_whitening = self.chol.lower[self.rig, self.rig].T
         # of the covariance of poses and amplitudes; its last columns are of the rig's errors
         self.root = self.chol.root
 
-    def step(self, blocks: NormalBlocks, q: Array, amplitudes: Array) -> tuple[Array, Array, Array, float]:
+    def step(self) -> tuple[Array, Array, Array, float]:
         """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
 
-        `blocks` has the right-hand sides of the views alone, at q (P, 3) and `amplitudes` (k,). Errors of the rig move
-        to where they are held; `rig_offset` is how far their whitened estimate is from there.
+        Errors of the rig move to where they are held; `rig_offset` is how far their whitened estimate is from there.
         """
-        away = q[self.known] - self.prior.points(amplitudes)
-        g_point = blocks.g_point.copy()
-        g_point[self.known] -= matvec(self.d_inv, away)
-        g = np.concatenate([blocks.g_pose.ravel(), _flat(self.pull).T @ away.ravel() - amplitudes])
-        rig, of_rig = self.prior.rig, amplitudes[len(amplitudes) - len(self.prior.rig) :]
-        g[self.rig] += of_rig - rig.information @ of_rig + blocks.g_rig + rig.weighted
-        given = matvec(np.swapaxes(self.std_given, 1, 2), g_point)
+        g, given = self._g, self._given
         whitened = self.chol.root.T @ (g - _flat(self.reach).T @ given.ravel())
-        to_held = self._rig_whitening @ (rig.held - rig.at(of_rig))
+        to_held = self._rig_whitening @ (self.prior.rig.held - self.prior.rig.at(self._of_rig))
         self.rig_offset = whitened[self.rig] - to_held
         whitened[self.rig] = to_held
         delta = self.chol.root @ whitened
-        dq = matvec(self.std_given, given - self.reach @ delta)
-        decrease = float(g @ delta + (g_point * dq).sum())
-        return delta[: self.poses].reshape(-1, 6), dq, delta[self.poses :], decrease
+        for_itself = given - self.reach @ delta
+        decrease = float(g @ delta + (given * for_itself).sum())
+        return delta[: self.poses].reshape(-1, 6), matvec(self.std_given, for_itself), delta[self.poses :], decrease
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views; held where they are."""
@@ -109,36 +94,30 @@ class System:
     @cached_property
     def by_rig_errors(self) -> Array:
         """∂(poses, amplitudes)/∂c (n, m): how the estimate moves with the rig's errors, K of eq. (72)."""
-        return np.asarray(self.chol.root[:, self.rig] @ self._rig_whitening)
+        others = self.chol.root[: self.rig.start, self.rig] @ self._rig_whitening
+        return np.concatenate([others, np.eye(others.shape[1])])
 
     def covariance(self) -> Array:
         """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72)."""
         return np.asarray(self.root @ self.root.T)
 
-    def covariances(self, frame: int) -> JointCovariance:
-        """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error."""
-        root = self.root
-        to_both = np.zeros((len(root), 12))  # to the pose and to the world
+    def covariances(self, frame: int) -> tuple[JointCovariance, JointCovariance]:
+        """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error.
+
+        And those given the rig's errors.
+        """
+        own, of_rig = self.root[: self.rig.start, : self.rig.start], self.root[:, self.rig]  # own is a triangle
+        both = np.zeros((len(self.root), 12))  # roots of the covariances of the pose and of the world
         if frame >= 0:
-            to_both[6 * frame : 6 * frame + 6, :6] = np.eye(6)
-        to_both[self.poses :, 6:] = self.prior.world_modes.T
-        both = root.T @ to_both
-        through = product(self.reach, root)
-        cov_q = (
-            self.std_given @ (np.eye(3) + through @ np.swapaxes(through, 1, 2)) @ np.swapaxes(self.std_given, 1, 2)
+            both[:, :6] = self.root[6 * frame : 6 * frame + 6].T
+        both[:, 6:] = self.root[self.poses :].T @ self.prior.world_modes.T
+        by_own, by_rig = product(self.reach[..., : self.rig.start], own), product(self.reach, of_rig)
+        own_both, rig_both = both[: self.rig.start], both[self.rig]
+        qq, q_both, qq_given, q_both_given = core.point_covariances(
+            self.std_given, by_own, by_rig, product(by_own, own_both), product(by_rig, rig_both)
         )
-        with_both = -core.multiply_blocks(self.std_given, product(through, both))
-        cov_both = both.T @ both
-        return JointCovariance(
-            qq=cov_q,
-            qx=with_both[..., :6],
-            qw=with_both[..., 6:],
-            xx=cov_both[:6, :6],
-            ww=cov_both[6:, 6:],
-            xw=cov_both[:6, 6:],
-            q_by_rig=-core.multiply_blocks(self.std_given, through[..., self.rig]),
-            x_by_rig=both[self.rig, :6].T,
-        )
+        given = JointCovariance(qq_given, q_both_given, own_both.T @ own_both)
+        return JointCovariance(qq, q_both, given.both + rig_both.T @ rig_both), given
 
 
 def _flat(blocks: Array) -> Array:

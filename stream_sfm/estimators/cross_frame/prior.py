@@ -131,22 +131,19 @@ class Prior:
         of_world = se3.adjoint(cam_from_ref) @ self.world_modes
         world_modes = np.concatenate([of_world[:, :k], -np.eye(6), of_world[:, k:]], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
-        away = self.points(amplitudes) - q  # the prior's mean at the present modes, from the linearisation point
+        at = np.concatenate([amplitudes[:k], np.zeros(6), amplitudes[k:]])  # of all modes
         rig = slice(k + 6, None)
 
-        # `half` is −(std of the points)ᵀ of what the modes reach of them, G
-        d_inv, pull, std, half = core.eliminate_points(
-            blocks.v, np.zeros((n, 3, 0)), blocks.rig_point, np.arange(n), self.cov, modes
+        s, whitened_modes, std, half, given, right = core.window_system(
+            blocks.without_poses(), (np.arange(n), self.mean, self.cov, modes), q, at
         )
         size = (3 * n, k + 6 + m)  # said, as no points have any
-        flat_pull, flat_half = pull.reshape(size), half.reshape(size)
-        given = matvec(np.swapaxes(std, 1, 2), matvec(d_inv, away) + blocks.g_point)
-        s = modes.reshape(size).T @ flat_pull - flat_half.T @ flat_half
+        flat_modes, flat_half = whitened_modes.reshape(size), half.reshape(size)
+        s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
         s.flat[: k * (size[1] + 1) : size[1] + 1] += 1.0  # on the diagonal: the new ones have no prior information
-        s[rig, rig] += blocks.rig + self.rig.information
-        right = -flat_half.T @ given.ravel() - flat_pull.T @ away.ravel()
-        right[:k] -= amplitudes[:k]
-        right[rig] += blocks.g_rig + self.rig.weighted - self.rig.information @ amplitudes[k:]
+        s[rig, rig] += self.rig.information
+        right -= flat_half.T @ given.ravel()
+        right[rig] += self.rig.weighted - self.rig.information @ amplitudes[k:]
         chol = Cholesky(s)
         lower = chol.lower[rig, rig]
         whitened = chol.root.T @ right

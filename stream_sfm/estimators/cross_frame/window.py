@@ -30,12 +30,12 @@ from ..lifecycle import (
 )
 from ..motion_model import MotionModel
 from .absorb import absorb_oldest_frame
-from .inverse_depth import Q_COLUMNS, homogeneous_from_q
+from .inverse_depth import Q_COLUMNS, WhitenedViews, homogeneous_from_q
 from .map import Map
 from .minimise import minimise
 from .relative import common_errors, relative_motions
 from .rig_knowledge import RigKnowledge, impossible
-from .window_frame import WindowFrame
+from .window_frame import WindowFrame, views_of
 
 # σ of the field beyond which a rig has one. Rendered images make it .017 px at the most, real ones more within four
 # frames; all that has to do with the rig is done for 20 errors instead of a hundred.
@@ -73,40 +73,44 @@ class CrossFrame:
         """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
         observations = self._with_errors_in_use(observations)
         age_s = 0.0 if self.map is None else self.map.prior.rig.age_s(observations.stamp_ns)
-        frame = WindowFrame.from_observations(observations, self.projection, age_s)
+        model = None if observations.rig is None else observations.rig.model
+        frame = WindowFrame(observations.frame_index, observations.stamp_ns, model)
+        views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
         if self.map is None:
-            return self._start(observations, frame)
+            return self._start(observations, frame, views)
         try:
-            return self._advance(self.map, observations, frame)
+            return self._advance(self.map, observations, frame, views)
         except LostError as lost:
             if not len(observations.track_ids):
                 return self._pass_over(observations, str(lost))
             if self.waiting:
-                return self._start_anew(self.map, observations, frame)
+                return self._start_anew(self.map, observations, frame, views)
             return self._lose(observations, str(lost))
 
-    def _start(self, observations: Observations, frame: WindowFrame) -> Solution:
+    def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
         rig = _unknown_rig(observations) if self.rig is None else self.rig
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
-        corrected = _corrected(observations, frame, self.rig.mean)
+        corrected = _corrected(observations, views, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, solution, self.rig)
+            self.map = Map(self.projection, frame, views, solution, self.rig)
         return solution
 
-    def _advance(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
+    def _advance(
+        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
+    ) -> Solution:
         """Follow the camera by one frame."""
-        motion, rejected = self._initial_motion(current, observations, frame)
-        current.rejections.forget_all_but(frame.ids)
+        motion, rejected, views = self._initial_motion(current, observations, frame, views)
+        current.rejections.forget_all_but(views.ids)
         if len(current.frames) == self.config.window.frames:
             absorb_oldest_frame(current)
         self.waiting = False
         frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, rejected, ambiguous=motion.ambiguous is not None)
+        current.enter(frame, views, rejected, ambiguous=motion.ambiguous is not None)
         if observations.settled:
             current.settle()
         current.consider_other(motion)
@@ -157,10 +161,12 @@ class CrossFrame:
         pose, cov_pose = self.motion.predict(observations.stamp_ns)
         return lost_solution(observations, reason, pose, cov_pose)
 
-    def _start_anew(self, current: Map, observations: Observations, frame: WindowFrame) -> Solution:
+    def _start_anew(
+        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
+    ) -> Solution:
         """End a map whose tracks did not return, and begin another one with what has come instead."""
         self.map, self.rig = None, current.prior.rig
-        return with_ended(self._start(observations, frame), current.marginals.ended())
+        return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
         """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
@@ -180,9 +186,12 @@ class CrossFrame:
         self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
 
     def _initial_motion(
-        self, current: Map, observations: Observations, frame: WindowFrame
-    ) -> tuple[Resection, NDArray[np.int64]]:
-        """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects."""
+        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
+    ) -> tuple[Resection, NDArray[np.int64], WhitenedViews]:
+        """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects.
+
+        And the views as they move, to which delay and readout do something.
+        """
         robust, previous = self.config.robust, current.marginals
         rows = np.flatnonzero(among(observations.track_ids, previous.ids))
         known = np.searchsorted(previous.ids, observations.track_ids[rows])
@@ -192,17 +201,16 @@ class CrossFrame:
             raise LostError(too_few_inliers(0, len(rows), robust))
         cov = np.zeros((len(known), 4, 4))
         cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = previous.cov_q_in_cam[known]
-        if len(frame.var_drift):
-            cov[:, Q_COLUMNS, Q_COLUMNS] += frame.var_drift[rows]
+        cov[:, Q_COLUMNS, Q_COLUMNS] += views.var_drift[rows]
         predicted, _ = self.motion.predict(observations.stamp_ns)
         start = se3.inverse(predicted) @ previous.world_from_cam
         points = homogeneous_from_q(previous.q_in_cam[known])
         moved = start if observations.cam_from_previous is None else observations.cam_from_previous
-        unknown_px = current.expect(frame, rows, points, moved, self._std_acceleration)
+        views, unknown_px = current.expect(frame, views, rows, points, moved, self._std_acceleration)
         found = initial_motion(
             self.projection,
             robust,
-            _corrected(observations, frame, current.rig_error),
+            _corrected(observations, views, current.rig_error),
             rows,
             points,
             cov,
@@ -212,7 +220,7 @@ class CrossFrame:
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
-        return found, observations.track_ids[rows[~found.accepted]]
+        return found, observations.track_ids[rows[~found.accepted]], views
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
@@ -223,7 +231,7 @@ class CrossFrame:
             self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
-        newest = current.frames[-1]
+        newest = current.views[current.newest]
         shown = among(now.ids, newest.ids[newest.used]) & now.finite
         shown &= ~among(now.ids, current.begun_anew)
         solution = Solution(
@@ -269,8 +277,8 @@ def _unknown_rig(observations: Observations) -> RigKnowledge:
     return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean)
 
 
-def _corrected(observations: Observations, frame: WindowFrame, rig_error: Array) -> Observations:
+def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:
     """Return the observations without errors (m,) of the rig."""
     if not rig_error.any():
         return observations
-    return replace(observations, z_px=observations.z_px - frame.rig_effects.at(rig_error))
+    return replace(observations, z_px=observations.z_px - views.rig_effects.at(rig_error))

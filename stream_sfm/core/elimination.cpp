@@ -1,0 +1,136 @@
+// Points eliminated from the normal equations of a window, and its right-hand sides.
+//
+// Given the poses and the modes of the prior, points are independent of each other, so each is eliminated by itself, eqs.
+// (27) and (30). The large products that remain are left to the caller's linear algebra.
+
+#include <vector>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+// out += a x, n numbers.
+inline void add(double a, const double* x, std::size_t n, double* out) {
+    for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
+}
+
+// The lower root (3, 3) of the inverse of a point's information.
+void root_of_inverse(const double* information, double* root) {
+    double given[9];
+    invert_positive<3>(information, given);
+    require_definite(cholesky<3>(given, root), "the information about a point is not positive definite");
+}
+
+// out (3, size) += rootᵀ, an upper triangle, times cross.
+void reach_of(const double* root, const double* cross, std::size_t size, double* out) {
+    for (std::size_t x = 0; x < 3; x++)
+        for (std::size_t y = x; y < 3; y++) add(root[3 * y + x], cross + y * size, size, out + x * size);
+}
+
+// out (k,) += Fᵀ x, of rows (3, k).
+void add_rows(const double* rows, const double* x, std::size_t k, double* out) {
+    for (std::size_t i = 0; i < 3; i++) add(x[i], rows + i * k, k, out);
+}
+
+void check(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q, const View<double, 1>& amplitudes) {
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.known.shape[0], m = blocks.rig.shape[0];
+    std::size_t k = prior.modes.shape[2];
+    require_shape(blocks.u, {frames, 6, 6}, "u");
+    require_shape(blocks.v, {points, 3, 3}, "v");
+    require_shape(blocks.w, {points, 3, 6 * frames}, "w");
+    require_shape(blocks.g_pose, {frames, 6}, "g_pose");
+    require_shape(blocks.g_point, {points, 3}, "g_point");
+    require_shape(blocks.rig, {m, m}, "rig");
+    require_shape(blocks.rig_pose, {frames, 6, m}, "rig_pose");
+    require_shape(blocks.rig_point, {points, 3, m}, "rig_point");
+    require_shape(blocks.g_rig, {m}, "g_rig");
+    require_shape(prior.mean, {n, 3}, "mean");
+    require_shape(prior.cov, {n, 3, 3}, "cov");
+    require_shape(prior.modes, {n, 3, k}, "modes");
+    require_shape(q, {points, 3}, "q");
+    require_shape(amplitudes, {k}, "amplitudes");
+    require(m <= k, "there are fewer modes than errors of the rig");
+    for (std::size_t i = 0; i < n; i++)
+        require(static_cast<std::uint64_t>(prior.known.data[i]) < points, "the prior knows a point that is not of the window");
+}
+
+}  // namespace
+
+EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w) {
+    std::size_t points = v.shape[0], size = w.shape[2];
+    require_shape(v, {points, 3, 3}, "v");
+    require_shape(w, {points, 3, size}, "w");
+    EliminatedPoints result{Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, size})};
+    for (std::size_t i = 0; i < points; i++) {
+        root_of_inverse(v[i], result.root[i]);
+        reach_of(result.root[i], w[i], size, result.reach[i]);
+    }
+    return result;
+}
+
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q,
+                           const View<double, 1>& amplitudes) {
+    check(blocks, prior, q, amplitudes);
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
+    std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;
+    WindowSystem result{Array<double, 2>({size, size}), Array<double, 3>({n, 3, k}),       Array<double, 3>({points, 3, 3}),
+                        Array<double, 3>({points, 3, size}), Array<double, 2>({points, 3}), Array<double, 1>({size})};
+    double* g = result.g.data.get();
+    for (std::size_t f = 0; f < frames; f++)
+        for (std::size_t x = 0; x < 6; x++) std::copy(blocks.u[f] + 6 * x, blocks.u[f] + 6 * x + 6, result.h[6 * f + x] + 6 * f);
+    for (std::size_t x = 0; x < m; x++) {  // the lower triangle
+        double* row = result.h[size - m + x];
+        for (std::size_t y = 0; y < poses; y++) row[y] = blocks.rig_pose.data[y * m + x];
+        std::copy(blocks.rig[x], blocks.rig[x] + m, row + size - m);
+    }
+    std::copy(blocks.g_pose.data, blocks.g_pose.data + poses, g);
+    std::copy(blocks.g_rig.data, blocks.g_rig.data + m, g + size - m);
+    for (std::size_t y = 0; y < k - m; y++) g[poses + y] -= amplitudes.data[y];  // modes of σ = 1
+
+    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), cross(3 * size), pull(3 * k);
+    std::vector<std::size_t> row_in_prior(points, n);
+    Array<double, 2> right({points, 3});
+    std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
+    std::vector<double> inverse_root(9 * n);  // L⁻¹ with L Lᵀ = D
+    for (std::size_t i = 0; i < n; i++) {
+        auto at = static_cast<std::size_t>(prior.known.data[i]);
+        double lower[9], *root = inverse_root.data() + 9 * i, away[3], whitened[3] = {}, *modes = result.modes[i];
+        require_definite(cholesky<3>(prior.cov[i], lower), "the covariance of a point is not positive definite");
+        invert_lower<3>(lower, root);
+        for (std::size_t x = 0; x < 3; x++) {
+            away[x] = q[at][x] - prior.mean[i][x];
+            for (std::size_t y = 0; y < k; y++) away[x] -= prior.modes[i][x * k + y] * amplitudes.data[y];
+        }
+        for (std::size_t x = 0; x < 3; x++)
+            for (std::size_t y = 0; y <= x; y++) {
+                whitened[x] += root[3 * x + y] * away[y];
+                add(root[3 * x + y], prior.modes[i] + y * k, k, modes + x * k);
+            }
+        add_rows(modes, whitened, k, g + poses);
+        for (std::size_t x = 0; x < 3; x++)
+            for (std::size_t z = x; z < 3; z++) {
+                right[at][x] -= root[3 * z + x] * whitened[z];
+                for (std::size_t y = 0; y <= z; y++) information[9 * at + 3 * x + y] += root[3 * z + x] * root[3 * z + y];
+            }
+        row_in_prior[at] = i;
+    }
+    for (std::size_t at = 0; at < points; at++) {
+        double* std_given = result.std_given[at];
+        root_of_inverse(information.data() + 9 * at, std_given);
+        for (std::size_t x = 0; x < 3; x++) {
+            double* out = cross.data() + x * size;
+            std::copy(blocks.w[at] + x * poses, blocks.w[at] + (x + 1) * poses, out);
+            std::fill(out + poses, out + size, 0.0);
+            if (std::size_t i = row_in_prior[at]; i < n)  // D⁻¹F
+                for (std::size_t z = x; z < 3; z++) add(-inverse_root[9 * i + 3 * z + x], result.modes[i] + z * k, k, out + poses);
+            add(1.0, blocks.rig_point[at] + x * m, m, out + size - m);
+            for (std::size_t y = x; y < 3; y++) result.given[at][x] += std_given[3 * y + x] * right[at][y];
+        }
+        reach_of(std_given, cross.data(), size, result.reach[at]);
+    }
+    return result;
+}
+
+}  // namespace core
