@@ -39,6 +39,9 @@ ResectionRules = tuple[tuple[float, float], float, float, int, float, bool, bool
 # Homogeneous points (n, 4), their twists (n, 6), or (1, 6) for all, and in which rows (n, 4) they were exposed, as
 # shares of the height.
 TimedPoints = tuple[Array, Array, Array]
+# Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
+# anchor cameras (n, 4, 4), slopes (n, 2) of 1/Z there, and image pixels (n,) per pixel of the template.
+Tracks = tuple[Array, Array, Array, Array, Array, Pixels]
 # Tracks whose patches should be in a new frame: slots (n,), points (n, 4), slopes (n, 2), positions (n, 2) and right
 # columns (n,) where alignment starts, warps (n, 3, 2) of both images, and the twist (6,) of the points.
 Sought = tuple[Pixels, Array, Array, Array, Array, Array, Array, Array]
@@ -154,13 +157,18 @@ def align_in_both(
     sides that miss their row.
     """
 
-def anchor_from_now(
-    pinholes: Pinholes, points: Array, slopes: Array, anchor_from_start: Array, cam_from_start: Array
-) -> tuple[Array, Array]:
-    """Return warps (n, 3, 2) of pixel offsets, now to anchor, for the left and for the right image.
+def predict_tracks(
+    pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, cam_from_start: Array, left_px: Array, agree: Mask
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return tracks after a motion, and how their patches look; `frontend.warps.predicted` documents it."""
 
-    Of homogeneous points (n, 4) in a camera (4, 4), with `slopes` (n, 2) of inverse depth in their anchor cameras
-    (n, 4, 4); `frontend.warps.anchor_from_now` says how.
+def update_depths(
+    pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array, forgetting: float
+) -> tuple[Array, Array, Array]:
+    """Return points (n, 4) after a motion (4, 4), put where they were seen, and the variances (n,) of their 1/Z.
+
+    Views (n, 4) with covariances (n, 4, 4). 1/Z by a scalar Kalman update where the right side is seen; its variance
+    has grown by a factor before. Also returns the covariances (n, 2, 2) of the left sides.
     """
 
 def templates_fit(warps: Array, radius: float, half: float, least_area: float) -> Mask:
@@ -270,6 +278,23 @@ def resect(views: Views, cam_from_ref: Array, votes: Array, rules: ResectionRule
     With `votes` (n,). Where too few agree with what a start led to, the whole space of motions is searched, for the one
     with the largest support: each view gives its vote, less the share of the gate that its squared residual uses up;
     the extent that the agreeing views have in the image adds a little. Samples depend on the number of views only.
+    """
+
+def motion_of_flow(
+    pinholes: Pinholes,
+    tracks: Tracks,
+    votes: Array,
+    left_px: Array,
+    found: Mask,
+    cam_from_previous: Array,
+    std_flow_px: float,
+    gate: float,
+    rules: ResectionRules,
+) -> tuple[bool, Array, Mask, float]:
+    """Return the motion (4, 4) of tracks by left positions (n, 2), known to σ, that flow has `found` (n,), eq. (20).
+
+    σ in pixels of the templates. Returns whether there is one, the motion, which tracks agree (n,), and their share of
+    the `votes` (n,) of what was found. Start (4, 4); `gate` of squared residuals.
     """
 
 def evidence(pinholes: Pinholes, z_px: Array, weights: Array, size: tuple[float, float]) -> float:

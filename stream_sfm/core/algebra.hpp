@@ -13,6 +13,7 @@ constexpr double DAMPING = 1e-9;        // of a scaled information matrix: a dir
 constexpr double MAX_CONDITION = 1e10;  // of one: beyond it a direction is not determined by the data
 constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration, as in geometry/se3.py
 constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
+constexpr std::size_t MIN_VIEWS = 6;    // of a motion, as in geometry/resection.py
 constexpr int MAX_SWEEPS = 30;          // of rotations: matrices of up to 20 take six
 constexpr double ROUNDING = 1e-30;      // of squares, relative
 

@@ -18,7 +18,6 @@ constexpr int RELINEARISE_EVERY = 3;  // steps: between them the pose moves too 
 constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the final least squares does the rest
 constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
 constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
-constexpr std::size_t MIN_VIEWS = 6;      // as in geometry/resection.py
 constexpr double LEAST_VOTES = 1e-12;     // of all views together
 constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
 

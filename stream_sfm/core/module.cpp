@@ -136,6 +136,9 @@ struct Argument<TimedPoints> : RecordArgument<TimedPoints, View<double, 2>, View
 template <>
 struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<double, 2>, double, double, std::size_t, double, bool, bool> {};
 template <>
+struct Argument<TrackTable> : RecordArgument<TrackTable, View<double, 2>, View<double, 1>, View<double, 3>, View<double, 3>,
+                                             View<double, 2>, Indices> {};
+template <>
 struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
                                          View<double, 3>, View<double, 3>, View<double, 1>> {};
 
@@ -216,6 +219,7 @@ NB_MODULE(_core, m) {
     m.def("fit_motion", &Bound<&fit_motion>::call);
     m.def("motions_of_halves", &Bound<&motions_of_halves>::call);
     m.def("resect", &Bound<&resect>::call);
+    m.def("motion_of_flow", &Bound<&motion_of_flow>::call);
     m.def("evidence", &Bound<&evidence>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
     m.def("views_within_gates", &Bound<&views_within_gates>::call);
@@ -238,7 +242,8 @@ NB_MODULE(_core, m) {
     m.def("union_of", &Bound<&union_of>::call);
     m.def("row_errors_of_tracks", &Bound<&row_errors_of_tracks>::call);
     m.def("view_inflation", &Bound<&view_inflation>::call);
-    m.def("anchor_from_now", &Bound<&anchor_from_now>::call);
+    m.def("predict_tracks", &Bound<&predict_tracks>::call);
+    m.def("update_depths", &Bound<&update_depths>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);
     m.def("inside_area", &Bound<&inside_area>::call);
     m.def("view_covariances", &Bound<&view_covariances>::call);

@@ -116,4 +116,41 @@ Resected resect(const PointViews& views, const View<double, 2>& start, const Vie
     return resection.with_second(resection.first(start));
 }
 
+// The motion of tracks by the left positions at which flow has found some of them.
+FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 1>& votes, const View<double, 2>& at,
+                          const View<bool, 1>& found, const View<double, 2>& start, double std_flow, double gate,
+                          const ResectionRules& rules) {
+    std::size_t n = tracks.points.shape[0];
+    require_shape(votes, {n}, "votes");
+    require_shape(at, {n, 2}, "at_px");
+    require_shape(found, {n}, "found");
+    require_shape(tracks.points, {n, 4}, "points");
+    require_shape(tracks.scale, {n}, "scale");
+    require_shape(start, {4, 4}, "cam_from_previous");
+    FlowMotion result{false, Array<double, 2>({4, 4}), Array<bool, 1>({n}), 0.0};
+    std::vector<std::size_t> rows;
+    for (std::size_t i = 0; i < n; i++)
+        if (found.data[i]) rows.push_back(i);
+    if (rows.size() < MIN_VIEWS) return result;
+    Array<double, 3> cov_all = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
+    auto points = rows_of(tracks.points, rows), z = Array<double, 2>({rows.size(), 4});
+    auto cov_points = rows_of(cov_all.view(), rows), cov = Array<double, 3>({rows.size(), 4, 4}), none = Array<double, 3>({rows.size(), 4, 0});
+    auto weights = rows_of(votes, rows), gates = Array<double, 1>({rows.size()});
+    for (std::size_t k = 0; k < rows.size(); k++) {
+        double std = std_flow * static_cast<double>(tracks.scale.data[rows[k]]);
+        for (int c = 0; c < 4; c++) {
+            z[k][c] = c < 2 ? at[rows[k]][c] : std::numeric_limits<double>::quiet_NaN();
+            cov[k][5 * c] = std * std;
+        }
+        gates.data[k] = gate;
+    }
+    PointViews views{pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gates.view()};
+    Fitted motion = resect(views, start, weights.view(), rules).found;
+    for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
+    result.ok = motion.ok;
+    result.cam_from_previous = std::move(motion.cam_from_ref);
+    result.share = motion.share;
+    return result;
+}
+
 }  // namespace core

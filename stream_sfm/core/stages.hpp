@@ -102,12 +102,29 @@ FoundViews align_in_both(const ImageOf<T>& left_image, const ImageOf<T>& right_i
                          const View<double, 1>& turn);
 
 // tracks.cpp
-struct Warps {
-    Array<double, 3> left, right;
-    auto parts() { return std::tie(left, right); }
+struct TrackTable {
+    View<double, 2> points;  // at unit depth
+    View<double, 1> var_rho;
+    View<double, 3> cov_left, anchor_from_start;
+    View<double, 2> slopes;
+    Indices scale;
 };
-Warps anchor_from_now(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& slopes,
-                      const View<double, 3>& anchor_from_start, const View<double, 2>& cam_from_start);
+struct PredictedTracks {
+    Array<double, 2> points, left;
+    Array<double, 1> right_u;
+    Array<double, 3> left_warps, right_warps;
+    auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
+};
+PredictedTracks predict_tracks(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
+                               const View<double, 2>& cam_from_start, const View<double, 2>& left, const View<bool, 1>& agree);
+struct UpdatedTracks {
+    Array<double, 2> points;
+    Array<double, 1> var_rho;
+    Array<double, 3> cov_left;
+    auto parts() { return std::tie(points, var_rho, cov_left); }
+};
+UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
+                            const View<double, 2>& z, const View<double, 3>& cov, double forgetting);
 Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half, double least_area);
 Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at);
 Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
@@ -248,6 +265,16 @@ struct Resected {
     std::optional<Second> second;
     auto parts() { return std::tie(found, second); }
 };
+struct FlowMotion {
+    bool ok;
+    Array<double, 2> cam_from_previous;
+    Array<bool, 1> agree;
+    double share;
+    auto parts() { return std::tie(ok, cam_from_previous, agree, share); }
+};
+FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 1>& votes, const View<double, 2>& at,
+                          const View<bool, 1>& found, const View<double, 2>& start, double std_flow, double gate,
+                          const ResectionRules& rules);
 Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules);
 
 // turn.cpp

@@ -32,36 +32,94 @@ void warp(const double* a, const double* by_depth, double* out) {
     for (int k = 0; k < 2; k++) out[4 + k] = -(by_depth[0] * out[k] + by_depth[1] * out[2 + k]);
 }
 
+void check(const TrackTable& tracks) {
+    std::size_t n = tracks.points.shape[0];
+    require_shape(tracks.points, {n, 4}, "points");
+    require_shape(tracks.var_rho, {n}, "var_rho");
+    require_shape(tracks.cov_left, {n, 2, 2}, "cov_left_px");
+    require_shape(tracks.anchor_from_start, {n, 4, 4}, "anchor_from_start");
+    require_shape(tracks.slopes, {n, 2}, "slopes");
+    require_shape(tracks.scale, {n}, "scale");
+}
+
+// Warps of the left and of the right image, anchor from now, of a point (4,) in the camera `now_from_anchor` (4, 4).
+void warps_of(const Pinholes& pinholes, const double* point, const double* slopes, const double* now_from_anchor, double* of_left,
+              double* of_right) {
+    const double* m = now_from_anchor;
+    double there[4], here[4], moved[6], left[4], right[4], by_depth[2];
+    Array<double, 3> anchor = pose_inverse({m, {1, 4, 4}});
+    move(anchor[0], point, there);
+    double scale = 1 / std::max(there[2], MIN_DEPTH);
+    for (double& x : there) x *= scale;
+    move(m, there, here);
+    double depth = std::max(here[2], MIN_DEPTH);
+    for (int row = 0; row < 3; row++)
+        for (int k = 0; k < 2; k++) moved[2 * row + k] = m[4 * row + k] + m[4 * row + 3] * slopes[k];
+    for (int k = 0; k < 2; k++) {
+        for (int row = 0; row < 2; row++) left[2 * row + k] = (moved[2 * row + k] - here[row] / depth * moved[4 + k]) / depth;
+        right[k] = left[k] - pinholes.baseline * (slopes[k] - here[3] / depth * moved[4 + k]) / depth;
+        right[2 + k] = left[2 + k];
+        by_depth[k] = moved[4 + k] / depth / pinholes.f;
+    }
+    warp(left, by_depth, of_left);
+    warp(right, by_depth, of_right);
+}
+
+// A point (4,) carried into a new camera, at unit depth; returns by how much it was divided.
+double move_to_unit_depth(const double* motion, const double* point, double* out) {
+    move(motion, point, out);
+    double depth = std::max(out[2], MIN_DEPTH);
+    for (int k = 0; k < 4; k++) out[k] /= depth;
+    return depth;
+}
+
 }  // namespace
 
-Warps anchor_from_now(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& slopes,
-                      const View<double, 3>& anchor_from_start, const View<double, 2>& cam_from_start) {
-    std::size_t n = points.shape[0];
-    require_shape(points, {n, 4}, "points");
-    require_shape(slopes, {n, 2}, "slopes");
-    require_shape(anchor_from_start, {n, 4, 4}, "anchor_from_start");
+PredictedTracks predict_tracks(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
+                               const View<double, 2>& cam_from_start, const View<double, 2>& left, const View<bool, 1>& agree) {
+    std::size_t n = tracks.points.shape[0];
+    check(tracks);
+    require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(cam_from_start, {4, 4}, "cam_from_start");
-    Array<double, 3> start_from_anchor = pose_inverse(anchor_from_start);
-    Warps result{Array<double, 3>({n, 3, 2}), Array<double, 3>({n, 3, 2})};
+    require_shape(left, {n, 2}, "left_px");
+    require_shape(agree, {n}, "agree");
+    Array<double, 3> start_from_anchor = pose_inverse(tracks.anchor_from_start);
+    PredictedTracks result{Array<double, 2>({n, 4}), Array<double, 2>({n, 2}), Array<double, 1>({n}), Array<double, 3>({n, 3, 2}),
+                           Array<double, 3>({n, 3, 2})};
     for (std::size_t i = 0; i < n; i++) {
-        double m[16], there[4], here[4], moved[6], left[4], right[4], by_depth[2];
-        multiply(cam_from_start.data, start_from_anchor[i], m);  // now from anchor
-        Array<double, 3> anchor = pose_inverse({m, {1, 4, 4}});
-        move(anchor[0], points[i], there);
-        double scale = 1 / std::max(there[2], MIN_DEPTH);
-        for (double& x : there) x *= scale;
-        move(m, there, here);
-        double depth = std::max(here[2], MIN_DEPTH);
-        for (int row = 0; row < 3; row++)
-            for (int k = 0; k < 2; k++) moved[2 * row + k] = m[4 * row + k] + m[4 * row + 3] * slopes[i][k];
-        for (int k = 0; k < 2; k++) {
-            for (int row = 0; row < 2; row++) left[2 * row + k] = (moved[2 * row + k] - here[row] / depth * moved[4 + k]) / depth;
-            right[k] = left[k] - pinholes.baseline * (slopes[i][k] - here[3] / depth * moved[4 + k]) / depth;
-            right[2 + k] = left[2 + k];
-            by_depth[k] = moved[4 + k] / depth / pinholes.f;
+        double expected[4], now_from_anchor[16];
+        move_to_unit_depth(cam_from_previous.data, tracks.points[i], result.points[i]);
+        project(pinholes, result.points[i], expected);
+        for (int k = 0; k < 2; k++) result.left[i][k] = agree.data[i] ? left[i][k] : expected[k];
+        result.right_u.data[i] = result.left[i][0] - expected[0] + expected[2];
+        multiply(cam_from_start.data, start_from_anchor[i], now_from_anchor);
+        warps_of(pinholes, result.points[i], tracks.slopes[i], now_from_anchor, result.left_warps[i], result.right_warps[i]);
+    }
+    return result;
+}
+
+UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
+                            const View<double, 2>& z, const View<double, 3>& cov, double forgetting) {
+    std::size_t n = tracks.points.shape[0];
+    check(tracks);
+    require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(cov, {n, 4, 4}, "cov_px");
+    UpdatedTracks result{Array<double, 2>({n, 4}), Array<double, 1>({n}), Array<double, 3>({n, 2, 2})};
+    double scale = p.f * p.baseline;
+    for (std::size_t i = 0; i < n; i++) {
+        double moved[4], depth = move_to_unit_depth(cam_from_previous.data, tracks.points[i], moved);
+        double before = forgetting * tracks.var_rho.data[i] / (depth * depth), gain = 0, rho = moved[3];
+        double seen = ((z[i][0] - p.cx_left) - (z[i][2] - p.cx_right)) / scale;
+        if (std::isfinite(seen)) {
+            double var = (cov[i][0] + cov[i][10] - 2 * cov[i][2]) / (scale * scale);
+            gain = before / (before + var);
+            rho += gain * (seen - rho);
         }
-        warp(left, by_depth, result.left[i]);
-        warp(right, by_depth, result.right[i]);
+        double point[4] = {(z[i][0] - p.cx_left) / p.f, (z[i][1] - p.cy) / p.f, 1, rho};
+        std::copy_n(point, 4, result.points[i]);
+        result.var_rho.data[i] = (1 - gain) * before;
+        for (int k = 0; k < 4; k++) result.cov_left[i][k] = cov[i][4 * (k / 2) + k % 2];
     }
     return result;
 }

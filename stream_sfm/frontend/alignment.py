@@ -29,13 +29,13 @@ WIDE = 4  # image pixels per template pixel of wide templates, for nearly textur
 class Candidates:
     """Tracks (n) whose patches should be in a new frame, as a rough motion predicts them.
 
-    `before`: the tracks in the previous camera; `now`: the same in the new one. Alignment starts at `left_px` (n, 2)
+    `before`: the tracks in the previous camera; `points` (n, 4) in the new one. Alignment starts at `left_px` (n, 2)
     and in column `right_u_px` (n,), with the warps `left_warps`, `right_warps` (n, 3, 2), anchor from now.
     `twist` (6,): how the points move in the camera, per second.
     """
 
     before: Tracks
-    now: Tracks
+    points: Array
     left_px: Array
     right_u_px: Array
     left_warps: Array
@@ -49,7 +49,7 @@ class Candidates:
         rows = indices(rows)
         return Candidates(
             self.before.keep(rows),
-            self.now.keep(rows),
+            rows_of(self.points, rows),
             rows_of(self.left_px, rows),
             rows_of(self.right_u_px, rows),
             rows_of(self.left_warps, rows),
@@ -60,7 +60,7 @@ class Candidates:
     @property
     def of_core(self) -> tuple[NDArray[np.intp], Array, Array, Array, Array, Array, Array, Array]:
         """What of them the compiled core aligns."""
-        of_tracks = self.now.slots, self.now.points, self.now.slopes
+        of_tracks = self.before.slots, self.points, self.before.slopes
         return *of_tracks, self.left_px, self.right_u_px, self.left_warps, self.right_warps, self.twist
 
 
@@ -173,8 +173,8 @@ def split(
 
 def visible(aligners: Aligners, candidates: Candidates) -> Candidates:
     """Return the candidates whose templates can be warped and that start inside the image."""
-    kept = np.zeros(len(candidates.now), bool)
-    for aligner, rows in split(aligners, candidates.now.scale):
+    kept = np.zeros(len(candidates.before), bool)
+    for aligner, rows in split(aligners, candidates.before.scale):
         kept[rows] = aligner.visible(candidates.keep(rows))
     return candidates.keep(kept)
 

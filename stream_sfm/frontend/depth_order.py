@@ -42,7 +42,7 @@ def of_background(
     )
     if other is None:
         return rough
-    left_px = setup.projection.project_homogeneous(tracks.moved(other.cam_from_previous).points)[:, :2]
+    left_px = setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
     # far points that agree fit either motion
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
     others = tracks.keep(rough.agree & (apart_px > _APART_PX * tracks.scale))

@@ -11,8 +11,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
+from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MIN_VIEWS, resect
+from ..geometry.resection import MIN_VIEWS, rules_of
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners, split
@@ -59,12 +61,12 @@ def find_rough_motion(
     `motion_known`: whether `predicted` (4, 4) is informative.
     """
     (projection, config), best = setup, None
-    exposed, cov_points = as_exposed(previous, images), tracks.cov_points(projection)
+    exposed, gate = as_exposed(previous, images), chi2_gate(2, config.robust.gate_probability)
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
     attempts = _attempts(config.frontend.pyramid_levels, tracks, predicted, motion_known)
     for (start, levels, zoom), before_half in product(attempts, before_halves):
-        at_px = projection.project_homogeneous(tracks.moved(start).points)[:, :2]
+        at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
         found = np.zeros(len(tracks), bool)
         for aligner, rows in split(aligners, tracks.scale):
             before_px, near_px = tracks.left_px[rows], at_px[rows]
@@ -73,23 +75,11 @@ def find_rough_motion(
             else:
                 by_flow = track_wide(aligner, previous, images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        z_px = np.full((int(found.sum()), 4), np.nan)
-        z_px[:, :2] = at_px[found]
-        motion = resect(
-            projection,
-            tracks.points[found],
-            cov_points[found],
-            z_px,
-            (_STD_FLOW_PX * tracks.scale[found, None, None]) ** 2 * np.eye(4),
-            start,
-            config.robust.gate_probability,
-            tracks.weights[found],
-            find_second=False,
-        )
-        if motion.ok and (best is None or motion.accepted.sum() > best.agree.sum()):
-            agree = np.zeros(len(tracks), bool)
-            agree[found] = motion.accepted
-            best = RoughMotion(motion.cam_from_ref, at_px, agree, motion.share)
+        seen = tracks.of_core, tracks.weights, at_px, found
+        rules = rules_of(projection, find_second=False)
+        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, _STD_FLOW_PX, gate, rules)
+        if ok and (best is None or agree.sum() > best.agree.sum()):
+            best = RoughMotion(motion, at_px, agree, share)
         if best is not None and best.share > _ENOUGH:
             return best
     if best is None or best.agree.sum() < LEAST_VIEWS:

@@ -1,5 +1,6 @@
 """Depths from the right image: every track is aligned in it, too, and its disparity measured in each frame."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +43,8 @@ def align_in_both(
     aligners: Aligners, rows: Rows, turn: RightTurn, images: PreparedImages, candidates: Candidates
 ) -> AlignedViews:
     """Find the candidates (n) in the left image, and what is found there in the right one."""
-    views = AlignedViews.none(len(candidates.now))
-    for aligner, at in split(aligners, candidates.now.scale):
+    views = AlignedViews.none(len(candidates.before))
+    for aligner, at in split(aligners, candidates.before.scale):
         of_templates = *images.grey(aligner.scale), aligner.atlas.grey, aligner.area, aligner.of_core
         seen = candidates.keep(at).of_core, rows.projection.pinholes, rows.of_core, turn.rad
         views.found[at], views.z_px[at], views.cov_px[at], views.any_row_px[at] = core.align_in_both(
@@ -61,16 +62,14 @@ def with_row_errors(unknown_px: Array, rows: Rows, z_px: Array, points: Array, t
     return core.with_row_errors(unknown_px, rows.projection.pinholes, rows.of_core, root, z_px, points, twist)
 
 
-def update_depths(p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array) -> Tracks:
-    """Tracks (n) of the new camera put where they were seen: views (n, 4) with covariances (n, 4, 4).
+def update_depths(
+    p: StereoProjection, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array
+) -> Tracks:
+    """Tracks (n) moved by (4, 4) and put where they were seen: views (n, 4) with covariances (n, 4, 4).
 
     1/Z by a scalar Kalman update where the right side is seen.
     """
-    rho = p.inverse_depth(z_px)
-    var = (cov_px[:, 0, 0] + cov_px[:, 2, 2] - 2 * cov_px[:, 0, 2]) / (p.f_px * p.baseline_m) ** 2
-    seen = np.isfinite(rho)
-    before = FORGETTING * tracks.var_rho
-    gain = np.where(seen, before / (before + np.where(seen, var, 1.0)), 0.0)
-    predicted = tracks.points[:, 3]
-    updated = predicted + gain * (np.where(seen, rho, 0.0) - predicted)
-    return tracks.placed(p.rays(z_px), z_px[:, :2], cov_px[:, :2, :2], updated, (1 - gain) * before)
+    points, var_rho, cov_left_px = core.update_depths(
+        p.pinholes, tracks.of_core, cam_from_previous, z_px, cov_px, FORGETTING
+    )
+    return replace(tracks, left_px=z_px[:, :2].copy(), cov_left_px=cov_left_px, points=points, var_rho=var_rho)

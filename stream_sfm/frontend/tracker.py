@@ -15,7 +15,7 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..record import record
+from ..record import record, rows_of
 from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
@@ -30,7 +30,7 @@ from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .stereo_depth import align_in_both, learn_rows, update_depths, with_row_errors
 from .tracks import Tracks
-from .warps import anchor_from_now
+from .warps import predicted
 
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
@@ -103,7 +103,7 @@ def follow(
     candidates = _predict(setup.projection, state, rough, twist)
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
-    taken_px = state.timing.taken_out(candidates.now.points, twist)
+    taken_px = state.timing.taken_out(candidates.points, twist)
     views = _align(setup, state, images, candidates).without(taken_px)
     known = _known(setup, state, candidates, views, rough.cam_from_previous, dt_s)
     state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
@@ -115,9 +115,9 @@ def follow(
     if motion is None:
         return state, None
     seen = views.found
-    aligners = learn_noise(state.aligners, motion, candidates.now.scale[seen], views.z_px[seen])
+    aligners = learn_noise(state.aligners, motion, known.before.scale, views.z_px[seen])
     state = replace(state, aligners=aligners, timing=state.timing.moved(twist))
-    state, followed = _advance(setup, state, candidates, views, taken_px, motion, rival, dt_s)
+    state, followed = _advance(setup, state, known.before, views, taken_px, motion, rival, dt_s)
     return state, followed if turn is None else followed.with_right_turned_back(views, turn)
 
 
@@ -181,19 +181,16 @@ def _twist_now(velocity: Array, cam_from_previous: Array, dt_s: float) -> Array:
 
 def _predict(projection: StereoProjection, state: FrontEndState, rough: RoughMotion, twist: Array) -> Candidates:
     """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""
-    now = state.tracks.moved(rough.cam_from_previous)
-    expected = projection.project_homogeneous(now.points)
-    # what flow lost, the motion may find
-    left_px = np.where(rough.agree[:, None], rough.left_px, expected[:, :2])
-    right_u_px = left_px[:, 0] - expected[:, 0] + expected[:, 2]
-    warps = anchor_from_now(now, rough.cam_from_previous @ state.cam_from_start, projection)
-    return visible(state.aligners, Candidates(state.tracks, now, left_px, right_u_px, *warps, twist))
+    cam_from_start = rough.cam_from_previous @ state.cam_from_start
+    found = rough.left_px, rough.agree  # what flow lost, the motion may find
+    now = predicted(projection, state.tracks, rough.cam_from_previous, cam_from_start, *found)
+    return visible(state.aligners, Candidates(state.tracks, *now, twist))
 
 
 def _align(setup: Setup, state: FrontEndState, images: PreparedImages, candidates: Candidates) -> AlignedViews:
     """Find the candidates (n) in the new images."""
     if setup.projection.virtual_right:
-        of_left = candidates.now.slots, candidates.left_warps, candidates.left_px
+        of_left = candidates.before.slots, candidates.left_warps, candidates.left_px
         return state.aligners[1].align_left(images, *of_left)
     return align_in_both(state.aligners, state.rows_told, state.turn, images, candidates)
 
@@ -202,15 +199,16 @@ def _known(
     setup: Setup, state: FrontEndState, candidates: Candidates, views: AlignedViews, motion: Array, dt_s: float
 ) -> _Known:
     """What is known of the tracks that were found, for a motion (4, 4) near the true one."""
-    before, now = candidates.before.keep(views.found), candidates.now.keep(views.found)
-    cov_points = before.cov_points(setup.projection, drift(state.aligners, now, motion))
+    before, now = candidates.before.keep(views.found), rows_of(candidates.points, views.found)
+    drift_px = drift(state.aligners, replace(before, points=now), motion)
+    cov_points = before.cov_points(setup.projection, drift_px)
     known = _Known(before, cov_points, float(candidates.before.weights.sum()))
     if state.turn_watch is None:
         return known
     twist, std_twist = candidates.twist, np.repeat(setup.std_acceleration, 3) * dt_s
-    unknown_px = state.timing.unknowns(before.points, now.points, twist, std_twist)
+    unknown_px = state.timing.unknowns(before.points, now, twist, std_twist)
     z_px = views.z_px[views.found]
-    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, z_px, now.points, twist)
+    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, z_px, now, twist)
     cov_turn += state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
     return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 
@@ -265,14 +263,14 @@ def _is_background_hidden(
 def _advance(
     setup: Setup,
     state: FrontEndState,
-    candidates: Candidates,
+    before: Tracks,
     views: AlignedViews,
     taken_px: Array,
     motion: Resection,
     rival: SecondMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Followed]:
-    """Move on to this frame, each track put where it was seen: those that agree with it, or with a second motion.
+    """Move on to this frame, each track found put where it was seen: those that agree with it, or a second motion.
 
     `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen. `rival`: a motion that
     looks the same.
@@ -285,13 +283,13 @@ def _advance(
     rows = np.flatnonzero(views.found)[kept]
     # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
     z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
-    now = candidates.before.keep(rows).moved(motion.cam_from_ref)
+    now = before.keep(kept)
     if projection.virtual_right:
-        now = update_by_parallax(projection, now, z_px, cov_px, cam_from_start)
+        now = update_by_parallax(projection, now.moved(motion.cam_from_ref), z_px, cov_px, cam_from_start)
     else:
-        now = update_depths(projection, now, z_px, cov_px)
+        now = update_depths(projection, now, motion.cam_from_ref, z_px, cov_px)
     now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
-    before, start = candidates.before.keep(views.found), state.start
+    start = state.start
     ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)
     found = _found(setup, before, views, motion)
     if other is None and not start.is_over:  # of another motion it is said already that it may be that of a body

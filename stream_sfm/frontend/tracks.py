@@ -73,6 +73,12 @@ class Tracks:
         rows = indices(rows)  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
+    @property
+    def of_core(self) -> tuple[Array, Array, Array, Array, Array, NDArray[np.int64]]:
+        """The tracks as the compiled core takes them."""
+        of_points = self.points, self.var_rho, self.cov_left_px
+        return *of_points, self.anchor_from_start, self.slopes, self.scale
+
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
         return wanted - int((self.scale == 1).sum())

@@ -121,14 +121,19 @@ def resect(
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
-    rules = (
-        *(views.size, _CALM_SHARE, BEYOND, MIN_SECOND_VIEWS if find_second else _NO_SECOND, _AMBIGUOUS_SHARE),
-        *(start_is_close, start_is_decided),
-    )
+    rules = rules_of(projection, find_second, start_is_close, start_is_decided)
     found, second = core.resect(
         views.of_core, cam_from_ref_start, np.ones(n) if weights is None else weights, rules
     )
     return Resection(*found, None if second is None else SecondMotion(*second))
+
+
+def rules_of(
+    projection: StereoProjection, find_second: bool, start_is_close: bool = False, start_is_decided: bool = False
+) -> tuple[tuple[float, float], float, float, int, float, bool, bool]:
+    """Return the rules of a resection as the compiled core takes them; arguments as of `resect`."""
+    size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else _NO_SECOND
+    return size, _CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
 
 
 def refine(

@@ -29,6 +29,8 @@ FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
 ROWS = ((80.0, 60.0), GRID, np.ones(13), 0.01, 0.2, 2.0)
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
+RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
+TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
 SOUGHT = (SLOTS, POINTS, STARTS, STARTS, STARTS[:, 0], WARPS, WARPS, np.ones(6))
 STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
 SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, FIELD, MOVES)
@@ -45,7 +47,8 @@ CALLS = {
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
-    "anchor_from_now": (PINHOLES, POINTS, STARTS, MOTIONS, np.eye(4)),
+    "predict_tracks": (PINHOLES, TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
+    "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
     "templates_fit": (WARPS, 6.0, 10.0, 0.2),
     "inside_area": (IMAGE > 100, STARTS),
     "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
@@ -56,7 +59,8 @@ CALLS = {
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
     "project_points": (PINHOLES, POINTS),
     "motions_of_halves": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N, bool), 0.01),
-    "resect": (OF_VIEWS, np.eye(4), np.ones(N), ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)),
+    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES),
+    "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "evidence": (PINHOLES, VIEWS, np.ones(N), (80.0, 60.0)),
     "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), np.eye(3), 0.1),
     "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),

@@ -6,7 +6,7 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
 from stream_sfm.frontend.tracks import Tracks
-from stream_sfm.frontend.warps import anchor_from_now
+from stream_sfm.frontend.warps import predicted
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import nees
@@ -41,7 +41,7 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         scale=np.ones(1, np.int64),
         agreed=np.zeros(1, np.int64),
     )
-    warp = anchor_from_now(tracks, CAM_FROM_ANCHOR, P)[side][0]
+    warp = predicted(P, tracks, np.eye(4), CAM_FROM_ANCHOR, np.zeros((1, 2)), np.array([False]))[3 + side][0]
     columns = slice(2 * side, 2 * side + 2)
     now_px = images_of(OFFSETS_PX)[:, columns] - images_of(np.zeros((1, 2)))[:, columns]
     back = (now_px @ warp[:2].T) / (1 + now_px @ warp[2])[:, None]

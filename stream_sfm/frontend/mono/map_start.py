@@ -11,7 +11,7 @@ from ..prepared import PreparedImages
 from ..state import FrontEndState, Setup
 from ..tracker import Followed
 from ..tracks import Tracks
-from ..warps import anchor_from_now
+from ..warps import predicted
 from .two_view import TwoView, two_view_motion
 
 # Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is
@@ -58,11 +58,11 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     tracks, p, aligner = state.tracks, setup.projection, state.aligners[1]
     if state.previous is None:
         return state, np.empty((0, 4, 4))
-    expected_px = p.project_homogeneous(tracks.points)[:, :2]
+    unseen = np.zeros(len(tracks), bool)
+    _, expected_px, _, warps, _ = predicted(p, tracks, np.eye(4), state.cam_from_start, tracks.left_px, unseen)
     before_half = as_exposed(state.previous, images)
     levels = setup.config.frontend.pyramid_levels
     at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
-    warps = anchor_from_now(tracks, state.cam_from_start, p)[0]
     found &= aligner.atlas.fits(warps)
     tracks = tracks.keep(found)
     left = aligner.align_left(images, tracks.slots, warps[found], at_px[found])
