@@ -23,7 +23,7 @@ from stream_sfm import Engine, Trajectory, open_log
 from stream_sfm.config import Config
 from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
-from stream_sfm.geometry.resection import resect
+from stream_sfm.geometry.resection import resect_views
 from stream_sfm.recording.stereo_log import StereoLog
 
 WORSE = 1.1  # times the ATE: starting one frame later changes it by as much
@@ -50,7 +50,7 @@ RULES: dict[str, tuple[str, Any]] = {
     "pair check": ("frontend.front_end.problem_of", lambda *_: ""),
     "repetition": ("frontend.tracker.rival_motion", lambda *_: None),
     "global search": ("geometry.resection._CALM_SHARE", -1.0),
-    "noise of bad frames": ("frontend.tracker.resect", lambda *a, **k: replace(resect(*a, **k), spread=1.0)),
+    "noise of bad frames": ("frontend.tracker.resect_views", lambda *a: replace(resect_views(*a), spread=1.0)),
     "depths forget": ("frontend.stereo_depth.FORGETTING", 1.0),
     "largest scale of a patch": ("frontend.templates._MIN_AREA", 0.0),
     "drift of templates": ("frontend.noise.ViewNoise.drift", lambda self, points, motion: np.zeros(len(points))),

@@ -79,6 +79,13 @@ class AlignedViews:
         """Return views of which none was found."""
         return cls(np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4)), np.full((n, 4), np.nan))
 
+    def keep(self, rows: NDArray[np.bool_]) -> "AlignedViews":
+        """The given rows."""
+        if takes_all(rows):
+            return self
+        columns = self.found, self.z_px, self.cov_px, self.any_row_px
+        return AlignedViews(*(rows_of(column, rows) for column in columns))
+
     def without(self, taken_px: Array) -> "AlignedViews":
         """Return the views with offsets (n, 4) px subtracted."""
         return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
@@ -192,12 +199,12 @@ def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64],
 
     Tracks with that `scale` (n,), their views (n, 4).
     """
-    coordinates, learnt = np.isfinite(z_px).sum(axis=1), dict(aligners)
+    learnt = dict(aligners)
     for aligner, rows in split(aligners, scale):
         used = np.zeros(len(scale), bool)
         used[rows] = motion.accepted[rows]
-        n = int(coordinates[used].sum())
-        fitted = round(6 * n / max(1, int(coordinates[motion.accepted].sum())))  # their share of the motion
+        n = int(np.isfinite(z_px[used]).sum())
+        fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion
         noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
         learnt[aligner.scale] = replace(aligner, noise=noise)
     return learnt

@@ -77,8 +77,8 @@ class PreparedImages:
     @cached_property
     def exposure(self) -> tuple[float, float]:
         """Mean and standard deviation of the left image's grey values."""
-        some = self.left_half[::4, ::4]
-        return float(some.mean()), float(some.std())
+        mean, std = cv2.meanStdDev(np.ascontiguousarray(self.left_half[::4, ::4]))
+        return float(mean[0, 0]), float(std[0, 0])
 
     def grey(self, scale: int) -> tuple[GreyImage, GreyImage]:
         """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect
+from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect_views
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
@@ -26,6 +26,7 @@ from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
 from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
+from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .stereo_depth import align_in_both, learn_rows, update_depths, with_row_errors
@@ -61,7 +62,7 @@ class Followed:
     def with_right_turned_back(self, views: AlignedViews, turn: Turn) -> "Followed":
         """With right sides in `found` where they fit a turn of the right camera: such a pair is whole."""
         assert self.found is not None
-        z_px = np.where(turn.agree[:, None], views.any_row_px[views.found], self.found.z_px)
+        z_px = np.where(turn.agree[:, None], views.any_row_px, self.found.z_px)
         return replace(self, found=replace(self.found, z_px=z_px))
 
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
@@ -101,11 +102,14 @@ def follow(
     rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
     candidates = _predict(setup.projection, state, rough, twist)
+    weight = float(candidates.before.weights.sum())
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
+    rows = state.rows_told
+    candidates, views = _align(setup, state, rows, images, candidates)
     taken_px = state.timing.taken_out(candidates.points, twist)
-    views = _align(setup, state, images, candidates).without(taken_px)
-    known = _known(setup, state, candidates, views, rough.cam_from_previous, dt_s)
+    views = views.without(taken_px)
+    known = _known(setup, state, rows, candidates, weight, views, rough.cam_from_previous, dt_s)
     state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, turn = _judge_turn(state, known, views, start)
@@ -114,8 +118,7 @@ def follow(
         state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
     if motion is None:
         return state, None
-    seen = views.found
-    aligners = learn_noise(state.aligners, motion, known.before.scale, views.z_px[seen])
+    aligners = learn_noise(state.aligners, motion, known.before.scale, views.z_px)
     state = replace(state, aligners=aligners, timing=state.timing.moved(twist))
     state, followed = _advance(setup, state, known.before, views, taken_px, motion, rival, dt_s)
     return state, followed if turn is None else followed.with_right_turned_back(views, turn)
@@ -187,28 +190,38 @@ def _predict(projection: StereoProjection, state: FrontEndState, rough: RoughMot
     return visible(state.aligners, Candidates(state.tracks, *now, twist))
 
 
-def _align(setup: Setup, state: FrontEndState, images: PreparedImages, candidates: Candidates) -> AlignedViews:
-    """Find the candidates (n) in the new images."""
+def _align(
+    setup: Setup, state: FrontEndState, rows: Rows, images: PreparedImages, candidates: Candidates
+) -> tuple[Candidates, AlignedViews]:
+    """Find the candidates in the new images: those that were found (n), and their views."""
     if setup.projection.virtual_right:
         of_left = candidates.before.slots, candidates.left_warps, candidates.left_px
-        return state.aligners[1].align_left(images, *of_left)
-    return align_in_both(state.aligners, state.rows_told, state.turn, images, candidates)
+        views = state.aligners[1].align_left(images, *of_left)
+    else:
+        views = align_in_both(state.aligners, rows, state.turn, images, candidates)
+    return candidates.keep(views.found), views.keep(views.found)
 
 
 def _known(
-    setup: Setup, state: FrontEndState, candidates: Candidates, views: AlignedViews, motion: Array, dt_s: float
+    setup: Setup,
+    state: FrontEndState,
+    rows: Rows,
+    candidates: Candidates,
+    weight: float,
+    views: AlignedViews,
+    motion: Array,
+    dt_s: float,
 ) -> _Known:
-    """What is known of the tracks that were found, for a motion (4, 4) near the true one."""
-    before, now = candidates.before.keep(views.found), rows_of(candidates.points, views.found)
+    """What is known of the tracks that were found, for a motion (4, 4) near the true one; see the record."""
+    before, now = candidates.before, candidates.points
     drift_px = drift(state.aligners, replace(before, points=now), motion)
     cov_points = before.cov_points(setup.projection, drift_px)
-    known = _Known(before, cov_points, float(candidates.before.weights.sum()))
+    known = _Known(before, cov_points, weight)
     if state.turn_watch is None:
         return known
     twist, std_twist = candidates.twist, np.repeat(setup.std_acceleration, 3) * dt_s
     unknown_px = state.timing.unknowns(before.points, now, twist, std_twist)
-    z_px = views.z_px[views.found]
-    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, z_px, now, twist)
+    unknown_px, cov_turn = with_row_errors(unknown_px, rows, views.z_px, now, twist)
     cov_turn += state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
     return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 
@@ -217,18 +230,15 @@ def _resect(
     setup: Setup, state: FrontEndState, known: _Known, views: AlignedViews, start: Array, dt_s: float
 ) -> tuple[FrontEndState, Resection | None]:
     """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
-    before, robust = known.before, setup.config.robust
-    seen = before.points, known.cov_points, views.z_px[views.found], views.cov_px[views.found]
-    motion = resect(
-        setup.projection, *seen, start, robust.gate_probability, before.weights, shared=known.unknown_px
-    )
+    before, weights, gate_probability = known.before, known.before.weights, setup.config.robust.gate_probability
+    seen = before.points, known.cov_points, views.z_px, views.cov_px
+    point_views = PointViews(setup.projection, *seen, gate_probability, known.unknown_px)
+    motion = resect_views(point_views, start, weights)
     if motion.ok:
-        point_views = PointViews(setup.projection, *seen, robust.gate_probability, known.unknown_px)
-        motion = rigid_motion(point_views, before.weights, motion, se3.exp(state.velocity * dt_s))
+        motion = rigid_motion(point_views, weights, motion, se3.exp(state.velocity * dt_s))
         if not state.start.is_over:
-            motion = decided(before, point_views, before.weights, motion)
-    enough = _MIN_AGREEMENT * known.weight
-    agree = motion.ok and before.weights[motion.accepted].sum() >= enough
+            motion = decided(before, point_views, weights, motion)
+    agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
     hidden = _is_background_hidden(setup, state, before, motion, dt_s)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None
@@ -240,8 +250,7 @@ def _judge_turn(
     """The turn of the right camera that the frame shows, if it is an unusual one."""
     if state.turn_watch is None or known.cov_turn is None:
         return state, None
-    z_px, cov_px = views.any_row_px[views.found], views.cov_px[views.found]
-    seen = known.before.points, known.cov_points, z_px, cov_px
+    seen = known.before.points, known.cov_points, views.any_row_px, views.cov_px
     watch, turn = state.turn_watch.judge(*seen, cam_from_previous, known.cov_turn)
     return replace(state, turn_watch=watch), turn
 
@@ -280,15 +289,15 @@ def _advance(
     kept = motion.accepted.copy()
     if motion.second is not None:
         kept |= motion.second.views
-    rows = np.flatnonzero(views.found)[kept]
+    rows = np.flatnonzero(kept)
     # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
-    z_px, cov_px = views.z_px[rows], motion.spread * views.cov_px[rows]
-    now = before.keep(kept)
+    z_px, cov_px = rows_of(views.z_px, rows), motion.spread * rows_of(views.cov_px, rows)
+    seen_px, now = z_px + rows_of(taken_px, rows), before.keep(rows)
     if projection.virtual_right:
         now = update_by_parallax(projection, now.moved(motion.cam_from_ref), z_px, cov_px, cam_from_start)
     else:
         now = update_depths(projection, now, motion.cam_from_ref, z_px, cov_px)
-    now = replace(now, left_px=z_px[:, :2] + taken_px[rows, :2])
+    now = replace(now, left_px=seen_px[:, :2].copy())
     start = state.start
     ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)
     found = _found(setup, before, views, motion)
@@ -304,11 +313,11 @@ def _advance(
         ambiguity=ambiguity,
         start=start,
     )
-    return state, Followed(motion.cam_from_ref, z_px + taken_px[rows], cov_px, found, other, settled)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
 
 
 def _found(setup: Setup, before: Tracks, views: AlignedViews, motion: Resection) -> Found:
     """The tracks found (n), as they were `before` the frame."""
-    seen, radius_px = views.found, before.scale * setup.config.frontend.window_radius_px
+    radius_px = before.scale * setup.config.frontend.window_radius_px
     covs = before.cov_points(setup.projection)
-    return Found(before.ids, before.points, covs, views.z_px[seen], views.cov_px[seen], radius_px, motion)
+    return Found(before.ids, before.points, covs, views.z_px, views.cov_px, radius_px, motion)

@@ -17,6 +17,8 @@ from .point_views import PointViews
 from .se3 import Array
 from .stereo import StereoProjection
 
+Rules = tuple[tuple[float, float], float, float, int, float, bool, bool]  # as the compiled core takes them
+
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 # The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
@@ -114,23 +116,32 @@ def resect(
     motion is looked for. `shared` (n, 4, j): what errors of σ = 1 that all views share do to them; they are estimated
     with the motion. `start_is_decided`: no motion of other views is looked for.
     """
-    n = len(z_px)
-    if n < MIN_VIEWS:
-        unknown = np.full((6, 6), np.inf)
-        return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     if points_in_ref.shape[-1] == 3:
         points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
     views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
+    weights = np.ones(len(views)) if weights is None else weights
     rules = rules_of(projection, find_second, start_is_close, start_is_decided)
-    found, second = core.resect(
-        views.of_core, cam_from_ref_start, np.ones(n) if weights is None else weights, rules
-    )
+    return resect_views(views, cam_from_ref_start, weights, rules)
+
+
+def resect_views(
+    views: PointViews, cam_from_ref_start: Array, weights: Array, rules: Rules | None = None
+) -> Resection:
+    """As `resect`; `rules`: as in `rules_of`, those of a start that need not be close where there are none."""
+    n, rules = len(views), rules_of(views.projection) if rules is None else rules
+    if n < MIN_VIEWS:
+        unknown = np.full((6, 6), np.inf)
+        return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
+    found, second = core.resect(views.of_core, cam_from_ref_start, weights, rules)
     return Resection(*found, None if second is None else SecondMotion(*second))
 
 
 def rules_of(
-    projection: StereoProjection, find_second: bool, start_is_close: bool = False, start_is_decided: bool = False
-) -> tuple[tuple[float, float], float, float, int, float, bool, bool]:
+    projection: StereoProjection,
+    find_second: bool = True,
+    start_is_close: bool = False,
+    start_is_decided: bool = False,
+) -> Rules:
     """Return the rules of a resection as the compiled core takes them; arguments as of `resect`."""
     size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else _NO_SECOND
     return size, _CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
