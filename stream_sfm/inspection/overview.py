@@ -27,8 +27,14 @@ from ..recording.topics import PairChoice, is_rectified
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..sources.source import Source
-from . import findings
-from .calibration_check import Images, check_calibration, matched_corners
+from .calibration_check import (
+    Images,
+    calibration_findings,
+    check_calibration,
+    matched_corners,
+    size_problem,
+    stamp_warning,
+)
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
@@ -174,7 +180,7 @@ class _Inspection:
     def _sizes_fit(self, rig: StereoRig, pairs: list[StereoPair]) -> bool:
         for message in chain.from_iterable(pair.images for pair in pairs):
             size = image_size(message)
-            if size is not None and (problem := findings.size_problem(size, rig)) is not None:
+            if size is not None and (problem := size_problem(size, rig)) is not None:
                 self.problems.append(f"{self.source.path}: topic {message.topic}: {problem}")
                 return False
         return True
@@ -194,9 +200,9 @@ class _Inspection:
                 self.problems.append(str(error))
         frames = self.result["frames"]
         if frames["median_offset_ms"] and frames["rate_hz"]:
-            said = findings.stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
+            said = stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
             self.warnings += [said] if said else []
-        problems, warnings = findings.calibration_findings(rig, check, corners, choice)
+        problems, warnings = calibration_findings(rig, check, corners, choice)
         self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]
 

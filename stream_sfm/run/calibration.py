@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..inspection.calibration_check import Images
-from ..inspection.findings import quick_problems
+from ..inspection.calibration_check import Images, quick_problems
 from ..recording.stereo_log import StereoLog
 from ..recording.topics import PairChoice
 from ..types import Frame, FrameEstimate
