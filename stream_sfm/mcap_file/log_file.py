@@ -83,7 +83,7 @@ class LogFile:
     def _messages(self, parser: "_Parser", damage: Damage, topics: frozenset[str] | None) -> Iterator[Message]:
         allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
         with self._open() as stream:
-            walk = self._walk(stream, damage, parser.knows_channel)
+            walk = Walk(self.path, stream, self.size_bytes, damage, parser.knows_channel)
             for record in walk:
                 if record.opcode not in READ or self._can_skip(record, topics):
                     continue
@@ -106,7 +106,7 @@ class LogFile:
         """The schemas and channels found in the whole file, the first of each number, even in damaged chunks."""
         found, allowance = Definitions(), Allowance()
         with self._open() as stream:
-            walk = self._walk(stream, Damage(), lambda _: False)
+            walk = Walk(self.path, stream, self.size_bytes, Damage(), lambda _: False)
             for record in walk:
                 if record.opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
                     body = walk.body(record)
@@ -120,10 +120,6 @@ class LogFile:
             return False
         listed = self.index.chunk_channels.get(record.offset)
         return listed is not None and not any(self.index.definitions.channels[i].topic in topics for i in listed)
-
-    def _walk(self, stream: IO[bytes], damage: Damage, knows_channel: Callable[[int], bool]) -> Walk:
-        chunks = list(self.index.chunk_channels) if self.index else []
-        return Walk(self.path, stream, self.size_bytes, chunks, damage, knows_channel)
 
     def attachments(self, damage: Damage, max_bytes: int = LIMITS.small_bytes) -> Iterator[Attachment]:
         """Yield the attachments of at most `max_bytes`, in file order."""
@@ -151,7 +147,7 @@ class LogFile:
         """Yield the records of one kind, each with its body and its place; `first_only`: look at one record."""
         try:
             with self._open() as stream:
-                walk = self._walk(stream, damage, lambda _: False)
+                walk = Walk(self.path, stream, self.size_bytes, damage, lambda _: False)
                 for record in walk:
                     if record.opcode == opcode and record.length <= max_bytes:
                         body, where = walk.body(record), f"{self.path} at byte {record.offset}"

@@ -4,8 +4,7 @@ What is found twice is taken once, in bounded time: a file can make it look agai
 """
 
 import errno
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -18,7 +17,6 @@ from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_head
 
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_FIXED_LENGTHS: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 _SECOND_LOOKS_BYTES = 64 * 2**20  # beyond the size of the file
 _MAX_RESUMPTIONS = 100_000  # some seconds
 
@@ -45,9 +43,8 @@ class Record(NamedTuple):
 class Walk:
     """The records of a file in order; iterate once.
 
-    `chunks`: offsets at which chunks are known to begin, ascending; no record reaches into one. `knows_channel`:
-    whether a channel is described, asked where messages are looked for behind damage. What is wrong is added to
-    `damage`.
+    `knows_channel`: whether a channel is described, asked where messages are looked for behind damage. What is wrong
+    is added to `damage`.
     """
 
     def __init__(
@@ -55,15 +52,14 @@ class Walk:
         path: Path,
         stream: IO[bytes],
         size: int,
-        chunks: Sequence[int],
         damage: Damage,
         knows_channel: Callable[[int], bool],
     ) -> None:
-        self._path, self._stream, self._size, self._chunks, self._damage = path, stream, size, chunks, damage
+        self._path, self._stream, self._size, self._damage = path, stream, size, damage
         self._search = Search(self._read, size, knows_channel)
         self._at: int | None = len(MAGIC)  # None: the end
         self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
-        self._has_chunks: bool | None = bool(chunks) or None  # None: not known
+        self._has_chunks: bool | None = None  # not known
         self._data_ended = False
         self._second_looks = size + _SECOND_LOOKS_BYTES
         self._resumptions_left = _MAX_RESUMPTIONS
@@ -72,17 +68,16 @@ class Walk:
         """Yield the records. Raises OSError where the file cannot be read."""
         while (at := self._at) is not None:
             self._damage.bytes_read = self._size if self._data_ended else at
-            start, stop = self._peek(at), self._stop(at)
-            left = stop - at - RECORD_HEAD.size
+            start, left = self._peek(at), self._size - at - RECORD_HEAD.size
             opcode, length = RECORD_HEAD.unpack_from(start) if left >= 0 else (0, 0)
             opcode, length = self._as_chunk(at, opcode, length, left, start[RECORD_HEAD.size :])
             if opcode == Opcode.FOOTER and left - length == len(MAGIC):
                 self._damage.bytes_read = self._size
                 return
-            if problem := self._problem(opcode, length, left, stop, start):
+            if problem := self._problem(opcode, length, left, start):
                 # A chunk that is cut off with the file can be read as far as it goes. Anything else that claims so
                 # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
-                cut = 0 <= left < length and stop == self._size and not ends_with_magic(self._stream)
+                cut = 0 <= left < length and not ends_with_magic(self._stream)
                 if cut and opcode == Opcode.CHUNK and left <= LIMITS.record_bytes:
                     yield Record(at, opcode, length, left)
                     self._unconfirmed = None
@@ -91,7 +86,7 @@ class Walk:
             if opcode == Opcode.CHUNK:
                 self._has_chunks = True
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END):
-                self._data_ended = opcode == Opcode.DATA_END and stop == self._size
+                self._data_ended = opcode == Opcode.DATA_END
             self._unconfirmed = None if opcode == Opcode.CHUNK else at
             self._at = at + RECORD_HEAD.size + length
             if length > LIMITS.record_bytes and opcode in READ:
@@ -127,18 +122,14 @@ class Walk:
         self._damage.note(f"{self._path} at byte {at}: a chunk was read although its {wrong} is wrong")
         return int(Opcode.CHUNK), head.length
 
-    def _problem(self, opcode: int, length: int, left: int, stop: int, start: bytes) -> str:
+    def _problem(self, opcode: int, length: int, left: int, start: bytes) -> str:
         """Why there is no record; empty where there is one."""
-        if left < 0 and stop == self._size:
+        if left < 0:
             return "the recording was not closed"
         if opcode == 0:
             return "there is no record (zeros, or damage)"
         if length > left:
             return f"the record there has {length} bytes, only {left} follow"
-        if _FIXED_LENGTHS.get(opcode, length) != length:
-            return f"a record of kind {opcode} has {length} bytes"
-        if opcode == Opcode.MESSAGE_INDEX and not _is_message_index(start[RECORD_HEAD.size :], length):
-            return "there is a message index whose lengths do not add up"
         if self._unconfirmed is not None and not can_follow(start, RECORD_HEAD.size + left):
             return "there is no record"
         return ""
@@ -150,14 +141,11 @@ class Walk:
             self._damage.add(f"{self._path} is not read from byte {at} on: it is damaged everywhere")
             self._at = None
             return
-        start, stop = at + 1, self._stop(at)
+        start = at + 1
         if self._unconfirmed is not None and self._allows(at - self._unconfirmed):
             start = self._unconfirmed + 1  # it may have been taken for longer than it is
         self._unconfirmed = None
-        found = self._search.find(start, stop, self._wanted(at))
-        if found is None and stop < self._size:
-            found = stop
-        self._at = found
+        self._at = found = self._search.find(start, self._size, self._wanted(at))
         if found is None:
             if not self._data_ended:
                 share = f"{at / 1e6:.2f} of {self._size / 1e6:.2f} MB ({100 * at / self._size:.0f} %) could be read"
@@ -179,11 +167,6 @@ class Walk:
         self._second_looks -= count
         return self._second_looks >= 0
 
-    def _stop(self, at: int) -> int:
-        """Where the next known chunk behind `at` begins, or the file ends."""
-        number = bisect_right(self._chunks, at)
-        return self._chunks[number] if number < len(self._chunks) else self._size
-
     def _peek(self, at: int) -> bytes:
         return self._read(at, min(PEEK_BYTES, self._size - at))
 
@@ -193,10 +176,3 @@ class Walk:
         if len(data) < count:
             raise OSError(errno.EIO, "it became shorter while it was read")
         return data
-
-
-def _is_message_index(body: bytes, length: int) -> bool:
-    if length < 6:
-        return False
-    size = int.from_bytes(body[2:6], "little")
-    return size % 16 == 0 and size <= length - 6
