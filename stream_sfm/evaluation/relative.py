@@ -3,7 +3,7 @@
 Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and errors differ in
 size from one part of a log to another; intervals therefore come from contiguous blocks, each at least twice as long as
 the longest span (docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there.
-Under equal methods intervals exclude equality as often as they say; `tests/evaluation/test_intervals.py`.
+Under equal methods intervals exclude equality as often as they say; `tests/evaluation/test_relative.py`.
 """
 
 from collections.abc import Callable

@@ -1,5 +1,5 @@
 "use strict";
-// Hints where a table is wider than the screen, and nothing folded in print. The page is complete without this.
+// Hints where a table is wider than the screen, and nothing folded in print.
 (() => {
   const narrow = () => document.querySelectorAll(".scroll, .wide").forEach((s) => s.classList.toggle("narrow", s.scrollWidth > s.clientWidth + 1));
   narrow();
@@ -8,5 +8,4 @@
   let closed = [];
   addEventListener("beforeprint", () => { closed = [...document.querySelectorAll("details:not([open])")]; closed.forEach((d) => { d.open = true; }); });
   addEventListener("afterprint", () => closed.forEach((d) => { d.open = false; }));
-  document.documentElement.dataset.ready = "yes";
 })();

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,30 +17,24 @@ STEP = se3.exp([0.1, 0.0, 0.02, 0.0, 0.01, 0.0])
 STD = np.repeat([1e-3, 2e-4], 3)  # of one step
 
 
-def record_of(
-    path: np.ndarray, estimated: np.ndarray, cov: np.ndarray, missing: range = range(0)
-) -> RelativeRecord:
+def record_of(estimated: np.ndarray, cov: np.ndarray, missing: range = range(0)) -> RelativeRecord:
     """Motions over 1 … 8 frames of an estimated path whose steps are independent, with `cov` (6, 6) each."""
     record = RelativeRecord()
-    for n in (n for n in range(len(path)) if n not in missing):
-        spans = [k for k in range(1, 9) if k <= n]
-        motions, covs = [], []
-        for k in spans:
-            motion, sigma = np.eye(4), np.zeros((6, 6))
-            for i in range(n - k, n):
-                step = se3.inverse(estimated[i]) @ estimated[i + 1]
-                ad = se3.adjoint(se3.inverse(step))
-                motion, sigma = motion @ step, ad @ sigma @ ad.T + cov
-            motions.append(motion)
-            covs.append(sigma)
-        relative = None
-        if spans:
-            relative = RelativeMotions(np.array([n - k for k in spans]), np.stack(motions), np.stack(covs))
-        estimate = SimpleNamespace(
-            stamp_ns=n * PERIOD_NS, frame_index=n, status="ok", relative=relative, common=None
-        )
-        record.add(estimate)  # type: ignore[arg-type]
+    for n in (n for n in range(len(estimated)) if n not in missing):
+        motions, covs = [np.eye(4)], [np.zeros((6, 6))]
+        for i in range(n - 1, max(n - 9, -1), -1):  # one step more, at the far end of the motion
+            step, ad = se3.inverse(estimated[i]) @ estimated[i + 1], se3.adjoint(se3.inverse(motions[-1]))
+            motions.append(step @ motions[-1])
+            covs.append(covs[-1] + ad @ cov @ ad.T)
+        spans = np.arange(1, len(motions))
+        relative = RelativeMotions(n - spans, np.stack(motions[1:]), np.stack(covs[1:])) if n else None
+        record.add(at(n, relative))
     return record
+
+
+def at(n: int, relative: RelativeMotions | None, common: CommonErrors | None = None) -> Any:
+    """What a record reads of the estimate of a frame."""
+    return SimpleNamespace(stamp_ns=n * PERIOD_NS, frame_index=n, status="ok", relative=relative, common=common)
 
 
 @pytest.mark.parametrize("too_small", [1.0, 3.0])
@@ -51,7 +46,7 @@ def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None
         path.append(path[-1] @ STEP)
         estimated.append(estimated[-1] @ STEP @ se3.exp(too_small * STD * rng.normal(size=6)))
     truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, np.stack(path))
-    found = against_truth(record_of(truth.world_from_cam, np.stack(estimated), np.diag(STD**2)), truth, (0.0, 0.0))
+    found = against_truth(record_of(np.stack(estimated), np.diag(STD**2)), truth, (0.0, 0.0))
     assert [spans["frames"] for spans in found] == list(SPANS)
     for spans in found:
         standard_error = too_small * np.sqrt(spans["frames"] / (2 * 6 * FRAMES))
@@ -78,10 +73,8 @@ def test_motions_with_common_errors_add_up_to_what_they_err_by() -> None:
             motion = np.linalg.matrix_power(STEP, n - before) @ se3.exp(-error)
             cov = np.diag(STD**2) + by_c @ cov_c @ by_c.T
             relative = RelativeMotions(np.array([before]), motion[None], cov[None], by_c[None])
-            estimate = SimpleNamespace(stamp_ns=n, frame_index=n, status="ok", relative=relative, common=common)
-            records[True].add(estimate)  # type: ignore[arg-type]
-            estimate.common = None
-            records[False].add(estimate)  # type: ignore[arg-type]
+            records[True].add(at(n, relative, common))
+            records[False].add(at(n, relative))
         for shared, record in records.items():
             found = record.motions(100)
             pose = found.earlier_from_end[-1]
@@ -95,7 +88,7 @@ def test_motions_with_common_errors_add_up_to_what_they_err_by() -> None:
 def test_frames_that_a_damaged_file_lacks_shift_nothing() -> None:
     path = np.stack([np.linalg.matrix_power(STEP, n) for n in range(FRAMES)])
     truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, path)
-    found = against_truth(record_of(path, path, np.diag(STD**2), range(100, 120)), truth, (0.0, 0.0))
+    found = against_truth(record_of(path, np.diag(STD**2), range(100, 120)), truth, (0.0, 0.0))
     assert max(spans["factor"] for spans in found) < 1e-6  # rounding: the estimates are exact
     assert found[0]["count"] == FRAMES - 20 - 2  # nor has the first frame one, or the first one behind the gap
 
@@ -106,7 +99,7 @@ def test_the_truth_s_own_error_counts() -> None:
     path = np.stack([np.linalg.matrix_power(STEP, n) for n in range(FRAMES)])
     noisy = path @ se3.exp(rng.normal(size=(FRAMES, 6)) * np.repeat([0.01, 0.002], 3))
     truth = Trajectory(np.arange(FRAMES) * PERIOD_NS, noisy)
-    record = record_of(path, path, np.diag(STD**2))
+    record = record_of(path, np.diag(STD**2))
     blind, seeing = (against_truth(record, truth, std)[0]["factor"] for std in ((0.0, 0.0), (0.01, 0.002)))
     assert blind > 5  # the truth errs by 14 σ
     assert seeing == pytest.approx(1, abs=4 * np.sqrt(2 / (2 * 6 * FRAMES)))  # neighbouring spans share a truth

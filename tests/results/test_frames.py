@@ -14,11 +14,11 @@ from stream_sfm.geometry import se3
 from stream_sfm.motion import Odometry
 from stream_sfm.results.estimate_messages import PathSoFar
 from stream_sfm.results.estimates_reader import read_clouds
-from stream_sfm.results.frames import RosFrames
+from stream_sfm.results.frames import RosFrames, fixed_axis_covariance
 from stream_sfm.results.ros_messages import POINT_DTYPE
 from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
-from tests.results.test_estimates import estimate, write
+from tests.results.test_estimates import estimate, matrix, write
 
 ROBOT = RosConfig(
     world_frame="earth",
@@ -35,13 +35,6 @@ def messages(path: Path, topic: str) -> list:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return [said for _, _, _, said in reader.iter_decoded_messages([topic])]
-
-
-def matrix(translation, rotation) -> np.ndarray:
-    quat = [rotation.x, rotation.y, rotation.z, rotation.w]
-    return se3.from_rotation_translation(
-        se3.matrix_from_quat_xyzw(quat), [translation.x, translation.y, translation.z]
-    )
 
 
 def transform(stamped) -> np.ndarray:
@@ -129,17 +122,19 @@ def test_the_velocity_is_that_by_which_the_robot_moves(robot: Path) -> None:
         before = now
 
 
-def test_the_covariance_of_the_robot_is_that_of_its_errors() -> None:
-    """Monte Carlo: errors of the camera's pose, carried over to the base."""
+@pytest.mark.parametrize("fixed", [False, True])
+def test_covariances_of_the_robot_are_those_of_its_errors(fixed: bool) -> None:
+    """Monte Carlo: errors of the camera's pose, carried over to the base; of ROS, along and about the fixed axes."""
     frames, rng, n = RosFrames(ROBOT), np.random.default_rng(1), 40_000
     pose, half = estimate(4).world_from_cam, rng.normal(size=(6, 6)) * 1e-3
-    samples = pose @ se3.exp(rng.normal(size=(n, 6)) @ half.T)
-    errors = se3.log(se3.inverse(frames.pose(pose)) @ frames.pose(samples))
-    expected = frames.cov_pose(half @ half.T)
+    true, base = frames.pose(pose @ se3.exp(rng.normal(size=(n, 6)) @ half.T)), frames.pose(pose)
+    errors, expected = se3.log(se3.inverse(base) @ true), frames.cov_pose(half @ half.T)
+    if fixed:
+        errors = np.c_[true[:, :3, 3] - base[:3, 3], se3.log_so3(true[:, :3, :3] @ base[:3, :3].T)]
+        expected = fixed_axis_covariance(base[:3, :3], expected)
     scale = np.sqrt(np.diag(expected))
-    assert abs((errors.T @ errors / n - expected) / np.outer(scale, scale)).max() < 5 * np.sqrt(
-        2 / n
-    )  # standard errors of a variance
+    difference = abs((errors.T @ errors / n - expected) / np.outer(scale, scale)).max()
+    assert difference < 5 * np.sqrt(2 / n)  # standard errors of a variance
 
 
 def test_with_z_up_forward_is_x() -> None:

@@ -93,16 +93,12 @@ def test_a_frame_without_a_covariance_has_no_sigma(tmp_path: Path) -> None:
     ).all()
 
 
-def test_pandas_makes_a_table_with_times(run: sfm.RunResults) -> None:
+def test_pandas_makes_a_table_with_times(run: sfm.RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
     pandas = pytest.importorskip("pandas")
-    frame = run.to_pandas()
-    assert list(frame.columns) == list(run.table) and len(frame) == FRAMES
+    frame, read = run.to_pandas(), pandas.read_csv(run.folder / "trajectory.csv")
+    assert list(frame.columns) == list(run.table) == list(read.columns)
     assert frame.index[1] == pandas.Timestamp(int(run.stamps_ns[1]))
-    read = pandas.read_csv(run.folder / "trajectory.csv")
     assert np.allclose(read["x_m"], frame["x_m"]) and (read["status"] == frame["status"].to_numpy()).all()
-
-
-def test_without_pandas_the_table_is_named(run: sfm.RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(sfm.ConfigError, match="pip install pandas, or use `table`"):
         run.to_pandas()

@@ -3,9 +3,7 @@
 import json
 import os
 import re
-import shutil
 import signal
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +36,8 @@ FAST = "cross-frame,ekf,frame-to-frame"
 def spec(frames: Any = range(12), **changes: Any) -> Spec:
     k = K.copy()
     k[:2, 2] = SIZE[0] / 2, SIZE[1] / 2
-    size = {"width": SIZE[0], "height": SIZE[1], "K": k}
-    p = np.c_[k, np.zeros(3)]
-    p_right = np.c_[k, right_calib().P[:, 3]]
-    frames = tuple(frames)
-    return Spec(
-        size=SIZE, infos=(Calib(**size, P=p), Calib(**size, P=p_right)), left=frames, right=frames, **changes
-    )
+    infos = tuple(Calib(*SIZE, K=k, P=np.c_[k, column]) for column in (np.zeros(3), right_calib().P[:, 3]))
+    return Spec(size=SIZE, infos=infos, left=tuple(frames), right=tuple(frames), **changes)
 
 
 def run(path: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
@@ -160,21 +153,6 @@ def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
 
 
-CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: the page is not opened in a browser")
-def test_chromium_runs_its_script_without_errors(whole: Any, tmp_path: Path) -> None:
-    """Console messages go to stderr."""
-    _, out, _, _ = whole
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0", "--dump-dom"]
-    page = (out / "report.html").resolve().as_uri()
-    command = [str(CHROMIUM), *options, f"--user-data-dir={tmp_path}", page]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert 'data-ready="yes"' in done.stdout  # the script has run to its end
-    assert "CONSOLE" not in done.stderr, [x for x in done.stderr.splitlines() if "CONSOLE" in x]
-
-
 def test_frames_whose_truth_is_wrong_can_be_left_out(tmp_path: Path) -> None:
     """One true pose is off by half a metre: nothing judges it, and without its frame the error is small."""
     log = write_log(tmp_path / "log.mcap", spec(range(30), truth=True))
@@ -194,14 +172,10 @@ def test_ground_truth_that_is_no_rigid_motion_is_refused(tmp_path: Path, cli) ->
     truth = open_log(log).ground_truth()
     assert truth is not None
     mirrored = truth.world_from_cam @ np.diag([1, -1, 1, 1.0])
-    rows = [
-        f"{t / 1e9:.9f} " + " ".join(map(str, p[:3].ravel()))
-        for t, p in zip(truth.stamps_ns, mirrored, strict=True)
-    ]
-    (tmp_path / "truth.txt").write_text("\n".join(rows))
+    rows = np.c_[truth.stamps_ns / 1e9, mirrored[:, :3].reshape(-1, 12)]
+    np.savetxt(tmp_path / "truth.txt", rows, fmt="%.9f")
     for command in ("replay", "compare"):
         given = ["--ground-truth", str(tmp_path / "truth.txt"), "--out", str(tmp_path / "out")]
         assert "mirrored" in cli(command, log, *given, code=3).err
-    for poses, said in ((mirrored, "mirrored"), (0 * mirrored, "all zeros")):
-        with pytest.raises(sfm.LogError, match=said):
-            compare(open_log(log, ground_truth=Trajectory(truth.stamps_ns, poses)), methods=("frame-to-frame",))
+    with pytest.raises(sfm.LogError, match="all zeros"):
+        compare(open_log(log, ground_truth=Trajectory(truth.stamps_ns, 0 * mirrored)), methods=("frame-to-frame",))

@@ -8,12 +8,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.errors import LogError
+from stream_sfm.geometry import se3
 from stream_sfm.run.loop import prepared_ahead
 
 SIZE = (32, 48)
-CAMERA = sfm.Camera(SIZE[1], SIZE[0], np.array([[40.0, 0, 24], [0, 40, 16], [0, 0, 1]]))
-BASELINE = np.eye(4)
-BASELINE[0, 3] = -0.1
 
 
 def frame(grey: int) -> Any:
@@ -23,7 +21,8 @@ def frame(grey: int) -> Any:
 
 @pytest.fixture
 def engine() -> sfm.Engine:
-    return sfm.Engine(sfm.StereoRig(CAMERA, CAMERA, BASELINE))
+    camera = sfm.Camera(SIZE[1], SIZE[0], np.array([[40.0, 0, 24], [0, 40, 16], [0, 0, 1]]))
+    return sfm.Engine(sfm.StereoRig(camera, camera, se3.exp([-0.1, 0, 0, 0, 0, 0])))
 
 
 def test_a_log_that_ends_in_an_error_gives_all_its_frames_first(engine: sfm.Engine) -> None:

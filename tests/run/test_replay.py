@@ -7,6 +7,7 @@ import subprocess
 import sys
 from itertools import islice
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -27,16 +28,6 @@ FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
     f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")
 }
 FAST = sfm.Config(method="frame-to-frame")
-SUMMARY_KEYS = {
-    "log", "method", "complete", "warnings", "frames", "duration_s", "path_length_m", "timing_ms", "frames_per_s",
-    "cpu_s", "peak_rss_mib", "ground_truth",
-}  # fmt: skip
-TRUTH_KEYS = {
-    "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
-    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", "local_structure_rms_m",
-    "local_structure_median_m", "local_structure_error_over_sigma", "local_structure_error_over_sigma_median",
-    "local_structure_beyond_3_sigma_percent",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +48,6 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
     assert {p.name for p in replayed.out_dir.iterdir()} == FILES
     summary = json.loads((replayed.out_dir / "summary.json").read_text())
     assert summary == json.loads(json.dumps(replayed.summary))
-    assert set(summary) >= SUMMARY_KEYS
-    assert set(summary["ground_truth"]) >= TRUTH_KEYS
-    assert all(set(t) == {"p50", "p95", "max"} for t in summary["timing_ms"].values())
-    assert set(summary["timing_ms"]) == {"decode", "frontend", "estimator", "total"}
     assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, backwards=0, dropped=0)
     assert summary["complete"] and summary["warnings"] == []
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
@@ -96,39 +83,31 @@ def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: 
 
 def test_a_selection_is_counted_as_such(wall_log: Path):
     result = replay(wall_log, None, FAST, sfm.Selection(0.1, 0.4, stride=2))
-    assert result.out_dir is None
-    assert len(result.trajectory) == 4
-    assert result.summary["frames"]["paired"] == result.summary["frames"]["estimated"] == 4
-    assert result.summary["complete"]
+    frames = result.summary["frames"]
+    assert len(result.trajectory) == frames["paired"] == frames["estimated"] == 4
+    assert result.out_dir is None and result.summary["complete"]
 
 
 def test_missing_right_images_are_counted_and_not_fatal(tmp_path: Path):
-    log = write_wall_log(tmp_path / "gap.mcap", without_right=(4, 5, 6))
-    result = replay(log, None, FAST)
-    assert result.summary["frames"]["read"] == 12
-    assert result.summary["frames"]["estimated"] == 9
-    assert result.summary["complete"] and any("no partner" in w for w in result.summary["warnings"])
+    summary = replay(write_wall_log(tmp_path / "gap.mcap", without_right=(4, 5, 6)), None, FAST).summary
+    assert (summary["frames"]["read"], summary["frames"]["estimated"]) == (12, 9)
+    assert summary["complete"] and any("no partner" in w for w in summary["warnings"])
 
 
 @pytest.mark.parametrize("error", [RuntimeError("the caller's own"), sfm.OutputError("no space left on device")])
 def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
     error: Exception, wall_log: Path, tmp_path: Path
 ):
-    class Failing:
-        def write(self, estimate, frame):
-            if estimate.frame_index == 2:
-                raise error
-
-        def close(self):
-            raise error
-
-    other = Calling(lambda _: None)
+    failing, other = (
+        mock.Mock(**{"write.side_effect": [None, None, error], "close.side_effect": error}),
+        mock.Mock(),
+    )
     with pytest.raises(type(error), match=str(error)):
-        replay(wall_log, tmp_path / "out", FAST, sinks=[Failing(), other])
-    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES and other.closed == 1
+        replay(wall_log, tmp_path / "out", FAST, sinks=[failing, other])
+    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES and other.close.call_count == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["complete"] is False and summary["frames"]["estimated"] == 3
-    assert any(str(error) in w for w in summary["warnings"]) or isinstance(error, sfm.InputError)
+    assert any(str(error) in w for w in summary["warnings"])
     assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) == 3
 
 
@@ -162,16 +141,12 @@ def test_memory_does_not_grow_with_the_length_of_the_log(tmp_path: Path):
 
 
 def test_a_sink_gets_each_estimate_with_its_frame_after_the_files(tmp_path: Path) -> None:
-    written, seen = tmp_path / "trajectory.tum.part", []
-
-    class Recording(Calling):
-        def write(self, estimate, frame):
-            seen.append((written.read_text().count("\n"), estimate, frame))
-
-    sink = Recording(print)
+    written, lines, sink = tmp_path / "trajectory.tum.part", [], mock.Mock()
+    sink.write.side_effect = lambda estimate, frame: lines.append(written.read_text().count("\n"))
     result = replay(ROOM, tmp_path, FAST, sfm.Selection(max_frames=3), sinks=[sink])
-    assert [lines for lines, _, _ in seen] == [1, 2, 3] and sink.closed == 1
-    for (_, estimate, frame), pose in zip(seen, result.trajectory.world_from_cam, strict=True):
+    assert lines == [1, 2, 3] and sink.close.call_count == 1
+    for call, pose in zip(sink.write.call_args_list, result.trajectory.world_from_cam, strict=True):
+        estimate, frame = call.args
         assert estimate.stamp_ns == frame.stamp_ns and (estimate.world_from_cam == pose).all()
         assert frame.pictures == (frame.recorded.left.data, frame.recorded.right.data)
 

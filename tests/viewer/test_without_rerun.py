@@ -8,7 +8,6 @@ import pytest
 
 import stream_sfm as sfm
 from tests.helpers.places import ROOM
-from tests.results.test_estimates import rig
 
 # A finder in front of all others: as if the package were not there.
 WITHOUT = """
@@ -43,9 +42,3 @@ def test_what_needs_it_says_how_to_get_it_and_does_nothing(option: str, tmp_path
     assert done.returncode == 2
     assert "the Rerun viewer is not installed: pip install rerun-sdk" in done.stderr
     assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
-
-
-def test_in_python_it_is_a_config_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("stream_sfm.viewer.find_spec", lambda name: None)
-    with pytest.raises(sfm.ConfigError, match="pip install rerun-sdk"):
-        sfm.open_viewer(rig(), tmp_path / "a.rrd")
