@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -22,22 +22,19 @@ from ..report.calibration import describe
 from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
 from ..report.page import REPORT, write_report
-from ..report.records import NO_LOOPS, Comparison, Truth
+from ..report.records import Comparison, Truth
 from ..types import Selection, Sink
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
 from .summary import summarise
 
-COMPARED: tuple[str, ...] = (
-    "cross-frame",
-    "cross-frame-wc",
-    "cross-frame-cc",
-    "ekf",
-    "iterated-ekf",
-    "ekf-cv",
-    "frame-to-frame",
-)
+if TYPE_CHECKING:
+    from ..places.place_map import PlaceMap
+
+COMPARED = (
+    "cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "ekf-cv", "frame-to-frame",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -95,41 +92,21 @@ def compare(
         refuse_overwriting(outputs(folder, methods), [log.path])
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
-    rig = log.stereo_rig
-    depth = log.depth_images()
-    observer, lanes = _lanes(rig, config, methods, depth, folder)
-    front, tests = FrontRecord(), [SelfTest(observer.projection, config)] if self_test else []
-    with_loops = []
-    if loops:
-        from ..places.place_map import PlaceMap  # as in a replay
-
-        with_loops = [PlaceMap(rig, lanes[0].config, wait=True)]
+    depth, front = log.depth_images(), FrontRecord()
+    observer, lanes = _lanes(log.stereo_rig, config, methods, depth, folder)
+    tests = [SelfTest(observer.projection, config)] if self_test else []
+    places = _places(log.stereo_rig, lanes[0].config) if loops else []
     with deferred_interrupts() as interruption:
-        course = run(
-            log,
-            lanes,
-            [*with_loops, *sinks],
-            [front, *tests],
-            selection=selection,
-            interruption=interruption,
-        )
+        course = run(log, lanes, [*places, *sinks], [front, *tests], selection=selection, interruption=interruption)
     if course.error is not None and not course.frames:
         raise course.error
-    longest = max((lane.record for lane in lanes), key=len)
-    if poses is not None:
-        truth = truth._replace(poses=without_frames(poses, longest.stamps_ns, truth.ignored))
     runs, warnings = [lane.record for lane in lanes], _warnings(log, lanes, course, depth)
-    ends = NO_LOOPS
-    for places in with_loops if len(runs[0]) else ():
-        if places.problem:
-            warnings.append(places.problem)
-            continue
-        runs.insert(1, runs[0].with_poses(f"{runs[0].name}-loops", places.corrected(runs[0].trajectory())))
-        _, positions_m, joined = places.lines()
-        ends = positions_m[joined]
+    if poses is not None:
+        stamps_ns = max(runs, key=len).stamps_ns
+        truth = truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored))
     found = Comparison(
         log=log.path.absolute().name,  # which "." has too
-        rig=rig,
+        rig=log.stereo_rig,
         config=config,
         runs=runs,
         front=front,
@@ -140,17 +117,34 @@ def compare(
         interrupted=course.interrupted,
         self_test=next((test.result() for test in tests), None),
         calibration=next((describe(observer.projection, r.rig) for r in runs if r.rig is not None), None),
-        loops=ends,
     )
+    for place_map in places:
+        _add_corrected(found, place_map)
     report = numbers(found)
     if folder is not None:
         for lane in lanes:
-            summary = summarise(log, lane, selection, truth, complete=found.complete, warnings=found.warnings)
-            lane.write_summary(summary)
+            lane.write_summary(summarise(log, lane, selection, truth, found.complete, found.warnings))
         write_report(found, report, folder)
     if course.error is not None:
         raise course.error
     return ComparisonResult(report, folder, found)
+
+
+def _places(rig: StereoRig, config: Config) -> "list[PlaceMap]":
+    from ..places.place_map import PlaceMap  # as in a replay
+
+    return [PlaceMap(rig, config, wait=True)]
+
+
+def _add_corrected(found: Comparison, places: "PlaceMap") -> None:
+    """Add the first run with loops closed, and the lines of the loops."""
+    first = found.runs[0]
+    if places.problem:
+        found.warnings.append(places.problem)
+    elif len(first):
+        found.runs.insert(1, first.with_poses(f"{first.name}-loops", places.corrected(first.trajectory())))
+        _, positions_m, joined = places.lines()
+        found.loops = positions_m[joined]
 
 
 def _lanes(

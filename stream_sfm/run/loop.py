@@ -155,19 +155,20 @@ def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
         with closing(frames):
             yield from ((frame, None) for frame in frames)
         return
-    coming: tuple[RecordedFrame, Future[PreparedImages]] | None = None
+    coming: list[tuple[RecordedFrame, Future[PreparedImages]]] = []
+    failure = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
         try:
             for index, frame in enumerate(frames):
-                current, coming = coming, (frame, pool.submit(_prepare, observer, frame, index))
-                if current is not None:
-                    yield _finished(*current)
-        except InputError:
-            if coming is not None:
-                yield _finished(*coming)
-            raise
-        if coming is not None:
-            yield _finished(*coming)
+                coming.append((frame, pool.submit(_prepare, observer, frame, index)))
+                if len(coming) > 1:
+                    yield _finished(*coming.pop(0))
+        except InputError as error:
+            failure = error
+        for frame, future in coming:
+            yield _finished(frame, future)
+        if failure is not None:
+            raise failure
 
 
 def _prepare(observer: Observer, frame: RecordedFrame, index: int) -> PreparedImages:

@@ -95,17 +95,15 @@ def replay(
     config, selection = config or Config(), selection or Selection()
     if self_test:
         config.needs_scale("the self-test")
-    ignored = checked_ranges(ignore_ground_truth)
+    truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
-    folder = None if out_dir is None else Path(out_dir)
-    if folder is not None:
-        refuse_overwriting([folder / name for name in (*RESULTS, MAP_TRAJECTORY)], [log.path])
-    if save_map is not None:
-        refuse_overwriting([Path(save_map)], [log.path])
+    folder, map_file = (None if path is None else Path(path) for path in (out_dir, save_map))
+    written = [] if folder is None else [folder / name for name in (*RESULTS, MAP_TRAJECTORY)]
+    refuse_overwriting([*written, *filter(None, [map_file])], [log.path])
     replayed = _Replay(log, config, selection, folder, self_test)
-    if loops or known_map is not None or save_map is not None:
-        replayed.find_places(known_map, None if save_map is None else Path(save_map), sinks)
+    if loops or known_map is not None or map_file is not None:
+        replayed.find_places(known_map, map_file, sinks)
     with deferred_interrupts() as interruption:
         course = run(
             log,
@@ -116,7 +114,7 @@ def replay(
             interruption=interruption,
             all_calibrations=replayed.starts_anew,
         )
-        result = replayed.result(course, Truth(None, ignored, std_truth))
+        result = replayed.result(course, truth)
     if interruption.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
@@ -128,12 +126,7 @@ class _Replay:
     """The lane of a replay, its sinks and checks, and its result."""
 
     def __init__(
-        self,
-        log: StereoLog,
-        config: Config,
-        selection: Selection,
-        folder: Path | None,
-        self_test: bool,
+        self, log: StereoLog, config: Config, selection: Selection, folder: Path | None, self_test: bool
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
@@ -165,9 +158,9 @@ class _Replay:
 
     def result(self, course: Course, truth: Truth) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""
-        record = self.lane.record
-        if self.lane.error is not None:
-            course.end(self.lane.error)
+        lane, record, folder = self.lane, self.lane.record, self.lane.folder
+        if lane.error is not None:
+            course.end(lane.error)
         truth, problems = self._with_poses(truth, course)
         if not course.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
             problems.insert(0, f"{self._log.path}: {problem}")
@@ -177,30 +170,23 @@ class _Replay:
             "problems": (self._calibration.problems if self._calibration is not None else []) or problems,
         }
         if record.rig is not None:
-            further["rig"] = describe(self.lane.observer.projection, record.rig)
+            further["rig"] = describe(lane.observer.projection, record.rig)
         for test in self.checks:
             further["self_test"] = test.result()
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
-        of_run = [*course.warnings, self._depth.problem if self._depth is not None else ""]
-        summary = summarise(
-            self._log,
-            self.lane,
-            self._selection,
-            truth,
-            complete=course.complete and self._log.stats.complete,
-            warnings=[*self._log.stats.warnings, *filter(None, of_run)],
-            further=further,
-        )
-        folder = self.lane.folder
-        if folder is not None and len(record):
-            try:
+        depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
+        complete = course.complete and self._log.stats.complete
+        warnings = [*self._log.stats.warnings, *course.warnings, *depth]
+        summary = summarise(self._log, lane, self._selection, truth, complete, warnings, further)
+        try:
+            if folder is not None:
                 folder.write_summary(summary)
                 if corrected is not None:
                     folder.write_corrected(corrected)
-            except Exception as error:
-                course.error = course.error or error
+        except Exception as error:
+            course.error = course.error or error
         if self._places is not None and self._save_map is not None and corrected is not None:
             try:
                 self._places.save(self._save_map)

@@ -16,7 +16,6 @@ def summarise(
     lane: Lane,
     selection: Selection,
     truth: Truth,
-    *,
     complete: bool,
     warnings: list[str],
     further: dict[str, Any] | None = None,

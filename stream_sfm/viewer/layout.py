@@ -28,16 +28,11 @@ _RELATIVE_SIGMA = (1e-3, 1e-1)
 _STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
 _STEPS = 256
-
-
-def _packed_colours() -> NDArray[np.uint32]:
-    """Colours (_STEPS,) as 0xRRGGBBAA from the first stop to the last; Rerun logs packed ones three times faster."""
-    place = np.linspace(0, len(_STOPS) - 1, _STEPS)
-    rgb = [np.interp(place, range(len(_STOPS)), channel).astype(np.uint32) for channel in _STOPS.T]
-    return rgb[0] << 24 | rgb[1] << 16 | rgb[2] << 8 | np.uint32(255)
-
-
-_COLOURS = _packed_colours()
+_RGB = [
+    np.interp(np.linspace(0, len(_STOPS) - 1, _STEPS), range(len(_STOPS)), c).astype(np.uint32) for c in _STOPS.T
+]
+# (_STEPS,) as 0xRRGGBBAA, from the first stop to the last: Rerun logs packed ones three times faster.
+_COLOURS = _RGB[0] << 24 | _RGB[1] << 16 | _RGB[2] << 8 | np.uint32(255)
 
 
 def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:

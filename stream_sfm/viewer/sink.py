@@ -74,10 +74,9 @@ class RerunSink:
             )
             log(side, pinhole, static=True)
             log(side, _transform(se3.inverse(from_left)), static=True)
-        drift, colours = ["estimated σ"], [layout.ELLIPSOID_COLOUR]
-        if self._truth is not None:
-            drift, colours = ["estimated σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
-        log(layout.DRIFT, rr.SeriesLines(names=drift, colors=colours), static=True)
+        drift, colours = ["estimated σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
+        n = 1 if self._truth is None else 2
+        log(layout.DRIFT, rr.SeriesLines(names=drift[:n], colors=colours[:n]), static=True)
         log(layout.TRACKS, rr.SeriesLines(names=layout.TRACK_SERIES, colors=layout.SERIES_COLOURS), static=True)
         for path, style in layout.styles().items():
             log(path, style, static=True)
@@ -151,50 +150,41 @@ class RerunSink:
         log = self._stream.log
         values = [float(np.sqrt(max(np.trace(estimate.cov_pose[:3, :3]), 0.0)))]
         if self._truth is not None:
-            values.append(self._error_m(estimate))
+            values.append(self._error_m(estimate, self._truth))
         log(layout.DRIFT, rr.Scalars(values))
         log(layout.TRACKS, rr.Scalars([float(estimate.counts.get(name, 0)) for name in layout.TRACK_SERIES]))
         stages = tuple(estimate.timings_ms)
         if stages != self._stages:
             self._stages = stages
-            log(
-                layout.TIMING,
-                rr.SeriesLines(names=stages, colors=layout.SERIES_COLOURS[: len(stages)]),
-                static=True,
-            )
+            colours = layout.SERIES_COLOURS[: len(stages)]
+            log(layout.TIMING, rr.SeriesLines(names=stages, colors=colours), static=True)
         log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
 
-    def _error_m(self, estimate: FrameEstimate) -> float:
-        """Distance to the ground truth at this stamp, NaN where there is none."""
-        truth = self._truth
-        assert truth is not None
-        at = int(np.searchsorted(truth.stamps_ns, estimate.stamp_ns))
-        around = [i for i in (at - 1, at) if 0 <= i < len(truth)]
-        nearest = min(around, key=lambda i: abs(int(truth.stamps_ns[i]) - estimate.stamp_ns))
-        if abs(int(truth.stamps_ns[nearest]) - estimate.stamp_ns) > _TRUTH_TOLERANCE_NS:
+    def _error_m(self, estimate: FrameEstimate, truth: Trajectory) -> float:
+        """Distance to the ground truth at this stamp, NaN where there is none; the first one is aligned and drawn."""
+        off_ns = np.abs(truth.stamps_ns - estimate.stamp_ns)
+        nearest = int(off_ns.argmin())
+        if off_ns[nearest] > _TRUTH_TOLERANCE_NS:
             return float("nan")
         pose = truth.world_from_cam[nearest]
         if self._world_from_truth is None:
             self._world_from_truth = estimate.world_from_cam @ se3.inverse(pose)
-            self._log_true_path(truth, self._world_from_truth)
+            path = se3.transform(self._world_from_truth, truth.world_from_cam[:, :3, 3])
+            strip = rr.LineStrips3D(
+                path[None].astype(np.float32), colors=layout.TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0)
+            )
+            self._stream.log(layout.TRUTH, strip, static=True)
         placed = self._world_from_truth @ pose
         return float(np.linalg.norm(placed[:3, 3] - estimate.world_from_cam[:3, 3]))
 
-    def _log_true_path(self, truth: Trajectory, world_from_truth: Array) -> None:
-        path = se3.transform(world_from_truth, truth.world_from_cam[:, :3, 3])
-        strip = rr.LineStrips3D(
-            path[None].astype(np.float32), colors=layout.TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0)
-        )
-        self._stream.log(layout.TRUTH, strip, static=True)
-
     def _log_status(self, estimate: FrameEstimate) -> None:
-        text = f"{estimate.status}: {estimate.reason}" if estimate.reason else str(estimate.status)
-        if estimate.status != self._status:  # not the reason: it contains numbers that change with every frame
+        """Log a status that is new; not a new reason: it contains numbers that change with every frame."""
+        if estimate.status != self._status:
             self._status = estimate.status
-            self._stream.log(
-                layout.STATUS,
-                rr.TextLog(f"frame {estimate.frame_index}: {text}", level=_LEVELS[estimate.status]),
+            said = f"frame {estimate.frame_index}: {estimate.status}" + f": {estimate.reason}" * bool(
+                estimate.reason
             )
+            self._stream.log(layout.STATUS, rr.TextLog(said, level=_LEVELS[estimate.status]))
 
 
 def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64], otherwise: Array) -> Array:
