@@ -13,7 +13,6 @@ from ..record import record
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_bias import DisparityBias
-from .mono.map_state import MapState
 from .pair_check import PairCheck
 from .persistence import Persistence
 from .prepared import PreparedImages
@@ -36,6 +35,23 @@ class Setup(NamedTuple):
         """σ (2,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
         motion = self.config.motion
         return np.array([motion.std_acceleration_m_s2, motion.std_angular_acceleration_rad_s2])
+
+
+@record
+class MapState:
+    """How far the map of one camera has come; a pair does not need it.
+
+    `mapped`: whether there is a map; before, `waiting` says for what, and the opening frame had `n_opened` points. Ids
+    from `first_unseen_id` on have not been handed out. `rho_scene`: median inverse depth of what was last in view, 0
+    before the first map; `cov_start` (6, 6): of first_from_now when the map has begun.
+    """
+
+    mapped: bool = False
+    waiting: str = ""
+    n_opened: int = 0
+    first_unseen_id: int = 0
+    rho_scene: float = 0.0
+    cov_start: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 @record

@@ -15,7 +15,7 @@ _NEW_VIEW = 0.5  # share of the points in common with the last keyframe, below w
 # σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions beside
 # others of .1 mrad GTSAM finds no solution.
 _UNKNOWN_RAD = 0.3
-_LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
+LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
 
 
 # Factor on the variance of a motion's own error: successive motions see the same structure, so their errors add up to
@@ -115,4 +115,4 @@ def growth(before: Array, after: Array) -> Array:
 def positive(cov: Array) -> Array:
     """Return covariances (…, 6, 6) without negative eigenvalues that rounding and linearisation left."""
     values, vectors = np.linalg.eigh(symmetric(cov))
-    return np.asarray((vectors * np.maximum(values, _LEAST_VARIANCE)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+    return np.asarray((vectors * np.maximum(values, LEAST_VARIANCE)[..., None, :]) @ np.swapaxes(vectors, -1, -2))

@@ -22,7 +22,7 @@ from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
 from ..motion import Motion
 from ..record import record
-from .chain import growth
+from .chain import LEAST_VARIANCE, growth
 
 try:
     import gtsam
@@ -30,12 +30,9 @@ except ImportError:  # said where a map is made
     gtsam = None  # type: ignore[assignment]
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
-_ANCHOR = 1e-6  # σ, m and rad, of the pose that a segment's world is defined by
-_FLOOR = 1e-12  # m² and rad², so that motions known by definition can be inverted
 # Loops at ten times their σ first: GTSAM's annealing starts no flatter than residuals of 1000 σ, and true loops are
 # further off where the odometry is bad; of eight such graphs three lost every loop.
 _SPREADS = (10.0, 1.0)
-_KEPT_WEIGHT = 0.5
 
 
 @record
@@ -281,7 +278,7 @@ class PoseGraph:
             values.insert(number, _pose3(self.pose(number)))
             if (home := self.home(number)) not in held:
                 held.add(home)
-                anchor = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR)
+                anchor = gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)  # m and rad: the world is defined by it
                 factors.add(gtsam.PriorFactorPose3(number, _pose3(self.pose(number)), anchor))
         wanted = set(new)
         for (first, second), link in self.links.items():
@@ -295,7 +292,7 @@ class PoseGraph:
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
         """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
         motion = link.given(self._mean, self._cov_common)
-        cov = spread**2 * motion.cov + _FLOOR * np.eye(6)
+        cov = spread**2 * motion.cov + LEAST_VARIANCE * np.eye(6)
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
         return gtsam.BetweenFactorPose3(first, second, _pose3(motion.earlier_from_newest), noise)
 
@@ -311,7 +308,7 @@ class PoseGraph:
             optimizer = gtsam.GncLMOptimizer(factors, start if values is None else values, settings)
             values = optimizer.optimize()
             weights = np.asarray(optimizer.getWeights())[sure:]
-            kept = [loop for loop, weight in zip(kept, weights, strict=True) if weight > _KEPT_WEIGHT]
+            kept = [loop for loop, weight in zip(kept, weights, strict=True) if weight > 0.5]
         return [loop for loop in self.loops if loop not in kept]
 
     def covariances(self) -> Array:

@@ -22,7 +22,6 @@ _SIDE_PX = TemplateAtlas.empty(1, RADIUS_PX).grey.shape[1]  # of those that are 
 _COLUMNS = 10  # of the mosaic of patches
 _MAX_ROW_DIFFERENCE_PX = 1.5
 _MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
-_FEATURE_STD_PX = 0.3  # of the flow from left to right
 
 
 @record
@@ -156,6 +155,6 @@ def _features(
 
 
 def _cov_features(projection: StereoProjection, points: Array) -> Array:
-    """Covariances (k, 3, 3) of points (k, 3) that were triangulated."""
+    """Covariances (k, 3, 3) of points (k, 3) that were triangulated; the flow from left to right has a σ of .3 px."""
     j = projection.jacobian(points.astype(float))
-    return np.asarray(_FEATURE_STD_PX**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))
+    return np.asarray(0.3**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))

@@ -26,8 +26,6 @@ _MAX_RATIO = 0.85  # to the second best match
 _MIN_VIEWS = 15  # at 25 a corridor there and back has a recall of .69 instead of .88
 _MIN_SHARE = 0.8  # of the views that must agree: views from afar that fit by chance have less
 _MIN_CELLS = 5  # of the 4 × 4 cells of the image that must hold accepted views: not one poster alone
-_PNP_PX = 3.0
-_PNP_ROUNDS = 200
 _PASSES = 3  # each warps the patches by the motion of the last
 _SETTLED_DEPTHS = 0.003  # a motion that changes by less warps no patch differently
 _MAX_MOVED_PX = 4.0  # of the alignment from its start, as in the front-end
@@ -92,8 +90,8 @@ class Verifier:
             px,
             self._matrix,
             None,
-            iterationsCount=_PNP_ROUNDS,
-            reprojectionError=_PNP_PX,
+            iterationsCount=200,
+            reprojectionError=3.0,
             confidence=0.999,
             flags=cv2.SOLVEPNP_AP3P,
         )
