@@ -120,23 +120,19 @@ class Reduced:
         priors: PointPriors | None = None,
     ) -> "Reduced":
         """Linearise at the given poses (b, 4, 4) and points (p, 3)."""
-        b, p = len(ref_from_cam), len(points)
+        b, p, n = len(ref_from_cam), len(points), 6 * int(free.sum())
         r, j_pose, j_point = residuals_and_jacobians(projection, ref_from_cam, points, views)
-        jt_pose = np.swapaxes(j_pose, 1, 2) @ views.information
-        jt_point = np.swapaxes(j_point, 1, 2) @ views.information
-        w = np.zeros((p, 3, b, 6))
-        w[views.point, :, views.frame] = jt_point @ j_pose
-        v, g_point = np.zeros((p, 3, 3)), np.zeros((p, 3))
+        j = np.concatenate([j_pose, j_point, r[..., None]], axis=2)
+        blocks = np.zeros((p, b, 10, 10))  # of each view: pose, point and residual
+        blocks[views.point, views.frame] = np.swapaxes(j, 1, 2) @ views.information @ j
+        of_poses, of_points = blocks.sum(axis=0)[free], blocks.sum(axis=1)
+        u = np.zeros((n // 6, 6, n // 6, 6))
+        u[np.arange(n // 6), :, np.arange(n // 6), :] = of_poses[:, :6, :6]
+        w = blocks[:, free, 6:9, :6].swapaxes(1, 2).reshape(p, 3, n)
+        v, g_point = of_points[:, 6:9, 6:9].copy(), of_points[:, 6:9, 9]
         if priors is not None:
-            v, g_point = v + priors.information, matvec(priors.information, priors.mean - points)
-        np.add.at(v, views.point, jt_point @ j_point)
-        np.add.at(g_point, views.point, matvec(jt_point, r))
-        u, g = np.zeros((b, 6, b, 6)), np.zeros((b, 6))
-        np.add.at(u.swapaxes(1, 2), (views.frame, views.frame), jt_pose @ j_pose)
-        np.add.at(g, views.frame, matvec(jt_pose, r))
-        n = 6 * int(free.sum())
-        of_poses, to_poses = u[free][:, :, free].reshape(n, n), w[:, :, free].reshape(p, 3, n)
-        return cls.eliminate(free, of_poses, to_poses, v, g[free].ravel(), g_point)
+            v, g_point = v + priors.information, g_point + matvec(priors.information, priors.mean - points)
+        return cls.eliminate(free, u.reshape(n, n), w, v, of_poses[:, :6, 9].ravel(), g_point)
 
     def solve(self) -> tuple[Array, Array]:
         """Return steps of poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""

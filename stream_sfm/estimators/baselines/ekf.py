@@ -69,18 +69,11 @@ class Ekf(Baseline):
         return solution, ended
 
     def _in_world(self) -> WorldPoints:
-        return WorldPoints(self._ids, self._points, self._blocks())
-
-    def _blocks(self) -> Array:
-        """Covariances (m, 3, 3) of the points as the state has them."""
-        m = len(self._ids)
-        return self._cov[6:, 6:].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
+        return WorldPoints(self._ids, self._points, _blocks(self._cov[6:, 6:]).copy())
 
     def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
         """Marginalise the points outside the mask, and return them."""
-        columns = 6 + 3 * np.flatnonzero(~keep)[:, None, None] + np.arange(3)
-        blocks = self._cov[np.swapaxes(columns, 1, 2), columns]
-        ended = WorldPoints(self._ids[~keep], self._points[~keep], blocks.reshape(-1, 3, 3))
+        ended = self._in_world().select(~keep)
         rows = np.concatenate([np.ones(6, bool), np.repeat(keep, 3)])
         self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
         return ended
@@ -126,10 +119,7 @@ class Ekf(Baseline):
         across = in_cam[:, 2] * std_drift_px / p.f_px
         blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
         blocks[:, [0, 1], [0, 1]] += across[:, None] ** 2
-        m = len(in_cam)
-        q = np.zeros((m, 3, m, 3))
-        q[np.arange(m), :, np.arange(m), :] = r @ blocks @ r.T
-        self._cov[6:, 6:] += q.reshape(3 * m, 3 * m)
+        _blocks(self._cov[6:, 6:])[:] += r @ blocks @ r.T
 
     def _add(self, obs: Observations) -> None:
         """Add new points, correlated with the rest, eq. (52): X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]."""
@@ -142,9 +132,8 @@ class Ekf(Baseline):
         joint[:d, :d] = self._cov
         joint[d:, :d] = g @ self._cov[:6]
         joint[:d, d:] = joint[d:, :d].T
-        own = (g @ self._cov[:6, :6] @ g.T).reshape(n // 3, 3, n // 3, 3)
-        own[np.arange(n // 3), :, np.arange(n // 3), :] += r @ cov @ r.T
-        joint[d:, d:] = own.reshape(n, n)
+        joint[d:, d:] = g @ self._cov[:6, :6] @ g.T
+        _blocks(joint[d:, d:])[:] += r @ cov @ r.T
         order = np.argsort(together := np.concatenate([self._ids, obs.track_ids[new]]))
         rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
         self._ids, self._cov = together[order], joint[np.ix_(rows, rows)]
@@ -158,8 +147,14 @@ class Ekf(Baseline):
         jt = np.swapaxes(j, 1, 2)
         cross = self._cov[6:, :6].reshape(-1, 3, 6)
         mixed = r @ cross @ jt
-        cov = r @ self._blocks() @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
+        cov = r @ _blocks(self._cov[6:, 6:]) @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
         return in_cam, symmetric(cov)
+
+
+def _blocks(cov: Array) -> Array:
+    """Return a view (m, 3, 3) of the blocks on the diagonal of (3m, 3m)."""
+    m = len(cov) // 3
+    return np.einsum("iaib->iab", cov.reshape(m, 3, m, 3))
 
 
 class EkfConstantVelocity(Ekf):
