@@ -5,7 +5,6 @@ import pytest
 
 from stream_sfm.config import MotionConfig
 from stream_sfm.estimators.motion_model import MotionModel
-from stream_sfm.geometry import se3
 
 FRAME_NS = 50_000_000
 CONFIG = MotionConfig(std_acceleration_m_s2=2.0, std_angular_acceleration_rad_s2=1.0)
@@ -41,11 +40,3 @@ def test_a_measured_velocity_starts_the_clock_anew() -> None:
         std = np.sqrt(np.diag(motion.predict((10 + frames) * FRAME_NS)[1]))
         half_square_s2 = 0.5 * (frames * FRAME_NS / 1e9) ** 2
         np.testing.assert_allclose(std, half_square_s2 * np.repeat([2.0, 1.0], 3))
-
-
-def test_the_pose_follows_the_last_velocity() -> None:
-    step = se3.exp([0.1, 0, 0.02, 0, 0.03, 0])
-    motion = MotionModel(CONFIG)
-    motion.restart(0, np.eye(4), STILL)
-    motion.record(FRAME_NS, step, STILL)
-    np.testing.assert_allclose(motion.predict(3 * FRAME_NS)[0], step @ step @ step, atol=1e-12)

@@ -1,7 +1,5 @@
 """An ambiguity is remembered for a while after the views that spoke for it have gone, then forgotten."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
@@ -48,17 +46,3 @@ def test_a_long_ambiguity_lasts_for_as_long_again() -> None:
     found = [other is not None for other in others([ambiguous] * 25 + [clear] * 30 + [ambiguous] + [clear] * 30)]
     # the second one is a new one, of which nothing is remembered but itself
     assert found == [True] * 50 + [False] * 5 + [True] * 11 + [False] * 20
-
-
-def test_an_ambiguity_is_settled_where_the_background_of_before_agrees_and_the_other_set_was_new() -> None:
-    for of_background, of_other, expected in ((30, 0, True), (0, 0, False), (30, 30, False)):
-        agreed, other_views = np.repeat([of_background, of_other], 20), np.arange(40) >= 20
-        ambiguous, clear = (replace(motion(FIRST, odds), accepted=~other_views) for odds in (0.5, None))
-        ambiguous = replace(ambiguous, second=replace(ambiguous.second, views=other_views))
-        memory, other, settled = AmbiguityMemory().after(ambiguous, agreed)
-        frames = 0
-        while other is not None:
-            assert not settled
-            memory, other, settled = memory.after(clear, agreed)
-            frames += 1
-        assert settled is expected and frames >= 10

@@ -60,12 +60,6 @@ def test_a_body_that_comes_to_cover_two_thirds_is_not_followed() -> None:
     assert squares.max() < 60  # P < 1e-10
 
 
-def test_a_body_that_is_there_from_the_start_is_not_followed_if_it_is_in_front() -> None:
-    """It covers half of the view: nothing but the order of depths says which of the two is the background."""
-    estimates, squares = estimated(5.0, np.arange(12) * 0.02)
-    assert squares.max() < 60 and all(e.status == sfm.Status.OK for e in estimates[1:])
-
-
 def test_of_a_body_beside_the_background_it_is_said_that_it_may_be_that() -> None:
     """Hardly nearer than the wall, and there from the start: both motions are covered, in every frame."""
     estimates, squares = estimated(5.0, np.arange(12) * 0.02, 2.5)

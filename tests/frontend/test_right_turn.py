@@ -48,18 +48,14 @@ def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tupl
 
 def watched(
     turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = NONE
-) -> tuple[TurnWatch, list[bool], list[np.ndarray]]:
-    """A watch after frames with these turns, which of them were unusual, and how large these were."""
-    rng, watch = np.random.default_rng(seed), TurnWatch(P)
-    unusual, measured = [], []
+) -> tuple[TurnWatch, list[bool]]:
+    """A watch after frames with these turns, and which of them were unusual."""
+    rng, watch, unusual = np.random.default_rng(seed), TurnWatch(P), []
+    motion, by_delay = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), np.outer(by_delay_rad, by_delay_rad)
     for rad in turns:
-        watch, turn = watch.judge(
-            *frame(rng, rad, se3.exp([0.01, 0, -0.05, 0, 0.01, 0])), np.outer(by_delay_rad, by_delay_rad)
-        )
+        watch, turn = watch.judge(*frame(rng, rad, motion), by_delay)
         unusual.append(turn is not None)
-        if turn is not None:
-            measured.append(turn.rad)
-    return watch, unusual, measured
+    return watch, unusual
 
 
 def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
@@ -83,24 +79,10 @@ def test_a_turn_is_part_of_the_calibrations_error() -> None:
     assert disparity_error(P, estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("mrad", [0.5, -3.0])
-def test_a_knock_is_noticed_at_once_and_measured(axis: int, mrad: float) -> None:
-    """σ of a turn is 0.02 mrad about x and y and 0.07 about z in these frames, the first guess of usual ones 0.1."""
-    knocked = np.zeros(3)
-    knocked[axis] = 1e-3 * mrad * (3 if axis == 2 else 1)
-    watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 2)
-    assert unusual == [False] * 12 + [True] * 2
-    assert watch.lasting_rad is None
-    watch, unusual, _ = watched([np.zeros(3)] * 12 + [knocked] * 3)
-    assert len(watch.unusual) == 3 and watch.lasting_rad is not None
-    assert np.abs(watch.lasting_rad - knocked).max() < 0.1e-3 + 0.02 * np.linalg.norm(knocked)
-
-
 def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:
     """Cameras that are not quite of one moment seem to turn as the camera pair does."""
     shaken = [YAW * (-1) ** k for k in range(40)]
-    watch, unusual, _ = watched([np.zeros(3)] * 12 + shaken)
+    watch, unusual = watched([np.zeros(3)] * 12 + shaken)
     assert watch.lasting_rad is None
     assert sum(unusual[-20:]) == 0
 
