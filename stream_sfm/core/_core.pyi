@@ -448,6 +448,13 @@ def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
     q (n, 3) in anchors (n, 4, 4).
     """
 
+def drift_covariances(ids: Pixels, ref_from_anchor: Array, q: Array, seen: Pixels, var_drift: Array) -> Array:
+    """Return covariances (n, 3, 3) of q by a drift in the reference camera, eq. (33); 0 of points that are not seen.
+
+    Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera of those `seen` (v,). Both
+    sets of ids are ascending.
+    """
+
 def views_within_gates(
     pinholes: Pinholes, state: WindowState, views: WindowViews, gate_of_one: float, gate_of_both: float
 ) -> Mask:

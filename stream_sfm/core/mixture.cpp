@@ -40,7 +40,14 @@ void factor(Numbers& a, std::size_t n) {
         double variance = a[j * n + j], pivot = variance;
         for (std::size_t k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
         a[j * n + j] = std::sqrt(std::max(pivot, ROUNDING * variance));
-        for (std::size_t i = j + 1; i < n; i++) {
+        std::size_t i = j + 1;
+        for (; i + 4 <= n; i += 4) {  // rows that do not wait for each other
+            double *of = a.data() + i * n, rest[4] = {of[j], of[n + j], of[2 * n + j], of[3 * n + j]};
+            for (std::size_t k = 0; k < j; k++)
+                for (std::size_t row = 0; row < 4; row++) rest[row] -= of[row * n + k] * a[j * n + k];
+            for (std::size_t row = 0; row < 4; row++) of[row * n + j] = rest[row] / a[j * n + j];
+        }
+        for (; i < n; i++) {
             for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
             a[i * n + j] /= a[j * n + j];
         }

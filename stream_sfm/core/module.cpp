@@ -223,6 +223,7 @@ NB_MODULE(_core, m) {
     m.def("evidence", &Bound<&evidence>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
     m.def("views_within_gates", &Bound<&views_within_gates>::call);
+    m.def("drift_covariances", &Bound<&drift_covariances>::call);
     m.def("normal_blocks", &Bound<&normal_blocks>::call);
     m.def("points_of_views", &Bound<&points_of_views>::call);
     m.def("window_system", &Bound<&window_system>::call);

@@ -382,6 +382,8 @@ struct NormalBlocks {
 };
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
+Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& ref_from_anchor, const View<double, 2>& q,
+                                   const Indices& seen, const View<double, 2>& var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
                                   double of_both);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);

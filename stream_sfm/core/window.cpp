@@ -133,6 +133,33 @@ Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const Vi
     return result;
 }
 
+Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& ref_from_anchor, const View<double, 2>& q,
+                                   const Indices& seen, const View<double, 2>& var_drift) {
+    std::size_t n = ids.shape[0];
+    require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
+    require_shape(q, {n, 3}, "q");
+    require_shape(var_drift, {seen.shape[0], 3}, "var_drift");
+    Array<double, 3> result({n, 3, 3});
+    Lookup views{seen};
+    for (std::size_t i = 0; i < n; i++) {
+        std::size_t view = views.row(ids.data[i]);
+        if (view == NONE) continue;
+        double in_anchor[4] = {q[i][0], q[i][1], 1.0, q[i][2]}, here[4], here_by_anchor[9], anchor_by_here[9];
+        move(ref_from_anchor[i], in_anchor, here);
+        for (std::size_t row = 0; row < 3; row++)  // ∂q/∂P has the rows (e − q e₃)/Z
+            for (std::size_t c = 0; c < 3; c++) {
+                const double *of = ref_from_anchor[i] + Q_COLUMNS[c], at = here[Q_COLUMNS[row]] / here[2];
+                here_by_anchor[3 * row + c] = (of[4 * Q_COLUMNS[row]] - at * of[8]) / here[2];
+            }
+        invert3(here_by_anchor, anchor_by_here);
+        for (std::size_t row = 0; row < 3; row++)
+            for (std::size_t c = 0; c < 3; c++)
+                for (std::size_t k = 0; k < 3; k++)
+                    result[i][3 * row + c] += anchor_by_here[3 * row + k] * var_drift[view][k] * anchor_by_here[3 * c + k];
+    }
+    return result;
+}
+
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
                                   double of_both) {
     Array<bool, 1> result({views.frame.shape[0]});

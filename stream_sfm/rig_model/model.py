@@ -52,17 +52,23 @@ class RigEffects:
     def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "RigEffects":
         return RigEffects(rows_of(self.terms, rows), rows_of(self.field, rows))
 
-    def take(self, rows: NDArray[np.intp], others: "RigEffects") -> "RigEffects":
-        """Return the same with others in some rows (k,)."""
-        terms, field = self.terms.copy(), self.field.copy()
-        terms[rows], field[rows] = others.terms, others.field
-        return RigEffects(terms, field)
+    def renewed(
+        self,
+        timed: NDArray[np.intp],
+        by_timing: Array,
+        rows: NDArray[np.intp] | None = None,
+        others: "RigEffects | None" = None,
+    ) -> "RigEffects":
+        """Return the same with others in some `rows` (k,), and then those of delay and readout in other rows (n,).
 
-    def timed(self, rows: NDArray[np.intp], by_timing: Array) -> "RigEffects":
-        """Return the same with other effects (k, 4, 2) of delay and readout in some rows (k,)."""
-        terms = self.terms.copy()
-        terms[rows, :, AT_TIMING] = by_timing
-        return RigEffects(terms, self.field)
+        `by_timing` (n, 4, 2): in the rows `timed`.
+        """
+        terms, field = self.terms.copy(), self.field
+        if rows is not None and others is not None:
+            field = field.copy()
+            terms[rows], field[rows] = others.terms, others.field
+        terms[timed, :, AT_TIMING] = by_timing
+        return RigEffects(terms, field)
 
     def at(self, amplitudes: Array) -> Array:
         """Return what amplitudes (m,) do (n, 4)."""

@@ -102,6 +102,7 @@ CALLS = {
     ),
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
+    "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN),
     "q_by_reference": (MOTIONS, POINTS[:, :3]),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),

@@ -4,7 +4,6 @@ import numpy as np
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
     State,
-    in_reference,
     linearise,
 )
 from stream_sfm.estimators.cross_frame.marginals import Marginals
@@ -14,7 +13,7 @@ from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import q_from_homogeneous, window_views
+from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 FRAMES, POINTS, MODES = 2, 6, 8
@@ -46,7 +45,6 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     world = se3.exp(0.5 * rng.normal(size=6))
     prior = Prior(
         ids=np.arange(POINTS),
-        ref_from_anchor=anchors,
         mean=q,
         cov=np.broadcast_to(1e-6 * np.eye(3), (POINTS, 3, 3)),
         modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),

@@ -7,7 +7,7 @@ import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
+from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews, homogeneous_from_q
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
@@ -53,3 +53,8 @@ def window_views(
     n = len(ids)
     every = np.ones(n, bool)
     return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), effects, every, every, z_px, np.zeros((n, 3)))
+
+
+def in_reference(ref_from_anchor: Array, q: Array) -> Array:
+    """Homogeneous points (P, 4) in the reference camera of q (P, 3); `ref_from_anchor` (P, 4, 4)."""
+    return np.asarray((ref_from_anchor @ homogeneous_from_q(q)[..., None])[..., 0])

@@ -1,19 +1,17 @@
 """Every analytic Jacobian of the projection and of the window against central differences."""
 
 import numpy as np
-import pytest
 
 from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import (
     State,
-    in_reference,
+    homogeneous_from_q,
     linearise,
-    q_jacobian,
 )
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import q_from_homogeneous, window_views
+from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -31,17 +29,9 @@ def differences(function, x: np.ndarray, step: float = 1e-6) -> np.ndarray:
     return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize(
-    ("function", "jacobian", "x"),
-    [
-        (P.project, P.jacobian, POINTS),
-        (q_from_homogeneous, q_jacobian, HOMOGENEOUS),
-    ],
-    ids=["projection", "anchor coordinates"],
-)
-def test_jacobian_equals_differences(function, jacobian, x):
-    numerical = differences(function, x)
-    assert np.abs(jacobian(x) - numerical).max() < 1e-6 * max(1, np.abs(numerical).max())
+def test_jacobian_of_the_projection_equals_differences():
+    numerical = differences(P.project, POINTS)
+    assert np.abs(P.jacobian(POINTS) - numerical).max() < 1e-6 * np.abs(numerical).max()
 
 
 def test_a_movement_of_the_reference_camera_moves_points_in_their_anchors():
@@ -54,6 +44,21 @@ def test_a_movement_of_the_reference_camera_moves_points_in_their_anchors():
 
     numerical = differences(moved, np.zeros((40, 6)))
     assert np.abs(core.q_by_reference(anchors, q) - numerical).max() < 1e-6 * np.abs(numerical).max()
+
+
+def test_drift_in_the_reference_camera_is_carried_into_anchors():
+    anchors = se3.exp(RNG.normal(size=(10, 6)) * 0.1)
+    here = q_from_homogeneous(HOMOGENEOUS[:10])
+
+    def in_anchor(q):
+        return q_from_homogeneous((se3.inverse(anchors) @ homogeneous_from_q(q)[..., None])[..., 0])
+
+    drift, ids = RNG.uniform(1, 2, (10, 3)), np.arange(10)
+    j = differences(in_anchor, here)
+    expected = (j * drift[:, None]) @ np.swapaxes(j, 1, 2)
+    found = core.drift_covariances(ids, anchors, in_anchor(here), ids[1:], drift[1:])
+    assert np.abs(found[1:] - expected[1:]).max() < 1e-6 * np.abs(expected).max()
+    assert (found[0] == 0).all()
 
 
 def test_projection_and_triangulation_are_inverse():

@@ -30,25 +30,11 @@ def homogeneous_from_q(q: Array) -> Array:
     return np.stack([q[..., 0], q[..., 1], np.ones(q.shape[:-1]), q[..., 2]], axis=-1)
 
 
-def in_reference(ref_from_anchor: Array, q: Array) -> Array:
-    """Return homogeneous points (P, 4) in the reference camera of q (P, 3); `ref_from_anchor` (P, 4, 4)."""
-    return matvec(ref_from_anchor, homogeneous_from_q(q))
-
-
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
     """Return q (n, 3) of stereo views (n, 4) in the camera that saw them; the row is the mean of both."""
     v = 0.5 * (z_px[:, 1] + z_px[:, 3])
     x, y = (z_px[:, 0] - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px
     return np.stack([x, y, projection.inverse_depth(z_px)], axis=1)
-
-
-def q_jacobian(points: Array) -> Array:
-    """Return ∂q/∂P (…, 3, 4) at homogeneous points (…, 4)."""
-    k = np.zeros((*points.shape[:-1], 3, 4))
-    inv = 1 / points[..., 2]
-    k[..., 0, 0] = k[..., 1, 1] = k[..., 2, 3] = inv
-    k[..., :, 2] = -points[..., Q_COLUMNS] * (inv * inv)[..., None]
-    return k
 
 
 class State(NamedTuple):

@@ -18,6 +18,7 @@ from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import rows_of
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigEffects, RigModel
+from ...rig_model.terms import AT_TIMING
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, times_among, union
@@ -36,10 +37,11 @@ _TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is take
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the
-    newest frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one
-    after the other, used or not. `reference_index`: which frame the reference camera is. `prior`, and the `amplitudes`
-    (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the latest frame.
+    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the newest
+    frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
+    the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference_index`: which frame the reference camera
+    is. `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`:
+    of the latest frame.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
-        self.views = views[:0]
+        self.views, self.cams_from_ref = views[:0], np.empty((0, 4, 4))
         self._twist_error = TwistError()
         self._twists = np.zeros((1, 6))  # of the reference camera and of the window
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
@@ -89,15 +91,11 @@ class Map:
     @property
     def newest_cam_from_ref(self) -> Array:
         """The pose (4, 4) of the newest camera; that is the reference until a second frame has come."""
-        return self.frames[-1].cam_from_ref if self.frames else np.eye(4)
-
-    def cams_from_ref(self) -> Array:
-        """Return the poses (F, 4, 4) of the window."""
-        return np.array([f.cam_from_ref for f in self.frames]).reshape(-1, 4, 4)
+        return self.cams_from_ref[-1] if self.frames else np.eye(4)
 
     def state(self) -> State:
         """Return what views are predicted from."""
-        return State(self.cams_from_ref(), self.ids, self.ref_from_anchor, self.q, self.rig_error)
+        return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error)
 
     def linearised_in_reference(
         self, views: WhitenedViews, ids: NDArray[np.int64], ref_from_anchor: Array, q: Array, rig_error: Array
@@ -111,18 +109,32 @@ class Map:
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
 
     def remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
-        """Take the oldest frame out of the window, with its views."""
+        """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
         n = int(np.searchsorted(self.views.frame, 1))
         views, later = self.views[:n], self.views[n:]
         self.views = replace(later, frame=later.frame - 1)
-        return self.frames.pop(0), views
+        frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
+        self._first = None  # its views stay in the prior as they are
+        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
+        ad = se3.adjoint(cam_from_ref)
+        self._cov_doubt = ad @ self._cov_doubt @ ad.T
+        self.ref_from_anchor = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
+        self.cams_from_ref = se3.orthonormalise(self.cams_from_ref[1:] @ se3.inverse(cam_from_ref))
+        return frame, views
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         """Keep the points of a mask or of an order."""
         self.ids, self.q = rows_of(self.ids, rows), rows_of(self.q, rows)
         self.ref_from_anchor = rows_of(self.ref_from_anchor, rows)
 
-    def enter(self, frame: WindowFrame, views: WhitenedViews, rejected: NDArray[np.int64], ambiguous: bool) -> None:
+    def enter(
+        self,
+        frame: WindowFrame,
+        cam_from_ref: Array,
+        views: WhitenedViews,
+        rejected: NDArray[np.int64],
+        ambiguous: bool,
+    ) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
         Points that the map does not hold yet start at their stereo view. Where the motion is `ambiguous`, the tracks
@@ -137,13 +149,14 @@ class Map:
         self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
         ids = np.concatenate([self.ids, views.ids[new]])
         order = np.argsort(ids)
-        ref_from_cam = np.tile(se3.inverse(frame.cam_from_ref), (len(ids) - len(self.ids), 1, 1))
+        ref_from_cam = np.tile(se3.inverse(cam_from_ref), (len(ids) - len(self.ids), 1, 1))
         q = q_of_views(self.projection, views.corrected_px(self.rig_error)[new])
         self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
         self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
         views = replace(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.views = WhitenedViews.concatenate([self.views, views])
         self.frames.append(frame)
+        self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
@@ -199,13 +212,6 @@ class Map:
         ad = se3.adjoint(self.newest_cam_from_ref)
         return np.asarray(ad @ self._cov_doubt @ ad.T)
 
-    def move_reference(self, frame: WindowFrame) -> None:
-        """Take a frame that leaves the window for the reference camera."""
-        self._first = None  # its views stay in the prior as they are
-        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
-        ad = se3.adjoint(frame.cam_from_ref)
-        self._cov_doubt = ad @ self._cov_doubt @ ad.T
-
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.
 
@@ -230,8 +236,7 @@ class Map:
 
     def _move(self, dx: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""
-        for f, cam in zip(self.frames, se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref()), strict=True):
-            f.cam_from_ref = cam
+        self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
 
     def expect(
@@ -251,14 +256,12 @@ class Map:
         """
         if frame.rig is None:
             return views, None
-        poses = [np.eye(4), *(f.cam_from_ref for f in self.frames)]
+        poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
         stamps = [*self._stamps_ns(), frame.stamp_ns]
-        *_, before, now = twists(
-            np.stack([*poses, cam_from_previous @ poses[-1]])[-_TWIST_FRAMES:], stamps[-_TWIST_FRAMES:]
-        )
+        *_, before, now = twists(np.array(poses[-_TWIST_FRAMES:]), stamps[-_TWIST_FRAMES:])
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = frame.rig.by_timing(moved, now[None], views.seen_px(rows))
-        views = replace(views, rig_effects=views.rig_effects.timed(rows, by_timing))
+        views = replace(views, rig_effects=views.rig_effects.renewed(rows, by_timing))
         at_first = TimedViews(self.projection, points, before, frame.rig.row_of)
         at_last = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
@@ -275,8 +278,7 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return
-        cams = self.cams_from_ref()
-        self._twists = twists(np.concatenate([np.eye(4)[None], cams]), self._stamps_ns())
+        self._twists = twists(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
         if self._first is not None:
             self._renew_first(self._first, rig, self._twists[0])
         views = self.views
@@ -287,9 +289,10 @@ class Map:
         expected_px = views.expected_px.copy()
         expected_px[new] = self._expected_px(in_cam[at], views.stereo[new], views.rig_effects[new])
         age_s = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        effects = views.rig_effects.take(new, rig.effects_by_parts(expected_px[new], age_s=age_s))
+        at_rest = rig.effects_by_parts(expected_px[new], age_s=age_s)
         by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame[rows]], expected_px[rows])
-        self.views = replace(views, expected_px=expected_px, rig_effects=effects.timed(rows, by_timing))
+        effects = views.rig_effects.renewed(rows, by_timing, new, at_rest)
+        self.views = replace(views, expected_px=expected_px, rig_effects=effects)
 
     def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
         """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
@@ -328,7 +331,8 @@ class Map:
         expected_px = self._expected_px(in_cam, views.stereo[rows], views.rig_effects[rows])
         age_s = self.prior.rig.age_s(self.reference_ns)
         effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age_s)
-        self._first = replace(views, rig_effects=views.rig_effects.take(rows, effects))
+        at_timing = effects.terms[..., AT_TIMING]
+        self._first = replace(views, rig_effects=views.rig_effects.renewed(rows, at_timing, rows, effects))
         blocks = self.linearised_in_reference(self._first, ids, anchors, q, self.rig_error)
         estimates = blocks.points_alone(q, self.prior.rig.mean - self.rig_error)
         self.prior = self.prior.with_first_views(*estimates)

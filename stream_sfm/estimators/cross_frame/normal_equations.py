@@ -89,7 +89,9 @@ class System:
         except np.linalg.LinAlgError:
             values, axes = np.linalg.eigh(cov)
             counted = axes * np.sqrt(np.maximum(values, 0.0))
-        self.root = np.column_stack([self.chol.root[:, : self.rig.start], self.by_rig_errors @ counted])
+        self.root = self.chol.root.copy()
+        self.root[: self.rig.start, self.rig] = self.by_rig_errors[: self.rig.start] @ counted
+        self.root[self.rig, self.rig] = counted
 
     @cached_property
     def by_rig_errors(self) -> Array:

@@ -42,13 +42,12 @@ _MIN_MODE_VARIANCE = 1e-2
 class Prior:
     """Gaussian knowledge of N points and of the world.
 
-    `ids` (N,) ascending; `ref_from_anchor` (N, 4, 4); `mean` (N, 3) of q; `cov` (N, 3, 3) = D; `modes` (N, 3, k) = F;
-    `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: what is known about
-    the m errors of the rig, to which the last m modes belong.
+    `ids` (N,) ascending; `mean` (N, 3) of q in their anchors, which the map has; `cov` (N, 3, 3) = D; `modes` (N, 3, k)
+    = F; `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: what is known
+    about the m errors of the rig, to which the last m modes belong.
     """
 
     ids: NDArray[np.int64]
-    ref_from_anchor: Array
     mean: Array
     cov: Array
     modes: Array
@@ -71,11 +70,10 @@ class Prior:
 
         `by_rig` (N, 3, m): ∂q per unit of the rig's errors; apart from them the points are independent.
         """
-        anchors = np.broadcast_to(np.eye(4), (len(ids), 4, 4))
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
         modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig], axis=2)
         world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
-        return cls(ids, anchors, mean, cov, modes, world_from_ref, world_modes, rig)
+        return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
 
     def with_first_views(self, mean: Array, cov: Array, by_rig: Array) -> "Prior":
         """Return the prior of a map with the views of its first frame linearised anew; nothing else is in it yet.
@@ -102,7 +100,6 @@ class Prior:
         return replace(
             self,
             ids=rows_of(self.ids, rows),
-            ref_from_anchor=rows_of(self.ref_from_anchor, rows),
             mean=rows_of(self.mean, rows),
             cov=rows_of(self.cov, rows),
             modes=rows_of(self.modes, rows),
@@ -112,11 +109,13 @@ class Prior:
         """Return the prior after independent movements of its points, of covariance (N, 3, 3)."""
         return replace(self, cov=self.cov + cov)
 
-    def absorb_frame(self, amplitudes: Array, cam_from_ref: Array, q: Array, blocks: NormalBlocks) -> "Prior":
+    def absorb_frame(
+        self, amplitudes: Array, cam_from_ref: Array, anchors: Array, q: Array, blocks: NormalBlocks
+    ) -> "Prior":
         """Return the posterior after one camera's own views, in that camera as the new reference, eqs. (31)–(35).
 
         `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the present estimate, where all is linearised;
-        `blocks`: the normal equations of the views of these points.
+        `anchors` (N, 4, 4): as the new reference has them; `blocks`: the normal equations of the views of these points.
 
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
@@ -125,7 +124,6 @@ class Prior:
         """
         n, m = len(self.ids), len(self.rig)
         k = len(amplitudes) - m
-        anchors = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
         by_pose = core.q_by_reference(anchors, q)
         modes = np.concatenate([self.modes[..., :k], by_pose, self.modes[..., k:]], axis=2)
         of_world = se3.adjoint(cam_from_ref) @ self.world_modes
@@ -154,7 +152,6 @@ class Prior:
         modes = -core.multiply_blocks(std, product(half, np.column_stack([by_new, step])))
         return Prior(
             ids=self.ids,
-            ref_from_anchor=anchors,
             mean=q + matvec(std, given) + modes[..., -1],
             cov=std @ np.swapaxes(std, 1, 2),
             modes=modes[..., :-1],
@@ -183,9 +180,7 @@ class Prior:
 
         return replace(self, modes=changed(self.modes), world_modes=changed(self.world_modes), rig=rig)
 
-    def with_points(
-        self, ids: NDArray[np.int64], ref_from_anchor: Array, mean: Array, cov: Array, by_rig: Array
-    ) -> "Prior":
+    def with_points(self, ids: NDArray[np.int64], mean: Array, cov: Array, by_rig: Array) -> "Prior":
         """Return the prior with further points; ids in any order.
 
         They share no mode with the others but those of the rig: `by_rig` (n, 3, m) is ∂q per unit of its errors.
@@ -197,7 +192,6 @@ class Prior:
         return replace(
             self,
             ids=all_ids[order],
-            ref_from_anchor=np.concatenate([self.ref_from_anchor, ref_from_anchor])[order],
             mean=np.concatenate([self.mean, mean])[order],
             cov=np.concatenate([self.cov, cov])[order],
             modes=np.concatenate([self.modes, modes])[order],

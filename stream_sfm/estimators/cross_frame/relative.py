@@ -20,7 +20,7 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     `cov_newest` (6, 6): what only the newest pose does not know.
     """
     frames = current.frames
-    cams = np.concatenate([np.eye(4)[None], current.cams_from_ref()[:-1]])  # the reference is exact by definition
+    cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
     system, newest = current.system, 6 * len(frames) - 6
     j = np.zeros((len(cams), 6, system.poses))
@@ -49,9 +49,9 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
 def _ambiguities(current: Map) -> Array:
     """Return what ambiguous motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
     together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
-    for frame in reversed(current.frames):
+    for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
         if frame.ambiguity.shape[1]:
-            moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(frame.cam_from_ref)) @ frame.ambiguity
+            moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref)) @ frame.ambiguity
             together = together + moved[:, :6]
             apart = apart + moved[:, 6:] @ moved[:, 6:].T
         covs.append(together @ together.T + apart)

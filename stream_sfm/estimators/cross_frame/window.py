@@ -109,8 +109,8 @@ class CrossFrame:
         if len(current.frames) == self.config.window.frames:
             absorb_oldest_frame(current)
         self.waiting = False
-        frame.cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, views, rejected, ambiguous=motion.ambiguous is not None)
+        cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
+        current.enter(frame, cam_from_ref, views, rejected, ambiguous=motion.ambiguous is not None)
         if observations.settled:
             current.settle()
         current.consider_other(motion)
@@ -202,11 +202,12 @@ class CrossFrame:
         cov = np.zeros((len(known), 4, 4))
         cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = previous.cov_q_in_cam[known]
         cov[:, Q_COLUMNS, Q_COLUMNS] += views.var_drift[rows]
-        predicted, _ = self.motion.predict(observations.stamp_ns)
-        start = se3.inverse(predicted) @ previous.world_from_cam
+        start = observations.cam_from_previous
+        if start is None:
+            predicted, _ = self.motion.predict(observations.stamp_ns)
+            start = se3.inverse(predicted) @ previous.world_from_cam
         points = homogeneous_from_q(previous.q_in_cam[known])
-        moved = start if observations.cam_from_previous is None else observations.cam_from_previous
-        views, unknown_px = current.expect(frame, views, rows, points, moved, self._std_acceleration)
+        views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
         found = initial_motion(
             self.projection,
             robust,
@@ -245,7 +246,7 @@ class CrossFrame:
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref()),
+            window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref),
             rejected_ids=newest.ids[~newest.used],
             iterations=iterations,
             nis=motion.chi2,

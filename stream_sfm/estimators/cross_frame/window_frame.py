@@ -1,4 +1,4 @@
-"""One frame of the window: its pose, and the views that it brings."""
+"""One frame of the window, and the views that it brings."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from .inverse_depth import WhitenedViews
 
 @dataclass(slots=True)
 class WindowFrame:
-    """A frame with its pose `cam_from_ref` (4, 4), which is still to be found for a new one.
+    """What is known of a frame beside its pose and its views.
 
     `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
     a row share the first six columns, the others are of each alone.
@@ -23,7 +23,6 @@ class WindowFrame:
     index: int
     stamp_ns: int
     rig: RigModel | None
-    cam_from_ref: Array = field(default_factory=lambda: np.eye(4))
     ambiguity: Array = field(default_factory=lambda: np.zeros((6, 0)))
 
 
