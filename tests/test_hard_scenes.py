@@ -117,15 +117,6 @@ def test_a_late_right_image_is_the_one_of_the_later_time(clean: Recording) -> No
     assert np.array_equal(late.pose(i), slow.pose(i))
 
 
-@pytest.mark.parametrize("name", [name for name in FAULTS if name.startswith("focal")])
-def test_a_wrong_focal_length_is_wrong_in_the_calibration_alone(clean: Recording, name: str) -> None:
-    faulty, factor = FAULTS[name].applied(clean), 1 + float(name.removeprefix("focal")) / 100
-    for side in SIDES:
-        said, true = faulty.rig.cameras[side].K, clean.rig.cameras[side].K
-        assert np.allclose(said / np.where(true, true, 1), [[factor, 0, 1], [0, factor, 1], [0, 0, 1]], rtol=1e-12)
-        assert np.array_equal(faulty.image(faulty.view(2, side, SEED)), clean.image(clean.view(2, side, SEED)))
-
-
 def test_focus_and_turns_change_the_true_rig_and_not_the_calibration(clean: Recording) -> None:
     clean = replace(clean, frames=100)
     rigs = {name: [fault.applied(clean).true_rig(i) for i in range(100)] for name, fault in FAULTS.items()}

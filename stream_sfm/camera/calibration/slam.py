@@ -34,11 +34,6 @@ def body_from_left(document: Document) -> Array | None:
     return None if pose is None else se3.inverse(document.pose(pose, "cam0.T_cam_imu"))
 
 
-def _kalibr_camera(document: Document, side: int, size: Size | None) -> Camera:
-    name = f"cam{side}"
-    return _lens(document, _cam(document, name), f"{name}.", "distortion_coeffs", "none")
-
-
 def _cam(document: Document, name: str) -> Mapping[str, Any]:
     if not isinstance(table := document.data.get(name), Mapping):
         raise document.error(f"{name} is missing: a pair needs two cameras")
@@ -53,15 +48,6 @@ def _kalibr_pose(document: Document, _: Document) -> Array:
         cams_from_imu = [document.pose(c["T_cam_imu"], f"cam{n}.T_cam_imu") for n, c in enumerate((first, second))]
         return cams_from_imu[1] @ se3.inverse(cams_from_imu[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
-
-
-def _euroc_camera(document: Document, side: int, size: Size | None) -> Camera:
-    return _lens(document, document.data, "", "distortion_coefficients", "plumb_bob")
-
-
-def _euroc_pose(left: Document, right: Document) -> Array:
-    body_from_cams = [document.pose(document.data["T_BS"], "T_BS") for document in (left, right)]
-    return se3.inverse(body_from_cams[1]) @ body_from_cams[0]
 
 
 def _lens(document: Document, table: Mapping[str, Any], where: str, coefficients: str, default: str) -> Camera:
@@ -105,10 +91,6 @@ def _basalt_camera(document: Document, side: int, size: Size | None) -> Camera:
     if model in MODELS:
         return nearest_fisheye(document, where, model, size, k, numbers, np.zeros(0))
     return document.camera(size, k, _BASALT[model][0], list(numbers.values()))
-
-
-def _basalt_pose(document: Document, _: Document) -> Array:
-    return se3.inverse(_imu_from_cam(document, 1)) @ _imu_from_cam(document, 0)
 
 
 def _basalt_entry(document: Document, key: str, n: int) -> Any:
@@ -165,14 +147,6 @@ def _orb_slam_pose(document: Document, _: Document) -> Array:
     return se3.exp([-baseline_m, 0, 0, 0, 0, 0])
 
 
-def _is_kalibr(data: Mapping[str, Any]) -> bool:
-    return isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"]
-
-
-def _is_euroc(data: Mapping[str, Any]) -> bool:
-    return "T_BS" in data and "intrinsics" in data
-
-
 def _is_basalt(data: Mapping[str, Any]) -> bool:
     inside = _basalt(data)
     return isinstance(inside, Mapping) and {"T_imu_cam", "intrinsics", "resolution"} <= set(inside)
@@ -182,7 +156,25 @@ def _is_orb_slam(data: Mapping[str, Any]) -> bool:
     return "Camera1.fx" in data or ("Camera.fx" in data and "Camera.bf" in data)
 
 
-KALIBR = Format("Kalibr camchain (YAML)", 1, _is_kalibr, _kalibr_camera, _kalibr_pose)
-EUROC = Format("EuRoC sensor.yaml", 2, _is_euroc, _euroc_camera, _euroc_pose)
-BASALT = Format("Basalt calibration (JSON)", 1, _is_basalt, _basalt_camera, _basalt_pose)
+KALIBR = Format(
+    "Kalibr camchain (YAML)",
+    1,
+    lambda data: isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"],
+    lambda calib, n, _: _lens(calib, _cam(calib, f"cam{n}"), f"cam{n}.", "distortion_coeffs", "none"),
+    _kalibr_pose,
+)
+EUROC = Format(
+    "EuRoC sensor.yaml",
+    2,
+    lambda data: "T_BS" in data and "intrinsics" in data,
+    lambda calib, _, size: _lens(calib, calib.data, "", "distortion_coefficients", "plumb_bob"),
+    lambda left, right: se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS"),
+)
+BASALT = Format(
+    "Basalt calibration (JSON)",
+    1,
+    _is_basalt,
+    _basalt_camera,
+    lambda calib, _: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
+)
 ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose)
