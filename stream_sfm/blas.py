@@ -19,33 +19,37 @@ class OneThread:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._inside = 0
-        self._controller: ThreadpoolController | None = None  # made late: finding the libraries takes milliseconds
+        self._libraries: list[Any] = []  # found late: it takes milliseconds
         self._with_scipy = False
-        self._limits: Any = None
+        self._before: list[tuple[Any, int]] = []  # libraries that had another number, and which
 
     def __enter__(self) -> None:
         with self._lock:
-            if self._inside == 0:
-                with_scipy = "scipy.linalg" in sys.modules  # it brings a library of its own, a fifth of a second
-                if self._controller is None or with_scipy != self._with_scipy:
-                    self._controller, self._with_scipy = ThreadpoolController(), with_scipy
-                _take_control(self._controller)
-                self._limits = self._controller.limit(limits=1, user_api="blas")
             self._inside += 1
+            with_scipy = "scipy.linalg" in sys.modules  # it brings a library of its own, a fifth of a second
+            if not self._libraries or with_scipy != self._with_scipy:
+                self._libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+                self._with_scipy = with_scipy
+            elif self._inside > 1:
+                return
+            for library in self._libraries:
+                if (number := library.num_threads) != 1:
+                    self._before.append((library, number))
+                    _set_threads(library, 1)
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._inside -= 1
-            if self._inside == 0 and self._controller is not None:
-                _take_control(self._controller)
-                self._limits.restore_original_limits()
+            if self._inside == 0:
+                while self._before:
+                    _set_threads(*self._before.pop())
 
 
-def _take_control(controller: ThreadpoolController) -> None:
-    """Let this thread set the number, which threadpoolctl else leaves to the thread that has set it first."""
-    for library in controller.lib_controllers:
-        if clear := getattr(library, "clear_controlling_thread", None):
-            clear(force=True)
+def _set_threads(library: Any, number: int) -> None:
+    """Set the number from this thread, which threadpoolctl else leaves to the thread that has set it first."""
+    if clear := getattr(library, "clear_controlling_thread", None):
+        clear(force=True)
+    library.set_num_threads(number)
 
 
 one_thread = OneThread()
