@@ -51,7 +51,7 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
         "rectify": [(Rectifier, "rectify")],
         "track": [(rough_motion, "track"), (tracker, "_align")],
         "PnP": [(tracker, "resect_views"), (window, "initial_motion")],
-        "detect": [(new_points, "detect")],
+        "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included
         "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
         "covariance": [(Map, "update_marginals")],
