@@ -39,7 +39,7 @@ RULES: dict[str, tuple[str, Any]] = {
     ),
     "history weights": ("frontend.tracks.Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection.MIN_SECOND_VIEWS", 10**9),
-    "one rigid body": ("frontend.tracker.rigid_motion", lambda views, weights, found, predicted: found),
+    "one rigid body": ("frontend.tracker.resect_views", lambda *a, predicted: resect_views(*a)),
     "ambiguity lasts": (
         "frontend.ambiguity.AmbiguityMemory.after",
         lambda self, motion, agreed, rival=None: (AmbiguityMemory(), motion.ambiguous or rival, False),
@@ -50,7 +50,10 @@ RULES: dict[str, tuple[str, Any]] = {
     "pair check": ("frontend.front_end.problem_of", lambda *_: ""),
     "repetition": ("frontend.tracker.rival_motion", lambda *_: None),
     "global search": ("geometry.resection._CALM_SHARE", -1.0),
-    "noise of bad frames": ("frontend.tracker.resect_views", lambda *a: replace(resect_views(*a), spread=1.0)),
+    "noise of bad frames": (
+        "frontend.tracker.resect_views",
+        lambda *a, **k: replace(resect_views(*a, **k), spread=1.0),
+    ),
     "depths forget": ("frontend.stereo_depth.FORGETTING", 1.0),
     "largest scale of a patch": ("frontend.templates._MIN_AREA", 0.0),
     "drift of templates": ("frontend.noise.ViewNoise.drift", lambda self, points, motion: np.zeros(len(points))),

@@ -259,25 +259,16 @@ def fit_motion(
     counts in the share. Raises LinAlgError as `linearise_views`.
     """
 
-def motions_of_halves(
-    views: Views,
-    cam_from_ref: Array,
-    amplitudes: Array,
-    accepted: Mask,
-    shared_noise: float,
-) -> tuple[float, Array]:
-    """Return how far apart the motions of halves of the accepted views (n,) are, and all of these motions (6, 4, 4).
-
-    Squared, in standard deviations of each half, at most; `shared_noise`: of a view's variance, what all of a half
-    share. Near and far, left and right, upper and lower ones.
-    """
-
-def resect(views: Views, cam_from_ref: Array, votes: Array, rules: ResectionRules) -> tuple[Fitted, Second | None]:
+def resect(
+    views: Views, cam_from_ref: Array, votes: Array, rules: ResectionRules, predicted: Array | None
+) -> tuple[Fitted, Second | None]:
     """Return the motion of the views, whatever the start (4, 4), and what others agree on, eqs. (20) to (23).
 
     With `votes` (n,). Where too few agree with what a start led to, the whole space of motions is searched, for the one
     with the largest support: each view gives its vote, less the share of the gate that its squared residual uses up;
     the extent that the agreeing views have in the image adds a little. Samples depend on the number of views only.
+    With a predicted motion (4, 4) it is that of one rigid scene: where halves of the views disagree, near and far, left
+    and right or upper and lower ones, the motion is sought again from theirs and from the predicted one.
     """
 
 def motion_of_flow(
@@ -295,13 +286,6 @@ def motion_of_flow(
 
     σ in pixels of the templates. Returns whether there is one, the motion, which tracks agree (n,), and their share of
     the `votes` (n,) of what was found. Start (4, 4); `gate` of squared residuals.
-    """
-
-def evidence(pinholes: Pinholes, z_px: Array, weights: Array, size: tuple[float, float]) -> float:
-    """Return how strongly views (n, 4) with these weights (n,) look like the background.
-
-    Each place of the image has one vote, as large as its largest weight; their sum counts times their extent. A body
-    may have as many corners as it likes.
     """
 
 def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array:

@@ -124,9 +124,10 @@ inline void diagonalise(double* a, double* axes, std::size_t n) {
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = 0; j < n; j++) (i == j ? on : off) += a[i * n + j] * a[i * n + j];
         if (!(off > on * ROUNDING)) break;
+        double least = on * ROUNDING / static_cast<double>(n * n);  // all elements below it together end the sweeps
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = i + 1; j < n; j++) {
-                if (a[i * n + j] == 0) continue;
+                if (!(a[i * n + j] * a[i * n + j] > least)) continue;
                 double ratio = (a[j * n + j] - a[i * n + i]) / (2 * a[i * n + j]);
                 double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1 + ratio * ratio));
                 double c = 1 / std::sqrt(1 + t * t), s = t * c, shift = t * a[i * n + j];

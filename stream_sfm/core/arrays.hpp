@@ -52,7 +52,10 @@ Array<T, N> rows_of(const View<T, N>& array, const std::vector<std::size_t>& row
     std::array<std::size_t, N> shape = array.shape;
     shape[0] = rows.size();
     Array<T, N> result(shape);
-    for (std::size_t k = 0; k < rows.size(); k++) std::copy_n(array[rows[k]], array.row_size(), result[k]);
+    for (std::size_t k = 0; k < rows.size(); k++) {
+        if (rows[k] >= array.shape[0]) throw std::invalid_argument("arrays of views have different lengths");
+        std::copy_n(array[rows[k]], array.row_size(), result[k]);
+    }
     return result;
 }
 

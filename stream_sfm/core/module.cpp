@@ -107,6 +107,11 @@ struct Argument<ImageOf<T>> {
     using Given = GreyOf<T>;
     static ImageOf<T> of(const Given& array) { return image(array); }
 };
+template <class T>
+struct Argument<std::optional<T>> {
+    using Given = std::optional<typename Argument<T>::Given>;
+    static std::optional<T> of(const Given& given) { return given ? std::optional<T>(Argument<T>::of(*given)) : std::nullopt; }
+};
 
 // A record that Python gives as a tuple of its members.
 template <class Record, class... Members>
@@ -217,10 +222,8 @@ NB_MODULE(_core, m) {
     m.def("linearise_views", &Bound<&linearise_views>::call);
     m.def("view_residuals", &Bound<&view_residuals>::call);
     m.def("fit_motion", &Bound<&fit_motion>::call);
-    m.def("motions_of_halves", &Bound<&motions_of_halves>::call);
-    m.def("resect", &Bound<&resect>::call);
+    m.def("resect", &Bound<&resect>::call, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
     m.def("motion_of_flow", &Bound<&motion_of_flow>::call);
-    m.def("evidence", &Bound<&evidence>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
     m.def("views_within_gates", &Bound<&views_within_gates>::call);
     m.def("drift_covariances", &Bound<&drift_covariances>::call);

@@ -1,4 +1,5 @@
-// Robust resection: a fit near the start, the global search where too few agree, and the motion that the others share.
+// Robust resection: a fit near the start, the global search where too few agree, the motion that the others share, and that of
+// one rigid scene where a body and the background agree with a motion between theirs.
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +16,17 @@ constexpr double CALM_SHARE = 0.8;
 // From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
 // residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
 constexpr double CALM_SPREAD = 4.0;
+
+// A body nearby and a background far away may agree with one motion, each view within its noise, all together not at all. Halves
+// of the views tell: near and far, left and right, upper and lower ones give the same motion in a scene that stands still.
+//
+// Squared distance of the motions of two halves in standard deviations, 6 expected. Frames that a body leads have 13 to 140. So
+// have some of a sample log whose calibration errs, but no motion there leaves views out.
+constexpr double APART = 12.0;
+constexpr double SHARED = 0.01;  // of a view's variance: errors that all views of a half share, of calibration above all
+// Of the evidence of what is left out over that of the rest: bodies have .05 to .3, halves of a drone's last frames 1.
+constexpr double MAX_ODDS = 0.5;
+constexpr std::size_t LEAST = 4 * MIN_VIEWS;  // views; fewer do not make two halves
 
 class Resection {
    public:
@@ -67,7 +79,38 @@ class Resection {
         return {std::move(other), std::move(first)};
     }
 
+    // The motion of one rigid scene: where halves of the views disagree, it is sought again from that of each half, and from the
+    // predicted one. Of several that leave out views which the first one took the one with the most evidence is taken.
+    Resected rigid(Resected first, const View<double, 2>& predicted) const {
+        if (!first.found.ok) return first;
+        Halves halves = halves_of(first.found);
+        Resected best{Fitted(0, 0), std::nullopt};
+        Array<bool, 1> without({0});
+        double most = 0, odds = 0;
+        for (std::size_t k = 0; halves.apart >= APART && k <= halves.motions.shape[0]; k++) {
+            View<double, 2> start = k ? View<double, 2>{halves.motions[k - 1], {4, 4}} : predicted;
+            Fitted other = fit(start, first.found.amplitudes.view(), false);
+            Array<bool, 1> left_out({n});
+            std::size_t count = 0;
+            for (std::size_t i = 0; i < n; i++) count += left_out.data[i] = first.found.accepted.data[i] && is_beyond(other, i);
+            double says = evidence_of(other.accepted), share = evidence_of(left_out) / says;
+            if (!other.ok || count < rules.second_views || says <= most || halves_of(other).apart >= APART || share > MAX_ODDS) continue;
+            best.found = std::move(other);
+            without = std::move(left_out);
+            most = says, odds = share;
+        }
+        if (most == 0) return first;
+        best.second = Second{std::move(first.found.cam_from_ref), std::move(first.found.cov_pose), std::move(without), odds};
+        return best;
+    }
+
    private:
+    Halves halves_of(const Fitted& motion) const {
+        if (std::count(motion.accepted.data.get(), motion.accepted.data.get() + n, true) < static_cast<std::ptrdiff_t>(LEAST))
+            return {0.0, Array<double, 3>({0, 4, 4})};
+        return motions_of_halves(views, motion.cam_from_ref.view(), motion.amplitudes.view(), motion.accepted.view(), SHARED);
+    }
+
     // Whether nearly all views agree with a motion, if their noise is as large as their median residual says.
     bool nearly_all_agree(const Fitted& found) const {
         double agree = 0, all = 0, width = std::min(found.spread, CALM_SPREAD);
@@ -86,15 +129,12 @@ class Resection {
 
     // The motion that most of these views agree with, without the errors that all share.
     Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
-        auto points = rows_of(views.points, rows), z = rows_of(views.z, rows);
-        auto cov_points = views.cov_points.shape[0] ? rows_of(views.cov_points, rows) : Array<double, 3>({0, 4, 4});
-        auto cov = rows_of(views.cov, rows), shared = rows_of(views.shared, rows), none = Array<double, 3>({rows.size(), 4, 0});
-        auto gate = rows_of(views.gate, rows), weights = rows_of(votes, rows);
+        SelectedViews seen(views, rows);
         std::size_t amplitudes = found.amplitudes.shape[0];
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
-            for (std::size_t k = 0; k < amplitudes; k++) z.data[i] -= shared.data[i * amplitudes + k] * found.amplitudes.data[k];
-        PointViews seen{views.pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gate.view()};
-        return search_motion(seen, found.cam_from_ref.view(), weights.view(), rules.size, rules.second_views);
+            for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
+        seen.shared = Array<double, 3>({rows.size(), 4, 0});
+        return search_motion(seen.views(), found.cam_from_ref.view(), rows_of(votes, rows).view(), rules.size, rules.second_views);
     }
 
     double evidence_of(const Array<bool, 1>& rows) const {
@@ -111,9 +151,13 @@ class Resection {
 
 }  // namespace
 
-Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules) {
+Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules,
+                const std::optional<View<double, 2>>& predicted) {
     Resection resection(views, votes, rules);
-    return resection.with_second(resection.first(start));
+    Resected found = resection.with_second(resection.first(start));
+    if (!predicted) return found;
+    require_shape(*predicted, {4, 4}, "predicted");
+    return resection.rigid(std::move(found), *predicted);
 }
 
 // The motion of tracks by the left positions at which flow has found some of them.
@@ -129,23 +173,22 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, co
     require_shape(start, {4, 4}, "cam_from_previous");
     FlowMotion result{false, Array<double, 2>({4, 4}), Array<bool, 1>({n}), 0.0};
     std::vector<std::size_t> rows;
-    for (std::size_t i = 0; i < n; i++)
-        if (found.data[i]) rows.push_back(i);
-    if (rows.size() < MIN_VIEWS) return result;
-    Array<double, 3> cov_all = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
-    auto points = rows_of(tracks.points, rows), z = Array<double, 2>({rows.size(), 4});
-    auto cov_points = rows_of(cov_all.view(), rows), cov = Array<double, 3>({rows.size(), 4, 4}), none = Array<double, 3>({rows.size(), 4, 0});
-    auto weights = rows_of(votes, rows), gates = Array<double, 1>({rows.size()});
-    for (std::size_t k = 0; k < rows.size(); k++) {
-        double std = std_flow * static_cast<double>(tracks.scale.data[rows[k]]);
+    Array<double, 3> cov_points = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
+    Array<double, 3> cov({n, 4, 4}), none({n, 4, 0});
+    Array<double, 2> z({n, 4});
+    Array<double, 1> gates({n});
+    for (std::size_t i = 0; i < n; i++) {
+        double std = std_flow * static_cast<double>(tracks.scale.data[i]);
         for (int c = 0; c < 4; c++) {
-            z[k][c] = c < 2 ? at[rows[k]][c] : std::numeric_limits<double>::quiet_NaN();
-            cov[k][5 * c] = std * std;
+            z[i][c] = c < 2 ? at[i][c] : std::numeric_limits<double>::quiet_NaN();
+            cov[i][5 * c] = std * std;
         }
-        gates.data[k] = gate;
+        gates.data[i] = gate;
+        if (found.data[i]) rows.push_back(i);
     }
-    PointViews views{pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gates.view()};
-    Fitted motion = resect(views, start, weights.view(), rules).found;
+    if (rows.size() < MIN_VIEWS) return result;
+    SelectedViews seen({pinholes, tracks.points, cov_points.view(), z.view(), cov.view(), none.view(), gates.view()}, rows);
+    Fitted motion = resect(seen.views(), start, rows_of(votes, rows).view(), rules, std::nullopt).found;
     for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
     result.ok = motion.ok;
     result.cam_from_previous = std::move(motion.cam_from_ref);

@@ -233,9 +233,7 @@ Array<double, 2> principal_components(const View<double, 2>& errors) {
     std::size_t n = errors.shape[0], k = errors.shape[1];
     require(k <= 1000, "there are too many errors");
     std::vector<double> products(k * k), axes(k * k);
-    for (std::size_t i = 0; i < n; i++)
-        for (std::size_t a = 0; a < k; a++)
-            for (std::size_t b = a; b < k; b++) products[a * k + b] += errors[i][a] * errors[i][b];
+    add_product({errors.data, k}, k, {errors.data, k}, k, n, k, products.data());
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     diagonalise(products.data(), axes.data(), k);

@@ -196,6 +196,18 @@ struct PointViews {
     View<double, 3> cov, shared;
     View<double, 1> gate;
 };
+// Some of them, in arrays of their own.
+struct SelectedViews {
+    Pinholes pinholes;
+    Array<double, 2> points, z;
+    Array<double, 3> cov_points, cov, shared;
+    Array<double, 1> gate;
+
+    SelectedViews(const PointViews& of, const std::vector<std::size_t>& rows);
+    PointViews views() const {
+        return {pinholes, points.view(), cov_points.view(), z.view(), cov.view(), shared.view(), gate.view()};
+    }
+};
 Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points);
 Array<double, 3> whitening_of_views(const View<double, 2>& z, const View<double, 3>& cov);
 Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both);
@@ -231,7 +243,6 @@ Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const V
 struct Halves {
     double apart;
     Array<double, 3> motions;
-    auto parts() { return std::tie(apart, motions); }
 };
 Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
                          const View<bool, 1>& accepted, double shared_noise);
@@ -275,7 +286,8 @@ struct FlowMotion {
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 1>& votes, const View<double, 2>& at,
                           const View<bool, 1>& found, const View<double, 2>& start, double std_flow, double gate,
                           const ResectionRules& rules);
-Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules);
+Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules,
+                const std::optional<View<double, 2>>& predicted);
 
 // turn.cpp
 struct FittedTurn {

@@ -112,21 +112,14 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, cons
     require_shape(motion, {4, 4}, "cam_from_ref");
     require_shape(usual, {3, 3}, "usual");
     require_shape(views.z, {n, 4}, "z_px");
-    require_shape(views.cov_points, {n, 4, 4}, "cov_points");
-    require_shape(views.cov, {n, 4, 4}, "cov_px");
-    require_shape(views.gate, {n}, "gate");
     require(views.shared.shape[2] == 0, "a turn is fitted without other errors");
     std::vector<std::size_t> seen;
     for (std::size_t i = 0; i < n; i++)
         if (std::isfinite(views.z[i][2])) seen.push_back(i);
     require(!seen.empty(), "no right side was seen");
-    auto points = rows_of(views.points, seen), z = rows_of(views.z, seen);
-    auto cov_points = rows_of(views.cov_points, seen), cov = rows_of(views.cov, seen);
-    auto gate = rows_of(views.gate, seen);
-    Array<double, 3> none({seen.size(), 4, 0});
-    PointViews of_right{views.pinholes, points.view(), cov_points.view(), z.view(), cov.view(), none.view(), gate.view()};
-    FittedTurn found = fitted(of_right, motion, FEW_STEPS, usual, std_knock);
-    if (found.log_odds > 0) found = fitted(of_right, motion, STEPS, usual, std_knock);
+    SelectedViews of_right(views, seen);
+    FittedTurn found = fitted(of_right.views(), motion, FEW_STEPS, usual, std_knock);
+    if (found.log_odds > 0) found = fitted(of_right.views(), motion, STEPS, usual, std_knock);
     Array<bool, 1> agree({n});
     for (std::size_t k = 0; k < seen.size(); k++) agree.data[seen[k]] = found.agree.data[k];
     found.agree = std::move(agree);

@@ -62,6 +62,11 @@ Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double 
     return result;
 }
 
+SelectedViews::SelectedViews(const PointViews& of, const std::vector<std::size_t>& rows)
+    : pinholes(of.pinholes), points(rows_of(of.points, rows)), z(rows_of(of.z, rows)),
+      cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>({0, 4, 4})), cov(rows_of(of.cov, rows)),
+      shared(rows_of(of.shared, rows)), gate(rows_of(of.gate, rows)) {}
+
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);

@@ -24,7 +24,6 @@ from .pair_check import Found
 from .prepared import PreparedImages
 from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
-from .rigidity import rigid_motion
 from .rough_motion import RoughMotion, find_rough_motion
 from .rows import Rows
 from .start_check import StartCheck
@@ -233,11 +232,9 @@ def _resect(
     before, weights, gate_probability = known.before, known.before.weights, setup.config.robust.gate_probability
     seen = before.points, known.cov_points, views.z_px, views.cov_px
     point_views = PointViews(setup.projection, *seen, gate_probability, known.unknown_px)
-    motion = resect_views(point_views, start, weights)
-    if motion.ok:
-        motion = rigid_motion(point_views, weights, motion, se3.exp(state.velocity * dt_s))
-        if not state.start.is_over:
-            motion = decided(before, point_views, weights, motion)
+    motion = resect_views(point_views, start, weights, predicted=se3.exp(state.velocity * dt_s))
+    if motion.ok and not state.start.is_over:
+        motion = decided(before, point_views, weights, motion)
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
     hidden = _is_background_hidden(setup, state, before, motion, dt_s)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))

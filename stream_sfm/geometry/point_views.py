@@ -56,15 +56,6 @@ class PointViews:
         """
         return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
 
-    def evidence(self, weights: Array) -> float:
-        """How strongly views with these `weights` (n,) look like the background; see `core.evidence`."""
-        return core.evidence(self.projection.pinholes, self.z_px, weights, self.size)
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the image, px."""
-        return float(self.projection.width), float(self.projection.height)
-
     @property
     def of_core(self) -> tuple[tuple[float, float, float, float, float], Array, Array, Array, Array, Array, Array]:
         """The arrays that the compiled core takes."""

@@ -125,14 +125,22 @@ def resect(
 
 
 def resect_views(
-    views: PointViews, cam_from_ref_start: Array, weights: Array, rules: Rules | None = None
+    views: PointViews,
+    cam_from_ref_start: Array,
+    weights: Array,
+    rules: Rules | None = None,
+    predicted: Array | None = None,
 ) -> Resection:
-    """As `resect`; `rules`: as in `rules_of`, those of a start that need not be close where there are none."""
+    """As `resect`; `rules`: as in `rules_of`, those of a start that need not be close where there are none.
+
+    With a `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion
+    between theirs, each view within its noise, halves of the views disagree, and the motion is sought again.
+    """
     n, rules = len(views), rules_of(views.projection) if rules is None else rules
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
-    found, second = core.resect(views.of_core, cam_from_ref_start, weights, rules)
+    found, second = core.resect(views.of_core, cam_from_ref_start, weights, rules, predicted)
     return Resection(*found, None if second is None else SecondMotion(*second))
 
 
