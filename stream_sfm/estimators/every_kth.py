@@ -47,10 +47,9 @@ class EveryKth:
         self._between += 1
         last = self._last
         if last is not None and self._between < self._config.estimate_every:
-            found = self._resect(last, observations)
-            if found is not None:
-                self._previous_from_last = found.cam_from_ref
-                return self._placed(last, observations, found)
+            placed = self._placed(last, observations)
+            if placed is not None:
+                return placed
         solution = self._estimator.step(self._since_last(observations))
         self._last = None if solution.status is Status.LOST else solution
         if len(observations.track_ids):
@@ -91,12 +90,12 @@ class EveryKth:
             settled=self._settled,
         )
 
-    def _resect(self, last: Solution, observations: Observations) -> Resection | None:
-        """The motion since the method's last frame, from the points as that knew them; None where few agree."""
+    def _placed(self, last: Solution, observations: Observations) -> Solution | None:
+        """The map of the last estimate, seen from a frame between; None where too few of its points agree."""
         _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
         if len(rows) < self._config.robust.min_inliers:
             return None
-        return initial_motion(
+        found = initial_motion(
             self._projection,
             self._config.robust,
             replace(self._since_last(observations), z_px=_without_rig_error(observations, last)),
@@ -105,10 +104,9 @@ class EveryKth:
             last.cov_points[known],
             self._previous_from_last,
         )
-
-    def _placed(self, last: Solution, observations: Observations, found: Resection) -> Solution:
-        """The Solution of a frame between: the map of the last estimate, seen from here."""
-        _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
+        if found is None:
+            return None
+        self._previous_from_last = found.cam_from_ref
         known, rejected = known[found.accepted], observations.track_ids[rows[~found.accepted]]
         last_from_cam = se3.inverse(found.cam_from_ref)
         world_from_cam = se3.orthonormalise(last.world_from_cam @ last_from_cam)
