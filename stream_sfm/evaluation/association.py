@@ -20,11 +20,11 @@ def check_rigid(truth: Trajectory) -> None:
     poses = truth.world_from_cam
     known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
     rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
-    orthogonal = abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < _ROTATION_TOLERANCE
-    wrong = np.flatnonzero(~orthogonal | (np.linalg.det(rotations) < 0))
+    wrong = np.flatnonzero(~se3.is_rotation(rotations, _ROTATION_TOLERANCE))
     if len(wrong):
         row = int(wrong[0])
-        what = "all zeros" if not rotations[row].any() else "mirrored" if orthogonal[row] else "not a rotation"
+        mirrored = se3.is_rotation(-rotations[row], _ROTATION_TOLERANCE)
+        what = "all zeros" if not rotations[row].any() else "mirrored" if mirrored else "not a rotation"
         raise LogError(
             f"ground truth: the rotation of pose {row} (stamp {truth.stamps_ns[row]} ns) is {what}; give poses in "
             "right-handed axes, their 3×3 part a rotation with determinant +1"

@@ -19,12 +19,9 @@ from ..record import record
 _BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stable interval
 _SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
 _SPANS = 12  # at most, evenly spaced in the logarithm
-_MIN_FRAMES = 24  # with fewer, the charts have less than five spans
 _MIN_SPANS_OF_GROWTH = 3  # two points are always on a line
-MIN_FRAMES_RATIO = 2 * _SPANS_PER_BLOCK * _BLOCKS  # spans of two frames: one frame is mostly noise of the truth
 _LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
-_CONFIDENCE = 0.95
-_OF_BOTH = 1 - (1 - _CONFIDENCE) / 2  # of each interval, so that position and rotation hold together
+_CONFIDENCE, _OF_BOTH = 0.95, 0.975  # of each of two intervals, so that position and rotation hold together
 # Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio counts.
 _EXCHANGES = (np.arange(2 ** (_BLOCKS - 1)) >> np.arange(_BLOCKS)[:, None] & 1).astype(float)
 _SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
@@ -65,8 +62,8 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
 
 
 def spans_for(frames: int) -> list[int]:
-    """Return the spans for charts, from 1 to a quarter of the frames; none below 24 frames."""
-    return _spans(frames // 4) if frames >= _MIN_FRAMES else []
+    """Return the spans for charts, from 1 to a quarter of the frames."""
+    return _spans(frames // 4)
 
 
 def tested_spans(frames: int) -> list[int]:

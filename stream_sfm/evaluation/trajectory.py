@@ -12,7 +12,6 @@ from ..geometry.linear import scaled_cholesky
 from ..geometry.se3 import Array
 
 _STANDING_M = 1e-3  # a shorter path or extent counts as standing still: a percentage of it would be noise
-_DEVKIT_STEP = 10  # frames between the starts of two segments, as in KITTI's devkit
 
 
 def from_first_camera(world_from_cam: Array) -> Array:
@@ -137,7 +136,7 @@ def segment_errors(
     along = distances_m(truth)
     path_m = float(along[-1]) if len(along) else 0.0
     unit_m, most = (100.0, 8) if path_m >= 200 else (10.0, 10) if path_m >= 20 else (path_m / 10, 9)
-    starts = np.arange(0, len(along), step or (_DEVKIT_STEP if path_m >= 200 else 1))
+    starts = np.arange(0, len(along), step or (10 if path_m >= 200 else 1))
     translation, rotation, used = [], [], []
     for length in lengths_m or tuple(unit_m * k for k in range(1, most + 1)):
         ends = np.searchsorted(along, along[starts] + length, side="right")

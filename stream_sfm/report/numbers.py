@@ -12,6 +12,7 @@ from ..evaluation.association import matched, truth_of_frames
 from ..evaluation.relative import (
     enough_known,
     growth_exponents,
+    known_frames,
     mean_squares,
     paired_ratio,
     relative_errors,
@@ -21,7 +22,8 @@ from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .records import Comparison, RunRecord, quantiles
+from .methods import REFERENCE
+from .records import Comparison, RunRecord, Truth, quantiles
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
@@ -31,13 +33,19 @@ _AGAINST_TRUTH = (
 _TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 
 
-def numbers(comparison: Comparison) -> dict[str, Any]:
+def numbers(c: Comparison) -> dict[str, Any]:
     """Compute the content of report.json; a figure that is not defined for this log is None."""
-    c = comparison
-    truth, known = c.truth.poses, [0]
-    if truth is not None:
-        known += [len(matched(r.trajectory(), truth)[0]) for r in c.runs]
-    ratios, away = _over_cross_frame(c), _divergence(c)
+    known = [0]
+    if c.truth.poses is not None:
+        known += [len(matched(r.trajectory(), c.truth.poses)[0]) for r in c.runs]
+    whole = [run for run in c.runs if 0 < len(run) == len(c.front)]  # those that processed all frames
+    in_a_row = _in_a_row(whole[0].stamps_ns, c.truth.poses) if whole and c.truth.poses is not None else None
+    ratios, away = _over_cross_frame(whole, in_a_row), _divergence(whole)
+    methods = {}
+    for run in c.runs:
+        figures = _against_truth(run, c.truth, in_a_row) if run in whole else {}
+        methods[run.key] = dict.fromkeys(_AGAINST_TRUTH) | figures | _of_run(run)
+        methods[run.key]["divergence_from_cross_frame_m"] = away.get(run.key)
     return {
         "schema_version": SCHEMA_VERSION,
         "software_version": __version__,
@@ -49,9 +57,7 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
         "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
-        "methods": {
-            run.key: method_numbers(run, c) | {"divergence_from_cross_frame_m": away.get(run.key)} for run in c.runs
-        },
+        "methods": methods,
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
         "there_and_back": None,  # not done any more; kept for programs that read it
@@ -66,16 +72,11 @@ def numbers(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
-    """The figures of one method; those against ground truth are None when it stopped before the last frame."""
-    figures: dict[str, Any] = dict.fromkeys(_AGAINST_TRUTH)
-    truth, std = c.truth.poses, c.truth.std
-    if truth is not None and _complete(run, c):
-        figures |= evaluate_run(run.trajectory(), run.relative, truth, std, run.structure)
-        figures |= _relative(run.trajectory(), truth)
+def _of_run(run: RunRecord) -> dict[str, Any]:
+    """The figures of a method that need no ground truth."""
     end = end_pose(run.trajectory()) or {}
     estimator, dof = run.column("estimator"), run.column("nis_dof").sum()
-    return figures | {
+    return {
         "ms_per_frame_p50": _median(run.column("frontend") + estimator),
         "estimator_ms": quantiles(estimator),
         "frames": len(run),
@@ -91,25 +92,33 @@ def method_numbers(run: RunRecord, c: Comparison) -> dict[str, Any]:
     }
 
 
-def _complete(run: RunRecord, c: Comparison) -> bool:
-    """Whether the method processed all frames of the log."""
-    return 0 < len(run) == len(c.front)
-
-
 def _median(values: Any) -> float | None:
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     return float(np.median(finite)) if len(finite) else None
 
 
-def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
-    """RPE, growth, and errors of straight and turning spans; empty unless most frames in a row have a truth."""
-    in_a_row = _consecutive(estimate, truth)
-    if in_a_row is None:
+def _in_a_row(stamps_ns: NDArray[np.int64], truth: Trajectory) -> tuple[slice, Array] | None:
+    """Frames in a row and their truth, NaN where it is not known; None where it rarely is."""
+    true = truth_of_frames(stamps_ns, truth)
+    rows = np.flatnonzero(known_frames(true))
+    if len(rows) < 2 or not enough_known(true[rows[0] : rows[-1] + 1]):
+        return None
+    row = slice(rows[0], rows[-1] + 1)
+    return row, true[row]
+
+
+def _against_truth(run: RunRecord, truth: Truth, in_a_row: tuple[slice, Array] | None) -> dict[str, Any]:
+    """The figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
+    if truth.poses is None:
         return {}
-    stamps_ns, e, t = in_a_row
+    result = evaluate_run(run.trajectory(), run.relative, truth.poses, truth.std, run.structure)
+    if in_a_row is None:
+        return result
+    row, t = in_a_row
+    e = run.poses[row]
     position2, rotation2 = mean_squares(e, t, [1])
-    result: dict[str, Any] = {
+    result |= {
         "rpe_position_rms_m": float(np.sqrt(position2[0])),
         "rpe_rotation_rms_deg": float(np.degrees(np.sqrt(rotation2[0]))),
     }
@@ -117,7 +126,7 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
         result |= {f"growth_exponent{name}": found.value, f"growth_exponent{name}_ci95": [found.low, found.high]}
     if len(e) > _TURN_SPAN + 1:
         p, r = relative_errors(e, t, _TURN_SPAN)
-        known, turns = np.isfinite(p), turning(stamps_ns, t, _TURN_SPAN)
+        known, turns = np.isfinite(p), turning(run.stamps_ns[row], t, _TURN_SPAN)
         for name, mask in (("straight", known & ~turns), ("turning", known & turns)):
             if mask.any():
                 result[name] = {
@@ -129,32 +138,15 @@ def _relative(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
     return result
 
 
-def _consecutive(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Array, Array] | None:
-    """Stamps, poses and truths of frames in a row, the truth NaN where it is not known; None where it rarely is."""
-    true = truth_of_frames(estimate.stamps_ns, truth)
-    rows = np.flatnonzero(np.isfinite(true).all(axis=(1, 2)))
-    if len(rows) < 2:
-        return None
-    row = slice(rows[0], rows[-1] + 1)
-    if not enough_known(true[row]):
-        return None
-    return estimate.stamps_ns[row], estimate.world_from_cam[row], true[row]
-
-
-def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
+def _over_cross_frame(whole: list[RunRecord], in_a_row: tuple[slice, Array] | None) -> dict[str, dict[str, Any]]:
     """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
-    by_name = {r.name: r for r in c.runs if _complete(r, c)}
-    reference = by_name.pop("cross-frame", None)
-    if c.truth.poses is None or reference is None:
+    by_name = {r.name: r for r in whole}
+    reference = by_name.pop(REFERENCE, None)
+    if reference is None or in_a_row is None:
         return {}
-    of_reference = _consecutive(reference.trajectory(), c.truth.poses)
-    if of_reference is None:
-        return {}
-    _, base, true = of_reference
-    result = {}
+    (row, true), result = in_a_row, {}
     for run in by_name.values():
-        of_run = _consecutive(run.trajectory(), c.truth.poses)
-        if of_run is not None and (found := paired_ratio(of_run[1], base, true)) is not None:
+        if (found := paired_ratio(run.poses[row], reference.poses[row], true)) is not None:
             result[run.key] = {
                 name: {"value": ratio.value, "ci95": [ratio.low, ratio.high]}
                 for name, ratio in zip(("position", "rotation"), found, strict=True)
@@ -162,15 +154,10 @@ def _over_cross_frame(c: Comparison) -> dict[str, dict[str, Any]]:
     return result
 
 
-def _divergence(c: Comparison) -> dict[str, float]:
+def _divergence(whole: list[RunRecord]) -> dict[str, float]:
     """RMS distance of each method's positions from cross-frame's (or the first method's), metres."""
-    runs = [r for r in c.runs if _complete(r, c)]
-    if not runs:
-        return {}
-    reference = next((r for r in runs if r.name == "cross-frame"), runs[0])
-    base = reference.poses[:, :3, 3]
-    return {
-        r.key: float(np.sqrt(((r.poses[:, :3, 3] - base) ** 2).sum(axis=1).mean()))
-        for r in runs
-        if r is not reference
+    reference = next((r for r in whole if r.name == REFERENCE), next(iter(whole), None))
+    apart = {
+        r.key: r.poses[:, :3, 3] - reference.poses[:, :3, 3] for r in whole if reference and r is not reference
     }
+    return {key: float(np.sqrt((d**2).sum(axis=1).mean())) for key, d in apart.items()}

@@ -16,8 +16,8 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import FrameEstimate, Trajectory
 from .estimates_reader import read_clouds, read_estimates
-from .frame_table import Table, frame_table
 from .frames import RosFrames
+from .trajectory_files import Table, frame_table
 
 _ESTIMATES = ("estimates.mcap", "estimates.mcap.part")  # the second of a run that was killed
 

@@ -1,19 +1,59 @@
 """Trajectories as text: TUM (`t x y z qx qy qz qw`), KITTI (the upper three rows of the 4×4 pose), and a CSV table.
 
 All contain `world_from_cam` of the left camera in metres; with one camera in units of the first baseline, which a
-comment in the TUM file says.
+comment in the TUM file says. The columns of the CSV are those of the table of `read_results`.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import FrameEstimate
-from .frame_table import frame_table
 
+Table = dict[str, NDArray[Any]]
 NAMES = ("trajectory.tum", "trajectory.kitti", "trajectory.csv")
+
+
+def frame_table(frames: Sequence[FrameEstimate]) -> Table:
+    """Return the columns of n frames.
+
+    σ of position and rotation are along and about the axes of the world, radians; NaN where there is none.
+    """
+    pose = np.array([f.world_from_cam for f in frames], dtype=float).reshape(-1, 4, 4)
+    cov = np.array([f.cov_pose for f in frames], dtype=float).reshape(-1, 6, 6)
+    std_m, std_rad = (_std_in_world(pose, cov[:, half, half]) for half in (slice(0, 3), slice(3, 6)))
+    quaternion = se3.quat_xyzw_from_matrix(pose[:, :3, :3])
+
+    def numbers(names: Sequence[str], columns: Array) -> Table:
+        return dict(zip(names, columns.T, strict=True))
+
+    return {
+        "frame_index": np.array([f.frame_index for f in frames], dtype=np.int64),
+        "stamp_ns": np.array([f.stamp_ns for f in frames], dtype=np.int64),
+        **numbers(("x_m", "y_m", "z_m"), pose[:, :3, 3]),
+        **numbers(("qx", "qy", "qz", "qw"), quaternion),
+        **numbers(("sigma_x_m", "sigma_y_m", "sigma_z_m"), std_m),
+        **numbers(("sigma_rx_rad", "sigma_ry_rad", "sigma_rz_rad"), std_rad),
+        "sigma_m": np.sqrt((std_m**2).sum(axis=1)),
+        "status": np.array([str(f.status) for f in frames], dtype=str),
+        **{
+            f"points_{name}": np.array([f.counts.get(name, 0) for f in frames], dtype=np.int64)
+            for name in ("tracked", "new", "used", "rejected")
+        },
+        "nis_per_dof": np.array([f.nis / f.nis_dof if f.nis_dof else np.nan for f in frames], dtype=float),
+    }
+
+
+def _std_in_world(world_from_cam: Array, cov: Array) -> Array:
+    """Return σ (n, 3) along the world's axes of covariances (n, 3, 3) in axes of the cameras (n, 4, 4)."""
+    known = np.isfinite(cov).all(axis=(1, 2), keepdims=True)
+    turned = world_from_cam[:, :3, :3]
+    variances = ((turned @ np.where(known, cov, np.nan)) * turned).sum(axis=2)
+    return np.sqrt(np.maximum(variances, 0.0))
 
 
 def first_lines(comment: str = "") -> tuple[str, str, str]:

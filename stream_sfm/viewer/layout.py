@@ -12,7 +12,7 @@ from ..geometry.se3 import Array
 CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
-ELLIPSOID, TAILS = f"{CAMERA}/position_3_sigma", f"{SIDES[0]}/tracks/tails"
+ELLIPSOID = f"{CAMERA}/position_3_sigma"
 LOOPS_BEFORE, LOOPS_AFTER = "world/places/before", "world/places/after"
 TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
@@ -20,8 +20,6 @@ TRACK_SERIES = ("tracked", "new", "used", "rejected")
 ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
 MAP_COLOUR = (90, 160, 255)
 SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)]
-
-TAIL_COLOUR = (255, 255, 255, 150)
 
 # σ of a point relative to its distance: from blue through green to yellow, on a logarithmic scale.
 _RELATIVE_SIGMA = (1e-3, 1e-1)
@@ -99,5 +97,4 @@ def styles() -> dict[str, rr.AsComponents]:
             colors=ELLIPSOID_COLOUR, fill_mode=rr.components.FillMode.MajorWireframe
         ),
         **{f"{side}/tracks": rr.Points2D.from_fields(radii=ui(2.5)) for side in SIDES},
-        TAILS: rr.LineStrips2D.from_fields(colors=TAIL_COLOUR, radii=ui(0.7)),
     }

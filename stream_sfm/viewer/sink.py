@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 _TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
-_TAIL_FRAMES = 5  # length of the tail of a track
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]  # of images that are not compressed: a fifth to a tenth of their bytes
 _IMAGE_BASELINES = 3  # distance at which an image is shown in front of its camera
 
@@ -55,7 +54,6 @@ class RerunSink:
         self._previous: Array | None = None
         self._status = ""
         self._places: PlaceMap | None = None
-        self._tail: list[tuple[NDArray[np.int64], Array]] = []  # ids and left pixels, oldest first
         self._stages: tuple[str, ...] = ()
         self._recording = Recording(rrd, view, layout.blueprint(self._sides, self._unit), name)
         self._stream = self._recording.stream
@@ -128,23 +126,13 @@ class RerunSink:
         self._stream.log(layout.ELLIPSOID, shape)
 
     def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint32]) -> None:
-        """Log the points in the images; in the left one with tails through their latest positions."""
+        """Log the points in the images."""
         points = [se3.transform(from_left, estimate.points_in_cam) for from_left in self._cams_from_left]
         front = np.all([p[:, 2] > 0 for p in points], axis=0)
-        ids, colours = estimate.track_ids[front], colours[front]
-        pixels = [project_into_image(c, p[front]) for c, p in zip(self._cameras, points, strict=True)]
-        for side, now in zip(self._sides, pixels, strict=True):
-            shown = rr.Points2D.from_fields(positions=(now + 0.5).astype(np.float32), colors=colours)
+        for side, camera, in_cam in zip(self._sides, self._cameras, points, strict=True):
+            now = project_into_image(camera, in_cam[front]) + 0.5
+            shown = rr.Points2D.from_fields(positions=now.astype(np.float32), colors=colours[front])
             self._stream.log(f"{side}/tracks", shown)
-        places = [pixels[0]]
-        for past_ids, past in reversed(self._tail):
-            places.append(_where_known(past_ids, past, ids, places[-1]))
-        if len(places) > 1:
-            strips = (np.stack(places, axis=1) + 0.5).astype(np.float32)
-            self._stream.log(layout.TAILS, rr.LineStrips2D.from_fields(strips=strips))
-        order = np.argsort(ids)
-        self._tail.append((ids[order], pixels[0][order]))
-        del self._tail[:-_TAIL_FRAMES]
 
     def _series(self, estimate: FrameEstimate) -> None:
         log = self._stream.log
@@ -185,14 +173,6 @@ class RerunSink:
                 estimate.reason
             )
             self._stream.log(layout.STATUS, rr.TextLog(said, level=_LEVELS[estimate.status]))
-
-
-def _where_known(ids: NDArray[np.int64], pixels: Array, wanted: NDArray[np.int64], otherwise: Array) -> Array:
-    """The pixels (k, 2) of ascending `ids` (k,) for the ids `wanted` (n,); rows of `otherwise` for missing ones."""
-    if not len(ids):
-        return otherwise
-    at = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-    return np.where((ids[at] == wanted)[:, None], pixels[at], otherwise)
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:

@@ -1,5 +1,7 @@
 """Laws of the trajectory metrics, and evo as a second opinion."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.evaluation.trajectory import (
     ate_rmse_aligned_m,
     ate_rmse_m,
+    distances_m,
     final_drift_percent,
     nees_pose,
     path_length_m,
@@ -147,46 +150,38 @@ def test_umeyama_of_points_on_a_line_and_in_a_place():
     assert ate_rmse_aligned_m(winding_path(1), winding_path(1, seed=3)) < 1e-12
 
 
-class TestAgainstEvo:
-    """evo computes the same figures from the same poses."""
+@pytest.fixture
+def evo() -> SimpleNamespace:
+    """evo as a second opinion, and two paths to compare."""
+    pytest.importorskip("evo")
+    from evo.core import metrics, trajectory
 
-    @pytest.fixture(autouse=True)
-    def _evo(self):
-        self.metrics = pytest.importorskip("evo.core.metrics")
-        self.trajectory = pytest.importorskip("evo.core.trajectory")
-        self.truth = winding_path(150, step_m=0.2)
-        self.estimate = disturbed(self.truth, 0.01)
+    truth = winding_path(150, step_m=0.2)
+    estimate = disturbed(truth, 0.01)
+    return SimpleNamespace(m=metrics, path=lambda p: trajectory.PosePath3D(poses_se3=list(p)), t=truth, e=estimate)
 
-    def path(self, poses):
-        return self.trajectory.PosePath3D(poses_se3=list(poses))
 
-    def rmse(self, metric, estimate):
-        metric.process_data((self.path(self.truth), estimate))
-        return metric.get_statistic(self.metrics.StatisticsType.rmse)
+def test_ate_and_scale_are_those_of_evo(evo: SimpleNamespace):
+    for align, ours in (("align", ate_rmse_aligned_m), ("align_origin", ate_rmse_m)):
+        metric, estimate = evo.m.APE(evo.m.PoseRelation.translation_part), evo.path(evo.e)
+        getattr(estimate, align)(evo.path(evo.t))
+        metric.process_data((evo.path(evo.t), estimate))
+        assert ours(evo.e, evo.t) == pytest.approx(metric.get_statistic(evo.m.StatisticsType.rmse), rel=1e-9)
+    _, _, scale = evo.path(evo.e).align(evo.path(evo.t), correct_scale=True)
+    assert scale_error_percent(evo.e, evo.t) == pytest.approx(100 * (1 / scale - 1), rel=1e-9)
 
-    def test_ate_and_scale(self):
-        ape = self.metrics.APE(self.metrics.PoseRelation.translation_part)
-        estimate = self.path(self.estimate)
-        estimate.align(self.path(self.truth))
-        assert ate_rmse_aligned_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
-        estimate = self.path(self.estimate)
-        estimate.align_origin(self.path(self.truth))
-        assert ate_rmse_m(self.estimate, self.truth) == pytest.approx(self.rmse(ape, estimate), rel=1e-9)
-        _, _, scale = self.path(self.estimate).align(self.path(self.truth), correct_scale=True)
-        found = scale_error_percent(self.estimate, self.truth)
-        assert found == pytest.approx(100 * (1 / scale - 1), rel=1e-9)
 
-    def test_relative_errors_over_one_length(self):
-        found = segment_errors(self.estimate, self.truth, lengths_m=(10.0,), step=1)
-        along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.truth[:, :3, 3], axis=0), axis=1))])
-        pairs = [(i, int(np.argmax(along > along[i] + 10.0))) for i in range(150) if (along > along[i] + 10).any()]
-        metrics, errors = self.metrics, []
-        for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_rad):
-            values = []
-            for i, j in pairs:
-                rpe = metrics.RPE(relation, delta=1, delta_unit=metrics.Unit.frames)
-                rpe.process_data((self.path(self.truth[[i, j]]), self.path(self.estimate[[i, j]])))
-                values.append(rpe.error[0] / 10.0)
-            errors.append(np.mean(values))
-        assert found.t_rel_percent == pytest.approx(100 * errors[0], rel=1e-9)
-        assert found.r_rel_deg_per_100m == pytest.approx(100 * np.degrees(errors[1]), rel=1e-6)
+def test_relative_errors_over_one_length_are_those_of_evo(evo: SimpleNamespace):
+    found = segment_errors(evo.e, evo.t, lengths_m=(10.0,), step=1)
+    along = distances_m(evo.t)
+    pairs = [(i, int(np.argmax(along > along[i] + 10.0))) for i in range(150) if (along > along[i] + 10).any()]
+    for relation, ours, tolerance in (
+        (evo.m.PoseRelation.translation_part, found.t_rel_percent, 1e-9),
+        (evo.m.PoseRelation.rotation_angle_rad, np.radians(found.r_rel_deg_per_100m), 1e-6),
+    ):
+        values = []
+        for pair in pairs:
+            rpe = evo.m.RPE(relation, delta=1, delta_unit=evo.m.Unit.frames)
+            rpe.process_data((evo.path(evo.t[[*pair]]), evo.path(evo.e[[*pair]])))
+            values.append(rpe.error[0] / 10.0)
+        assert ours == pytest.approx(100 * np.mean(values), rel=tolerance)

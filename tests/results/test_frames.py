@@ -20,15 +20,8 @@ from stream_sfm.types import FrameEstimate, RelativeMotions
 from tests.helpers.trajectories import read_trajectory
 from tests.results.test_estimates import estimate, matrix, write
 
-ROBOT = RosConfig(
-    world_frame="earth",
-    odom_frame="start",
-    base_frame="base_link",
-    camera_frame="cam0",
-    camera_x_m=0.3,
-    camera_z_m=0.5,
-    camera_pitch_deg=90,
-)
+ON_ROBOT = {"camera_x_m": 0.3, "camera_z_m": 0.5, "camera_pitch_deg": 90}
+ROBOT = RosConfig(world_frame="earth", odom_frame="start", base_frame="base_link", camera_frame="cam0", **ON_ROBOT)
 
 
 def messages(path: Path, topic: str) -> list:
@@ -137,20 +130,15 @@ def test_covariances_of_the_robot_are_those_of_its_errors(fixed: bool) -> None:
     assert difference < 5 * np.sqrt(2 / n)  # standard errors of a variance
 
 
-def test_with_z_up_forward_is_x() -> None:
+def test_axes_are_those_of_ros() -> None:
+    """With z up forward is x; yaw turns to the left, pitch down, roll to the right, in this order from the outside."""
     frames = RosFrames(RosConfig(z_up=True))
     forward, up = se3.exp([0, 0, 2.0, 0, 0, 0]), se3.exp([0, -3.0, 0, 0, 0, 0])
-    assert np.allclose(frames.pose(forward)[:3, 3], [2, 0, 0])
-    assert np.allclose(frames.pose(up)[:3, 3], [0, 0, 3])
+    assert np.allclose([frames.pose(forward)[:3, 3], frames.pose(up)[:3, 3]], [[2, 0, 0], [0, 0, 3]])
     assert (frames.world, frames.moving, frames.base_from_cam) == ("map", "left_camera", None)
-
-
-def test_roll_pitch_and_yaw_are_those_of_ros() -> None:
-    """Yaw turns to the left, pitch down, roll to the right, in this order from the outside."""
-    frames = RosFrames(RosConfig(base_frame="base", camera_yaw_deg=90, camera_pitch_deg=30))
-    looks = frames.base_from_cam[:3, 2]
+    looks = RosFrames(RosConfig(base_frame="b", camera_yaw_deg=90, camera_pitch_deg=30)).base_from_cam[:3, 2]
     assert np.allclose(looks, [0, np.cos(np.radians(30)), -np.sin(np.radians(30))])
-    rolled = RosFrames(RosConfig(base_frame="base", camera_roll_deg=90)).base_from_cam
+    rolled = RosFrames(RosConfig(base_frame="b", camera_roll_deg=90)).base_from_cam
     assert np.allclose(rolled[:3, 1], [0, 1, 0], atol=1e-12)  # its lower side points to the left
 
 

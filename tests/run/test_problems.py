@@ -45,10 +45,6 @@ def swapped(frames: list[StereoFrame]) -> list[StereoFrame]:
     return [StereoFrame(f.stamp_ns, f.right, f.left) for f in frames]
 
 
-def black(frames: list[StereoFrame]) -> list[StereoFrame]:
-    return [StereoFrame(f.stamp_ns, 0 * f.left, 0 * f.right) for f in frames]
-
-
 def test_an_ordinary_run_has_no_problem(frames, tmp_path) -> None:
     result = sfm.replay(write(tmp_path / "a.mcap", frames))
     assert result.problems == result.summary["problems"] == result.summary["warnings"] == []
@@ -85,7 +81,7 @@ def test_the_surface_of_exchanged_cameras_is_questioned(frames, tmp_path) -> Non
 
 
 def test_a_run_that_is_lost_from_the_start_says_why(frames, tmp_path, cli) -> None:
-    log = write(tmp_path / "a.mcap", black(frames))
+    log = write(tmp_path / "a.mcap", [StereoFrame(f.stamp_ns, 0 * f.left, 0 * f.right) for f in frames])
     assert "a.mcap: tracking was lost in every frame: " in cli("replay", log, "--out", tmp_path / "out", code=3).err
     assert "image is black" in json.loads((tmp_path / "out" / "summary.json").read_text())["problems"][0]
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 8, "what there is, is written"
