@@ -33,28 +33,23 @@ class CalibrationSink:
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
-        self._frames: list[Images] = []
-        self._done = False
+        self._frames: list[Images] | None = []  # None once it is decided
         self.problems: list[str] = []
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Check the first frame, and a few more if something is wrong with it."""
-        if self._done:
+        if self._frames is None:
             return
         self._frames.append(images_of(frame))
-        if len(self._frames) == 1:
-            self._done = not log_problems(self._log, self._frames)
+        if len(self._frames) == 1 and not log_problems(self._log, self._frames):
+            self._frames = None
         elif len(self._frames) == _CONFIRMED_BY:
-            self._conclude()
+            self.close()
 
     def close(self) -> None:
         """Decide by the frames seen so far."""
-        if not self._done and self._frames:
-            self._conclude()
-
-    def _conclude(self) -> None:
-        self.problems = log_problems(self._log, self._frames)
-        self._frames.clear()
-        self._done = True
-        for problem in self.problems:
+        frames, self._frames = self._frames, None
+        if frames:
+            self.problems = log_problems(self._log, frames)
+        for problem in self.problems if frames else ():
             logging.getLogger("stream_sfm").warning(problem)

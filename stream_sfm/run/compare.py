@@ -123,7 +123,9 @@ def compare(
     report = numbers(found)
     if folder is not None:
         for lane in lanes:
-            lane.write_summary(summarise(log, lane, selection, truth, found.complete, found.warnings))
+            summary = summarise(log, lane, selection, truth, found.complete, found.warnings)
+            if lane.folder is not None:
+                lane.folder.write_summary(summary)
         write_report(found, report, folder)
     if course.error is not None:
         raise course.error

@@ -4,7 +4,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -74,11 +73,6 @@ class Lane:
         self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate
-
-    def write_summary(self, summary: dict[str, Any]) -> None:
-        """Write summary.json, if results are written and there are any. Raises OutputError."""
-        if self.folder is not None:
-            self.folder.write_summary(summary)
 
     def _solve(self, observed: Observed) -> tuple[Solution, FrameEstimate] | None:
         if self.error is not None:

@@ -24,7 +24,6 @@ from stream_sfm.results.trajectory_files import NAMES, lines_of
 from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
-from tests.helpers.same_results import estimate_messages
 from tests.helpers.trajectories import read_trajectory
 
 START_NS = 1_700_000_000_123_456_789
@@ -158,14 +157,6 @@ def test_a_file_of_an_earlier_version_is_refused_with_the_way_out(tmp_path: Path
 def test_a_file_of_something_else_is_not_an_empty_run(read):
     with pytest.raises(LogError, match=r"has no messages on /stream_sfm/\w+, but on /camera/left/.*: give the est"):
         read(ROOM)
-
-
-def test_two_runs_differ_in_the_timing_topic_only(tmp_path: Path):
-    estimates = [estimate(i) for i in range(6)]
-    slower = [replace(e, timings_ms={"frontend": 9.0}) for e in estimates]
-    a, b = write(tmp_path / "a.mcap", estimates), write(tmp_path / "b.mcap", slower)
-    assert estimate_messages(a) == estimate_messages(b)
-    assert write(tmp_path / "c.mcap", estimates).read_bytes() == a.read_bytes()
 
 
 def test_numbers_that_are_not_finite_come_back_as_they_were(tmp_path: Path):

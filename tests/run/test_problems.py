@@ -52,13 +52,10 @@ def test_an_ordinary_run_has_no_problem(frames, tmp_path) -> None:
 
 def test_a_camera_that_is_knocked_on_the_way_is_a_warning(tmp_path) -> None:
     knocked = replace(STEREO, right_from_left=se3.exp([0, 0, 0, 0, -1e-3, 0]) @ STEREO.right_from_left)
-    wall, knock = Wall(5), 10
-    seen = [wall.frame(knocked if k >= knock else STEREO, pose, k) for k, pose in enumerate(camera_path(16))]
-    summary = sfm.replay(write(tmp_path / "a.mcap", seen)).summary
-    (warning,) = summary["warnings"]
-    assert warning.startswith(f"from frame {knock} on the right camera is turned against the left one")
+    seen = [Wall(5).frame(knocked if k >= 10 else STEREO, pose, k) for k, pose in enumerate(camera_path(16))]
+    (warning,) = sfm.replay(write(tmp_path / "a.mcap", seen)).summary["warnings"]
+    assert warning.startswith("from frame 10 on the right camera is turned against the left one")
     assert "was a camera knocked" in warning and "distances of 10 m would be off by 5." in warning
-    assert summary["rig"]["applied"] and summary["statuses"]["degraded"] == 3
 
 
 def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames, tmp_path, cli) -> None:
