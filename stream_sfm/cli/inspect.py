@@ -74,10 +74,27 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if images := found["images"]:
         kinds = (f"{'×'.join(map(str, i['size'] or '?'))} {i['encoding']}" for i in images.values())
         yield "images", " and ".join(dict.fromkeys(kinds))
-    if found["frames"]:
-        yield from _frames(found["frames"])
-    if found["rig"]:
-        yield from _rig(found["rig"])
+    if frames := found["frames"]:
+        rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
+        offset = number(frames["median_offset_ms"])
+        yield (
+            "stereo frames",
+            f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
+        )
+        yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
+        gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:_MAX_GAPS]]
+        more = frames["gap_count"] - _MAX_GAPS
+        yield "gaps", "; ".join(gaps) + (f" and {more} more" if more > 0 else "") if gaps else "none"
+    if rig := found["rig"]:
+        kind = "rectified" if rig["rectified_images"] else "unrectified"
+        refined = rig["refined_by_px"]
+        by = "" if refined is None else f"; refined by {refined:.2f} px of disparity"
+        yield "calibration", f"{rig['source']}; for {kind} images{by}"
+        yield (
+            "rig",
+            f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
+            f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
+        )
     check = found["calibration_check"]
     if check and check["vertical_px"] is not None:
         yield (
@@ -89,28 +106,3 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first frames", errors["text"]
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
     yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
-
-
-def _frames(frames: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
-    offset = number(frames["median_offset_ms"])
-    yield (
-        "stereo frames",
-        f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
-    )
-    yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
-    gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:_MAX_GAPS]]
-    more = frames["gap_count"] - _MAX_GAPS
-    yield "gaps", "; ".join(gaps) + (f" and {more} more" if more > 0 else "") if gaps else "none"
-
-
-def _rig(rig: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    images = "rectified" if rig["rectified_images"] else "unrectified"
-    refined = rig["refined_by_px"]
-    by = "" if refined is None else f"; refined by {refined:.2f} px of disparity"
-    yield "calibration", f"{rig['source']}; for {images} images{by}"
-    yield (
-        "rig",
-        f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
-        f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
-    )

@@ -86,9 +86,8 @@ def _kitti_side(document: Document, side: int) -> int:
     return side if grey else 2 + side
 
 
-def _kitti_pose(document: Document, _: Document) -> Array:
-    left, right = (cam_from_cam0(document, _kitti_side(document, side)) for side in (0, 1))
-    return right @ se3.inverse(left)
+def _kitti_from_cam0(document: Document, side: int) -> Array:
+    return cam_from_cam0(document, _kitti_side(document, side))
 
 
 def _kitti_key(data: Mapping[str, Any], number: int) -> str:
@@ -151,10 +150,6 @@ def _is_ros(data: Mapping[str, Any]) -> bool:
     return "camera_matrix" in data and ("image_width" in data or "projection_matrix" in data)
 
 
-def _is_kitti(data: Mapping[str, Any]) -> bool:
-    return bool(_kitti_key(data, 0) or (_kitti_key(data, 2) and _kitti_key(data, 3)))
-
-
 def _is_opencv(data: Mapping[str, Any]) -> bool:
     keys = set(_normalised(data))
     return bool({"m1", "k1", "cm1", "cameramatrix1"} & keys or {"r", "t"} <= keys or {"p1", "p2"} <= keys) or any(
@@ -166,8 +161,8 @@ ROS = Format("ROS camera_info (YAML)", 2, _is_ros, _ros_camera, _ros_pose)
 KITTI = Format(
     "KITTI calib.txt, calib_cam_to_cam.txt",
     1,
-    _is_kitti,
+    lambda data: bool(_kitti_key(data, 0) or (_kitti_key(data, 2) and _kitti_key(data, 3))),
     lambda document, side, size: kitti_camera(document, _kitti_side(document, side), size),
-    _kitti_pose,
+    lambda document, _: _kitti_from_cam0(document, 1) @ se3.inverse(_kitti_from_cam0(document, 0)),
 )
 OPENCV = Format("OpenCV FileStorage of stereoCalibrate", 0, _is_opencv, _opencv_camera, _opencv_pose)
