@@ -432,6 +432,15 @@ def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
     q (n, 3) in anchors (n, 4, 4).
     """
 
+def points_seen_again(
+    ids: Pixels, usable: Mask, var_drift: Array, known: Pixels, q: Array, cov_q: Array
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return which views (v,) are usable and of points that are known, and these points as they are by now.
+
+    Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),
+    both ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.
+    """
+
 def drift_covariances(ids: Pixels, ref_from_anchor: Array, q: Array, seen: Pixels, var_drift: Array) -> Array:
     """Return covariances (n, 3, 3) of q by a drift in the reference camera, eq. (33); 0 of points that are not seen.
 

@@ -226,6 +226,7 @@ NB_MODULE(_core, m) {
     m.def("motion_of_flow", &Bound<&motion_of_flow>::call);
     m.def("fit_turn", &Bound<&fit_turn>::call);
     m.def("views_within_gates", &Bound<&views_within_gates>::call);
+    m.def("points_seen_again", &Bound<&points_seen_again>::call);
     m.def("drift_covariances", &Bound<&drift_covariances>::call);
     m.def("normal_blocks", &Bound<&normal_blocks>::call);
     m.def("points_of_views", &Bound<&points_of_views>::call);

@@ -394,6 +394,14 @@ struct NormalBlocks {
 };
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
+struct SeenAgain {
+    Array<std::int64_t, 1> rows;
+    Array<double, 2> points;
+    Array<double, 3> cov;
+    auto parts() { return std::tie(rows, points, cov); }
+};
+SeenAgain points_seen_again(const Indices& ids, const View<bool, 1>& usable, const View<double, 2>& var_drift, const Indices& known,
+                            const View<double, 2>& q, const View<double, 3>& cov_q);
 Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& ref_from_anchor, const View<double, 2>& q,
                                    const Indices& seen, const View<double, 2>& var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,

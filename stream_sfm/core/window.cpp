@@ -133,6 +133,30 @@ Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const Vi
     return result;
 }
 
+SeenAgain points_seen_again(const Indices& ids, const View<bool, 1>& usable, const View<double, 2>& var_drift, const Indices& known,
+                            const View<double, 2>& q, const View<double, 3>& cov_q) {
+    std::size_t n = ids.shape[0], points = known.shape[0];
+    require_shape(usable, {n}, "usable");
+    require_shape(var_drift, {n, 3}, "var_drift");
+    require_shape(q, {points, 3}, "q");
+    require_shape(cov_q, {points, 3, 3}, "cov_q");
+    std::vector<std::size_t> views, at;
+    Lookup before{known};
+    for (std::size_t i = 0; i < n; i++)
+        if (std::size_t row = usable.data[i] ? before.row(ids.data[i]) : NONE; row != NONE) views.push_back(i), at.push_back(row);
+    SeenAgain result{Array<std::int64_t, 1>({views.size()}), Array<double, 2>({views.size(), 4}), Array<double, 3>({views.size(), 4, 4})};
+    for (std::size_t i = 0; i < views.size(); i++) {
+        result.rows.data[i] = static_cast<std::int64_t>(views[i]);
+        result.points[i][2] = 1.0;
+        for (std::size_t row = 0; row < 3; row++) {
+            result.points[i][Q_COLUMNS[row]] = q[at[i]][row];
+            for (std::size_t c = 0; c < 3; c++)
+                result.cov[i][4 * Q_COLUMNS[row] + Q_COLUMNS[c]] = cov_q[at[i]][3 * row + c] + (row == c ? var_drift[views[i]][row] : 0.0);
+        }
+    }
+    return result;
+}
+
 Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& ref_from_anchor, const View<double, 2>& q,
                                    const Indices& seen, const View<double, 2>& var_drift) {
     std::size_t n = ids.shape[0];

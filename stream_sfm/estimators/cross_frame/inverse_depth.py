@@ -22,8 +22,6 @@ from ...geometry.stereo import StereoProjection
 from ...record import record
 from ...rig_model.model import RigEffects
 
-Q_COLUMNS = np.array([0, 1, 3])  # of a homogeneous point: what q moves
-
 
 def homogeneous_from_q(q: Array) -> Array:
     """Return homogeneous points (…, 4) of q (…, 3) in the anchor."""

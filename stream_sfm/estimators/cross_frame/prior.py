@@ -122,42 +122,48 @@ class Prior:
         information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
         """
-        n, m = len(self.ids), len(self.rig)
-        k = len(amplitudes) - m
-        by_pose = core.q_by_reference(anchors, q)
-        modes = np.concatenate([self.modes[..., :k], by_pose, self.modes[..., k:]], axis=2)
-        of_world = se3.adjoint(cam_from_ref) @ self.world_modes
-        world_modes = np.concatenate([of_world[:, :k], -np.eye(6), of_world[:, k:]], axis=1)
+        n, own = (
+            len(self.ids),
+            len(amplitudes) - len(self.rig) + 6,
+        )  # modes that are not the rig's, with the new ones
+        y, c = amplitudes[: own - 6], amplitudes[own - 6 :]
+        modes = _insert(self.modes, own - 6, core.q_by_reference(anchors, q))
+        world_modes = _insert(se3.adjoint(cam_from_ref) @ self.world_modes, own - 6, -np.eye(6))
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
-        at = np.concatenate([amplitudes[:k], np.zeros(6), amplitudes[k:]])  # of all modes
-        rig = slice(k + 6, None)
-
         s, whitened_modes, std, half, given, right = core.window_system(
-            blocks.without_poses(), (np.arange(n), self.mean, self.cov, modes), q, at
+            blocks.without_poses(),
+            (np.arange(n), self.mean, self.cov, modes),
+            q,
+            np.concatenate([y, np.zeros(6), c]),
         )
-        size = (3 * n, k + 6 + m)  # said, as no points have any
-        flat_modes, flat_half = whitened_modes.reshape(size), half.reshape(size)
+        flat_modes, flat_half = whitened_modes.reshape(3 * n, len(s)), half.reshape(3 * n, len(s))
         s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
-        s.flat[: k * (size[1] + 1) : size[1] + 1] += 1.0  # on the diagonal: the new ones have no prior information
-        s[rig, rig] += self.rig.information
+        s.flat[: len(y) * (len(s) + 1) : len(s) + 1] += (
+            1.0  # on the diagonal: the new ones have no prior information
+        )
+        s[own:, own:] += self.rig.information
         right -= flat_half.T @ given.ravel()
-        right[rig] += self.rig.weighted - self.rig.information @ amplitudes[k:]
+        right[own:] += self.rig.weighted - self.rig.information @ c
         chol = Cholesky(s)
-        lower = chol.lower[rig, rig]
-        whitened = chol.root.T @ right
-        updated_rig = self.rig.after(amplitudes[k:], lower, whitened[rig])
-        whitened[rig] = 0.0  # held, and moved by the window
-        step = chol.root @ whitened
-        by_new = np.column_stack([chol.root[:, : k + 6], chol.root[:, rig] @ lower.T])
-        modes = -core.multiply_blocks(std, product(half, np.column_stack([by_new, step])))
+        lower, whitened = chol.lower[own:, own:], chol.root.T @ right
+        # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
+        root = chol.root[:own, :own]
+        by_new = np.column_stack([root, chol.root[:own, own:] @ lower.T, root @ whitened[:own]])
+
+        def carried(modes: Array) -> Array:
+            moved = product(modes[..., :own], by_new)
+            moved[..., own:-1] += modes[..., own:]
+            return moved
+
+        modes, world_modes = -core.multiply_blocks(std, carried(half)), carried(world_modes)
         return Prior(
             ids=self.ids,
             mean=q + matvec(std, given) + modes[..., -1],
             cov=std @ np.swapaxes(std, 1, 2),
             modes=modes[..., :-1],
-            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes @ step)),
-            world_modes=world_modes @ by_new,
-            rig=updated_rig,
+            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
+            world_modes=world_modes[:, :-1],
+            rig=self.rig.after(c, lower, whitened[own:]),
         )
 
     def with_field(self, n: int) -> "Prior":
@@ -219,3 +225,8 @@ class Prior:
             modes=np.concatenate([modes[..., :6], shared[..., ~small], self.modes[..., own:]], axis=2),
             world_modes=np.concatenate([r.T[:, :6], np.zeros((6, kept)), self.world_modes[:, own:]], axis=1),
         )
+
+
+def _insert(modes: Array, at: int, more: Array) -> Array:
+    """Return modes (…, k) with `more` (…, j) before those from `at` on."""
+    return np.concatenate([modes[..., :at], more, modes[..., at:]], axis=-1)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import core
 from ...config import Config
 from ...geometry import se3
 from ...geometry.resection import Resection
@@ -30,7 +31,7 @@ from ..lifecycle import (
 )
 from ..motion_model import MotionModel
 from .absorb import absorb_oldest_frame
-from .inverse_depth import Q_COLUMNS, WhitenedViews, homogeneous_from_q
+from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
 from .relative import common_errors, relative_motions
@@ -193,20 +194,16 @@ class CrossFrame:
         And the views as they move, to which delay and readout do something.
         """
         robust, previous = self.config.robust, current.marginals
-        rows = np.flatnonzero(among(observations.track_ids, previous.ids))
-        known = np.searchsorted(previous.ids, observations.track_ids[rows])
-        usable = ~current.rejections.excluded(observations.track_ids[rows])
-        rows, known = rows[usable], known[usable]
+        usable = ~current.rejections.excluded(views.ids)
+        rows, points, cov = core.points_seen_again(
+            *(views.ids, usable, views.var_drift, previous.ids, previous.q_in_cam, previous.cov_q_in_cam)
+        )
         if len(rows) < robust.min_inliers:
             raise LostError(too_few_inliers(0, len(rows), robust))
-        cov = np.zeros((len(known), 4, 4))
-        cov[:, Q_COLUMNS[:, None], Q_COLUMNS] = previous.cov_q_in_cam[known]
-        cov[:, Q_COLUMNS, Q_COLUMNS] += views.var_drift[rows]
         start = observations.cam_from_previous
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
-        points = homogeneous_from_q(previous.q_in_cam[known])
         views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
         found = initial_motion(
             self.projection,
@@ -216,12 +213,12 @@ class CrossFrame:
             points,
             cov,
             start,
-            _NO_HISTORY + current.frames_agreed(previous.ids[known]).astype(float),
+            _NO_HISTORY + current.frames_agreed(views.ids[rows]).astype(float),
             unknown_px,
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
-        return found, observations.track_ids[rows[~found.accepted]], views
+        return found, views.ids[rows[~found.accepted]], views
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
