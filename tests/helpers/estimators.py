@@ -52,7 +52,7 @@ def window_views(
     """Views that are all used, of both sides, whose errors are independent."""
     n = len(ids)
     every = np.ones(n, bool)
-    return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), effects, every, every, z_px, np.zeros((n, 3)))
+    return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), effects)
 
 
 def in_reference(ref_from_anchor: Array, q: Array) -> Array:

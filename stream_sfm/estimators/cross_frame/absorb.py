@@ -1,10 +1,9 @@
 """The oldest frame leaves the window: it becomes the reference camera, and its views become part of the prior."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ... import core
+from ...record import changed
 from ..ids import among, union
 from .map import Map
 from .prior import Prior
@@ -16,7 +15,7 @@ def absorb_oldest_frame(current: Map) -> None:
     cam_from_ref = current.cams_from_ref[0]
     frame, views = current.remove_oldest()
     # a point enters the prior with a stereo view: one side alone would leave its depth open
-    views = replace(views, used=views.used & (views.stereo | among(views.ids, current.prior.ids)))
+    views = changed(views, used=views.used & (views.stereo | among(views.ids, current.prior.ids)))
     seen = views.ids[views.used]
     seen_later = union(current.views.ids[current.views.used]) if current.frames else seen
     prior = current.prior.select(among(current.prior.ids, union(seen_later, seen)))

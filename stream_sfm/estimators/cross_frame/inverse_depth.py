@@ -9,7 +9,6 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,10 +54,10 @@ class WhitenedViews:
     `frame` (V,): row of the frame, from 0; `ids` (V,): of the points, each pair at most once; `z_px` (V, 4) finite;
     `root` (V, 4, 4) whitens a residual, as one of its track, in which errors that last are counted once: RᵀR is the
     information that counts, with zero rows for a side that is missing. `weight` (V, 4): the square root of its share
-    in what the view itself has, coordinate by coordinate; 1 where errors are independent. `rig_effects`: of the rig's
-    errors, which are part of what a view shows. `used` (V,) bool: which views count; `stereo` (V,) bool: both sides
-    were seen. `expected_px` (V, 4): where the used views were expected before they counted; there the rig's errors are
-    taken. `var_drift` (V, 3): drift of q since the frame before.
+    in what the view itself has, coordinate by coordinate; 1 where errors are independent. `used` (V,) bool: which views
+    count; `stereo` (V,) bool: both sides were seen. `expected_px` (V, 4): where the used views were expected before
+    they counted; there the rig's errors are taken. `var_drift` (V, 3): drift of q since the frame before.
+    `rig_effects`: of the rig's errors, which are part of what a view shows.
     """
 
     frame: NDArray[np.intp]
@@ -66,21 +65,18 @@ class WhitenedViews:
     z_px: Array
     root: Array
     weight: Array
-    rig_effects: RigEffects
     used: NDArray[np.bool_]
     stereo: NDArray[np.bool_]
     expected_px: Array
     var_drift: Array
+    rig_effects: RigEffects
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
-        joined: dict[str, Any] = {
-            f.name: np.concatenate([getattr(p, f.name) for p in parts])
-            for f in fields(cls)
-            if f.name != "rig_effects"
-        }
-        return cls(**joined, rig_effects=RigEffects.concatenate([p.rig_effects for p in parts]))
+        *arrays, effects = zip(*(p._columns() for p in parts), strict=True)
+        joined: list[Any] = [*map(np.concatenate, arrays), RigEffects.concatenate(effects)]
+        return cls(*joined)
 
     @property
     def of_core(
@@ -95,7 +91,10 @@ class WhitenedViews:
         return len(self.ids)
 
     def __getitem__(self, rows: slice) -> "WhitenedViews":
-        return WhitenedViews(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return WhitenedViews(*(column[rows] for column in self._columns()))
+
+    def _columns(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, name) for name in self.__slots__)  # type: ignore[attr-defined]
 
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (V, 4) without errors (m,) of the rig."""

@@ -4,8 +4,6 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,7 @@ from ...geometry.linear import scaled_cholesky
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
-from ...record import rows_of
+from ...record import changed, rows_of
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigEffects, RigModel
 from ...rig_model.terms import AT_TIMING
@@ -66,7 +64,7 @@ class Map:
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
         self.ids = first.track_ids
-        views = replace(views, used=among(views.ids, self.ids))
+        views = changed(views, used=among(views.ids, self.ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
         self.q = q_of_views(projection, views.corrected_px(rig.mean)[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
@@ -112,7 +110,7 @@ class Map:
         """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
         n = int(np.searchsorted(self.views.frame, 1))
         views, later = self.views[:n], self.views[n:]
-        self.views = replace(later, frame=later.frame - 1)
+        self.views = changed(later, frame=later.frame - 1)
         frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
         self._first = None  # its views stay in the prior as they are
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
@@ -153,7 +151,7 @@ class Map:
         q = q_of_views(self.projection, views.corrected_px(self.rig_error)[new])
         self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
         self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
-        views = replace(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
+        views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.views = WhitenedViews.concatenate([self.views, views])
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
@@ -168,7 +166,7 @@ class Map:
         young = rejected[(seen <= 1) & ~among(rejected, self.prior.ids)]
         for track_id in rejected.tolist():
             self.rejections.add(track_id)
-        self.views = replace(self.views, used=self.views.used & ~among(self.views.ids, young))
+        self.views = changed(self.views, used=self.views.used & ~among(self.views.ids, young))
         self.select(~among(self.ids, young))
         self._dropped = union(self._dropped, young)
 
@@ -223,7 +221,7 @@ class Map:
         keep |= among(self.ids, self.prior.ids)
         if not keep.all():
             self.select(keep)
-            self.views = replace(views, used=views.used & among(views.ids, self.ids))
+            self.views = changed(views, used=views.used & among(views.ids, self.ids))
 
     def gauss_newton_step(self) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
@@ -261,7 +259,7 @@ class Map:
         *_, before, now = twists(np.array(poses[-_TWIST_FRAMES:]), stamps[-_TWIST_FRAMES:])
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = frame.rig.by_timing(moved, now[None], views.seen_px(rows))
-        views = replace(views, rig_effects=views.rig_effects.renewed(rows, by_timing))
+        views = changed(views, rig_effects=views.rig_effects.renewed(rows, by_timing))
         at_first = TimedViews(self.projection, points, before, frame.rig.row_of)
         at_last = TimedViews(self.projection, moved, now, frame.rig.row_of)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
@@ -292,7 +290,7 @@ class Map:
         at_rest = rig.effects_by_parts(expected_px[new], age_s=age_s)
         by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame[rows]], expected_px[rows])
         effects = views.rig_effects.renewed(rows, by_timing, new, at_rest)
-        self.views = replace(views, expected_px=expected_px, rig_effects=effects)
+        self.views = changed(views, expected_px=expected_px, rig_effects=effects)
 
     def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
         """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
@@ -306,12 +304,12 @@ class Map:
 
     def cov_of_timing(self, std_acceleration: Array) -> Array:
         """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
-        rig, newest = self.frames[-1].rig, self.views[self.newest]
-        if rig is None or not newest.used.any():
+        rig, seen = self.frames[-1].rig, int(np.count_nonzero(self.views.used[self.newest]))
+        if rig is None or not seen:
             return np.zeros((6, 6))
         self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
         mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
-        in_cam = core.points_of_views(self.state(), self.views.of_core)[-np.count_nonzero(newest.used) :]
+        in_cam = core.points_of_views(self.state(), self.views.of_core)[-seen:]
         views = TimedViews(self.projection, in_cam, np.zeros(6), rig.row_of)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
@@ -324,7 +322,7 @@ class Map:
         Possible as long as nothing else is in the prior.
         """
         ids, at = self.prior.ids, np.searchsorted(self.ids, self.prior.ids)
-        views = replace(views, used=among(views.ids, ids))
+        views = changed(views, used=among(views.ids, ids))
         q, anchors = self.q[at], self.ref_from_anchor[at]
         rows = np.flatnonzero(views.used)
         in_cam = homogeneous_from_q(q)
@@ -332,7 +330,7 @@ class Map:
         age_s = self.prior.rig.age_s(self.reference_ns)
         effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age_s)
         at_timing = effects.terms[..., AT_TIMING]
-        self._first = replace(views, rig_effects=views.rig_effects.renewed(rows, at_timing, rows, effects))
+        self._first = changed(views, rig_effects=views.rig_effects.renewed(rows, at_timing, rows, effects))
         blocks = self.linearised_in_reference(self._first, ids, anchors, q, self.rig_error)
         estimates = blocks.points_alone(q, self.prior.rig.mean - self.rig_error)
         self.prior = self.prior.with_first_views(*estimates)
@@ -350,7 +348,7 @@ class Map:
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
         rig, found = rig.judged(*counted, misfit)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
-        self.prior = replace(self.prior, rig=rig)
+        self.prior = changed(self.prior, rig=rig)
         self.system.count_rig_errors(found.cov)
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
@@ -364,8 +362,8 @@ class Map:
         if rig.steady:
             size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
             more = more + size**-2.0 - rig.size**-2.0
-            rig = replace(rig, size=size)
-        self.prior = replace(self.prior, rig=rig.informed(more, weighted))
+            rig = changed(rig, size=size)
+        self.prior = changed(self.prior, rig=rig.informed(more, weighted))
 
     def begin_field(self, model: RigModel) -> None:
         """Add a field to the rig's errors, and what it does to the views of the window."""
@@ -381,7 +379,7 @@ class Map:
     @staticmethod
     def _with_field(views: WhitenedViews, model: RigModel, z_px: Array) -> WhitenedViews:
         """Return the views with what a field does to them, where they are at (V, 4)."""
-        return replace(views, rig_effects=RigEffects(views.rig_effects.terms, model.field_at(z_px)))
+        return changed(views, rig_effects=RigEffects(views.rig_effects.terms, model.field_at(z_px)))
 
     def change_rig(self, root: Array) -> None:
         """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).

@@ -1,11 +1,10 @@
 """Gauss-Newton over the whole window, with views gated out by the joint minimum that they contradict."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ... import core
 from ...geometry.gates import chi2_gate
+from ...record import changed
 from .map import Map
 
 # Decreases of the sum of squares that a step promises, in squared standard deviations. One that promises more than
@@ -42,4 +41,4 @@ def _gate(current: Map, gate_probability: float) -> None:
     used = core.views_within_gates(current.projection.pinholes, current.state(), current.views.of_core, *gates)
     for track_id in current.views.ids[current.views.used & ~used].tolist():
         current.rejections.add(track_id)
-    current.views = replace(current.views, used=used)
+    current.views = changed(current.views, used=used)

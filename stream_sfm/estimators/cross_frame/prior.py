@@ -17,8 +17,6 @@ relinearised in world coordinates, and unobservable directions stay unobservable
 of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +24,7 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
 from ...geometry.se3 import Array
-from ...record import record, rows_of
+from ...record import changed, record, rows_of
 from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
@@ -83,7 +81,7 @@ class Prior:
         """
         modes = self.modes.copy()
         modes[..., modes.shape[2] - len(self.rig) :] = by_rig
-        return replace(self, mean=mean, cov=cov, modes=modes)
+        return changed(self, mean=mean, cov=cov, modes=modes)
 
     def points(self, amplitudes: Array) -> Array:
         """Return q (N, 3) at the given amplitudes (k,) of the modes."""
@@ -97,7 +95,7 @@ class Prior:
         """Return the prior of the points where the mask is true; the others are marginalised."""
         if rows.all():
             return self
-        return replace(
+        return changed(
             self,
             ids=rows_of(self.ids, rows),
             mean=rows_of(self.mean, rows),
@@ -107,7 +105,7 @@ class Prior:
 
     def with_drift(self, cov: Array) -> "Prior":
         """Return the prior after independent movements of its points, of covariance (N, 3, 3)."""
-        return replace(self, cov=self.cov + cov)
+        return changed(self, cov=self.cov + cov)
 
     def absorb_frame(
         self, amplitudes: Array, cam_from_ref: Array, anchors: Array, q: Array, blocks: NormalBlocks
@@ -170,7 +168,7 @@ class Prior:
         """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
         modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
         world_modes = np.concatenate([self.world_modes, np.zeros((6, n))], axis=1)
-        return replace(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
+        return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
 
     def with_rig_change(self, root: Array) -> "Prior":
         """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
@@ -180,11 +178,11 @@ class Prior:
         rig, kept, apart = self.rig.changed(root)
         own = self.modes.shape[2] - len(rig)
 
-        def changed(modes: Array) -> Array:
+        def moved(modes: Array) -> Array:
             of_rig = modes[..., own:]
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
-        return replace(self, modes=changed(self.modes), world_modes=changed(self.world_modes), rig=rig)
+        return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
 
     def with_points(self, ids: NDArray[np.int64], mean: Array, cov: Array, by_rig: Array) -> "Prior":
         """Return the prior with further points; ids in any order.
@@ -195,7 +193,7 @@ class Prior:
         order = np.argsort(all_ids)
         modes = np.zeros((len(ids), 3, self.modes.shape[2]))
         modes[..., modes.shape[2] - len(self.rig) :] = by_rig
-        return replace(
+        return changed(
             self,
             ids=all_ids[order],
             mean=np.concatenate([self.mean, mean])[order],
@@ -219,7 +217,7 @@ class Prior:
         small = variance < _MIN_MODE_VARIANCE
         folded = shared[..., small]
         kept = int((~small).sum())
-        return replace(
+        return changed(
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
             modes=np.concatenate([modes[..., :6], shared[..., ~small], self.modes[..., own:]], axis=2),

@@ -7,14 +7,12 @@ As c stays in the joint state, its prior can be exchanged for one of another siz
 It is kept as information: what is learnt about c by other means, or a prior of another size, only adds to that.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
-from ...record import record
+from ...record import changed, record
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import TERMS
@@ -92,7 +90,7 @@ class RigKnowledge:
         found = mixture(mean, cov, self.size, known_wrong=not self.steady)
         if misfit and self.steady:
             found = Mixture(np.zeros(len(mean)), cov + np.outer(mean, mean), found.p_wrong)
-        return replace(self, held=found.mean, cov_held=found.cov), found
+        return changed(self, held=found.mean, cov_held=found.cov), found
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
         """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
@@ -106,7 +104,7 @@ class RigKnowledge:
         Information may be negative, eq. (72b).
         """
         information = self.information + np.diag(more)
-        return replace(self, information=information, weighted=self.weighted + weighted - more * self.mean)
+        return changed(self, information=information, weighted=self.weighted + weighted - more * self.mean)
 
     def changed(self, root: Array) -> tuple["RigKnowledge", Array, Array]:
         """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
@@ -120,7 +118,7 @@ class RigKnowledge:
         held_back = cov_change @ (root.T @ self.weighted)
         apart = root @ np.linalg.cholesky(cov_change + np.outer(held_back, held_back))
         information = symmetric(self.information @ kept)
-        return replace(self, information=information, weighted=kept.T @ self.weighted, steady=False), kept, apart
+        return changed(self, information=information, weighted=kept.T @ self.weighted, steady=False), kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""
@@ -129,7 +127,7 @@ class RigKnowledge:
         information[:m, :m], cov[:m, :m] = self.information, self.cov_held
         information[range(m, m + n), range(m, m + n)] = least**-2.0
         cov[range(m, m + n), range(m, m + n)] = least**2
-        return replace(
+        return changed(
             self,
             mean=np.concatenate([self.mean, none]),
             information=information,
@@ -145,7 +143,7 @@ class RigKnowledge:
 
         What is left of them has the information `lower` (m, m) lowerᵀ, and the `whitened` estimate (m,).
         """
-        return replace(self, mean=self.at(amplitudes), information=lower @ lower.T, weighted=lower @ whitened)
+        return changed(self, mean=self.at(amplitudes), information=lower @ lower.T, weighted=lower @ whitened)
 
 
 def impossible(rig: RigEstimate | None) -> str:

@@ -229,8 +229,8 @@ class CrossFrame:
             self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
-        newest = current.views[current.newest]
-        shown = among(now.ids, newest.ids[newest.used]) & now.finite
+        ids, used = current.views.ids[current.newest], current.views.used[current.newest]
+        shown = among(now.ids, ids[used]) & now.finite
         shown &= ~among(now.ids, current.begun_anew)
         solution = Solution(
             status=status,
@@ -244,7 +244,7 @@ class CrossFrame:
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
             window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref),
-            rejected_ids=newest.ids[~newest.used],
+            rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
