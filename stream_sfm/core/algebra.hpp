@@ -180,6 +180,11 @@ inline void solve_damped(std::vector<double>& a, double* b, std::size_t n) {
     for (std::size_t i = 0; i < n; i++) b[i] = solved ? scale[i] * b[i] : std::numeric_limits<double>::quiet_NaN();
 }
 
+// out += a x, n numbers.
+inline void add(double a, const double* x, std::size_t n, double* out) {
+    for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
+}
+
 // Rows of a matrix, so many numbers apart.
 struct Rows {
     const double* data;

@@ -11,11 +11,6 @@
 namespace core {
 namespace {
 
-// out += a x, n numbers.
-inline void add(double a, const double* x, std::size_t n, double* out) {
-    for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
-}
-
 // The lower root (3, 3) of the inverse of a point's information.
 void root_of_inverse(const double* information, double* root) {
     double given[9];

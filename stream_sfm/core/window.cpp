@@ -19,11 +19,6 @@ constexpr std::size_t CHUNK = 16;     // views whose products are summed at once
 constexpr std::size_t MAX_PARTS = 4;  // of the field: a view has no more coordinates
 constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
 
-// out += a x, n numbers.
-inline void add(double a, const double* x, std::size_t n, double* out) {
-    for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
-}
-
 constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
 
 // Rows of points by their ids, both ascending; fast where they are asked for in that order.

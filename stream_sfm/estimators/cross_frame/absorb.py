@@ -21,7 +21,8 @@ def absorb_oldest_frame(current: Map) -> None:
     prior = current.prior.select(among(current.prior.ids, union(seen_later, seen)))
     at = np.searchsorted(current.ids, prior.ids)
     anchors, q = current.ref_from_anchor[at], current.q[at]
-    prior = prior.with_drift(core.drift_covariances(prior.ids, anchors, q, views.ids, views.var_drift))
+    drift = core.drift_covariances(prior.ids, anchors, q, views.ids, views.var_drift)
+    prior = changed(prior, cov=prior.cov + drift)
     blocks = current.linearised_in_reference(views, prior.ids, anchors, q, current.rig_error)
     prior = prior.absorb_frame(current.amplitudes, cam_from_ref, anchors, q, blocks)
     new = seen[~among(seen, prior.ids) & among(seen, seen_later)]

@@ -99,10 +99,6 @@ class System:
         others = self.chol.root[: self.rig.start, self.rig] @ self._rig_whitening
         return np.concatenate([others, np.eye(others.shape[1])])
 
-    def covariance(self) -> Array:
-        """Return the joint covariance of poses and amplitudes about the present estimate, eq. (72)."""
-        return np.asarray(self.root @ self.root.T)
-
     def covariances(self, frame: int) -> tuple[JointCovariance, JointCovariance]:
         """Return the blocks of the inverse for the pose of `frame`; −1 is the reference camera, which has no error.
 

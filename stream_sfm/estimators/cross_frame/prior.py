@@ -103,10 +103,6 @@ class Prior:
             modes=rows_of(self.modes, rows),
         )
 
-    def with_drift(self, cov: Array) -> "Prior":
-        """Return the prior after independent movements of its points, of covariance (N, 3, 3)."""
-        return changed(self, cov=self.cov + cov)
-
     def absorb_frame(
         self, amplitudes: Array, cam_from_ref: Array, anchors: Array, q: Array, blocks: NormalBlocks
     ) -> "Prior":
