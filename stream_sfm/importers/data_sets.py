@@ -8,7 +8,7 @@ from pathlib import Path
 from ..camera.rig import StereoRig, baseline_warnings
 from ..errors import InputError, OutputError
 from ..files import make_folder
-from ..mcap_file.damage import Damage
+from ..mcap_file.message import Damage
 from ..outputs import refuse_overwriting
 from ..recording.log_writer import MessageWriter
 from ..sources.data_sets import open_euroc, open_kitti

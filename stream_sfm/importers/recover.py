@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import LogError
 from ..inputs import LIMITS
-from ..mcap_file.damage import Damage
+from ..mcap_file.message import Damage
 from ..recording.log_writer import MessageWriter
 from ..sources.mcap import McapSource
 from .data_sets import check_free

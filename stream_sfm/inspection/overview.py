@@ -14,7 +14,7 @@ from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig, baseline_warnings
 from ..errors import LogError
-from ..mcap_file.damage import Damage
+from ..mcap_file.message import Damage
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size

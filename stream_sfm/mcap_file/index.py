@@ -10,8 +10,8 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
 from ..inputs import LIMITS
-from .damage import Damage
 from .definitions import Definitions
+from .message import Damage
 from .records import MAGIC, RECORD_HEAD, BrokenRecord, parse_record, split_records
 
 _FOOTER_BYTES = 20  # fixed by the specification

@@ -19,10 +19,9 @@ from ..deflate import zlib
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, reading
 from .chunks import Allowance, decompress_chunk
-from .damage import Damage
 from .definitions import Definitions
 from .index import read_index
-from .message import Message
+from .message import Damage, Message
 from .records import MAGIC, BrokenRecord, RecordTooLarge, ends_with_magic, parse_record, split_records
 from .search import MESSAGE_HEAD
 from .walk import READ, Record, Walk

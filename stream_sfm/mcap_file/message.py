@@ -1,8 +1,11 @@
-"""Messages as they are stored, of MCAP and of every other container, with what describes their bytes."""
+"""Messages as they are stored, of MCAP and of every other container, with what describes their bytes; what is lost."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ..record import record
+
+_MAX_NOTES = 20  # of one reading; a hostile file could give one per record
 
 
 @record
@@ -30,3 +33,22 @@ class Message(NamedTuple):
     data: bytes
     publish_time_ns: int | None = None
     sequence: int = 0
+
+
+@dataclass(slots=True)
+class Damage:
+    """`complete` becomes false once anything was lost; `notes` say for people what and where."""
+
+    complete: bool = True
+    bytes_read: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, note: str) -> None:
+        """Record that something was lost; a repeated note is kept once."""
+        self.complete = False
+        self.note(note)
+
+    def note(self, note: str) -> None:
+        """Record that something is wrong that has cost nothing."""
+        if len(self.notes) < _MAX_NOTES and note not in self.notes:
+            self.notes.append(note)

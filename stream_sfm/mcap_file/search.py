@@ -8,7 +8,6 @@ import re
 import struct
 from collections.abc import Callable, Iterator
 from enum import Enum
-from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
@@ -80,8 +79,7 @@ class Search:
         opcode, length = RECORD_HEAD.unpack_from(start)
         body, end = at + RECORD_HEAD.size, at + RECORD_HEAD.size + length
         if opcode == Opcode.CHUNK:  # it may be cut off
-            head = chunk_head(start[RECORD_HEAD.size :])
-            return head is not None and head.length == length
+            return chunk_length(start[RECORD_HEAD.size :]) == length
         if end > self._size:
             return False
         if opcode == Opcode.MESSAGE:
@@ -94,16 +92,8 @@ class Search:
         return self._read_bytes(at, max(min(count, self._size - at), 0))
 
 
-class ChunkHead(NamedTuple):
-    """The head of a chunk: `length` of its body by the fields in it, its first and its last log time."""
-
-    length: int
-    start_ns: int
-    end_ns: int
-
-
-def chunk_head(body: bytes) -> ChunkHead | None:
-    """The head of a chunk by the first bytes of its body; None where they cannot be that."""
+def chunk_length(body: bytes) -> int | None:
+    """The length of the body of a chunk by the fields in its first bytes; None where they cannot be that."""
     if len(body) < CHUNK_HEAD.size:
         return None
     start_ns, end_ns, size, _, name_length = CHUNK_HEAD.unpack_from(body)
@@ -113,7 +103,7 @@ def chunk_head(body: bytes) -> ChunkHead | None:
     length = int.from_bytes(body[data : data + 8], "little")
     if body[CHUNK_HEAD.size : data] not in _COMPRESSIONS or length > LIMITS.record_bytes:
         return None
-    return ChunkHead(data + 8 + length, start_ns, end_ns)
+    return data + 8 + length
 
 
 def can_follow(start: bytes, left: int) -> bool:
@@ -124,7 +114,7 @@ def can_follow(start: bytes, left: int) -> bool:
     if len(start) < RECORD_HEAD.size:
         return True
     opcode, length = RECORD_HEAD.unpack_from(start)
-    if opcode == Opcode.CHUNK and chunk_head(start[RECORD_HEAD.size :]) is not None:
+    if opcode == Opcode.CHUNK and chunk_length(start[RECORD_HEAD.size :]) is not None:
         return True
     fits = RECORD_HEAD.size + length <= left
     return (fits and opcode != 0) or (opcode in _KNOWN and length <= LIMITS.record_bytes)

@@ -11,9 +11,9 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 
 from ..inputs import LIMITS
-from .damage import Damage
+from .message import Damage
 from .records import MAGIC, RECORD_HEAD, ends_with_magic
-from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_head
+from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_length
 
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -109,18 +109,18 @@ class Walk:
 
     def _as_chunk(self, at: int, opcode: int, length: int, left: int, body: bytes) -> tuple[int, int]:
         """The kind and the length of a record, that of a chunk where its content shows that they are wrong."""
-        head = chunk_head(body) if length or opcode else None
-        if head is None or head.length > left or (opcode, length) == (Opcode.CHUNK, head.length):
+        found = chunk_length(body) if length or opcode else None
+        if found is None or found > left or (opcode, length) == (Opcode.CHUNK, found):
             return opcode, length
-        behind = at + RECORD_HEAD.size + head.length
-        if opcode != Opcode.CHUNK and length == head.length:
+        behind = at + RECORD_HEAD.size + found
+        if opcode != Opcode.CHUNK and length == found:
             wrong = f"kind, {opcode},"
         elif opcode == Opcode.CHUNK and can_follow(self._peek(behind), self._size - behind):
             wrong = f"length, {length},"
         else:
             return opcode, length
         self._damage.note(f"{self._path} at byte {at}: a chunk was read although its {wrong} is wrong")
-        return int(Opcode.CHUNK), head.length
+        return int(Opcode.CHUNK), found
 
     def _problem(self, opcode: int, length: int, left: int, start: bytes) -> str:
         """Why there is no record; empty where there is one."""

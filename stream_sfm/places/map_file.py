@@ -17,9 +17,8 @@ from numpy.typing import DTypeLike, NDArray
 from .. import __version__
 from ..errors import InputError
 from ..geometry.stereo import StereoProjection
-from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 from ..motion import Motion
 from ..recording.log_writer import MessageWriter
 from .graph import GraphState, Loop

@@ -6,8 +6,7 @@ from dataclasses import replace
 from ..camera.calibration.read import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
 from ..sources.source import Contents, Source

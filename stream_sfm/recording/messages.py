@@ -1,6 +1,7 @@
 """Decodes the messages of four dialects (Foxglove protobuf and JSON, ROS 2, ROS 1) into three records."""
 
 import base64
+import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,13 +13,12 @@ from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import INT64, LIMITS
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 from ..record import record
 from ..sources.source import Source
-from .message_limits import decode_json
 
 T = TypeVar("T")
+Decoder = Callable[[bytes], Any]
 
 _PACKAGES = (
     "foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf",
@@ -107,7 +107,7 @@ class MessageDecoder:
 
     def __init__(self, path: str | Path) -> None:
         self._path = path
-        self._decoders: dict[Channel, Callable[[bytes], Any]] = {}
+        self._decoders: dict[Channel, Decoder] = {}
 
     def _decode(self, message: Message, max_bytes: int | None = None) -> Any:
         if max_bytes is not None and len(message.data) > max_bytes:
@@ -127,13 +127,13 @@ class MessageDecoder:
                 f"({type(error).__name__}: {error})"
             ) from None
 
-    def _find(self, channel: Channel) -> Callable[[bytes], Any]:
+    def _find(self, channel: Channel) -> Decoder:
         where = f"{self._path}: topic {channel.topic}"
         if not channel.schema_name:
             raise LogError(f"{where} has no schema, so its messages cannot be read")
         try:
             if channel.message_encoding == "json":
-                return decode_json
+                return _decode_json
             if len(channel.definition) > LIMITS.small_bytes:
                 raise ValueError(f"a definition of {len(channel.definition)} bytes")
             if (decoder := _by_definition(channel)) is not None:
@@ -225,7 +225,7 @@ def _same_numbers(a: Any, b: Any) -> bool:
     return a.tobytes() == b.tobytes() or np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 
-def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
+def _by_definition(channel: Channel) -> Decoder | None:
     """The decoder of protobuf or ROS, of which a log has one: the library of the other is not imported."""
     if channel.message_encoding == MessageEncoding.Protobuf:
         from .protobuf import protobuf_decoder
@@ -236,6 +236,32 @@ def _by_definition(channel: Channel) -> Callable[[bytes], Any] | None:
 
     encodings = channel.message_encoding, channel.schema_encoding
     return ros_decoder(*encodings, channel.schema_name, channel.definition)
+
+
+def bounded(decoder: Decoder) -> Decoder:
+    """A decoder for a definition with repeated fields; it raises ValueError for messages over the bound.
+
+    Each element of a byte or two becomes an object of about a hundred bytes. The pixels of an image are one field.
+    """
+
+    def decode(data: bytes) -> Any:
+        if len(data) > LIMITS.small_bytes:
+            raise ValueError(
+                f"its definition has repeated fields, and it is over {LIMITS.small_bytes // 2**20} MiB"
+            )
+        return decoder(data)
+
+    return decode
+
+
+def _decode_json(data: bytes) -> Any:
+    """Parse JSON like `json.loads`. Raises ValueError for more values than any message has."""
+    values = sum(data.count(mark) for mark in (b",", b"[", b"{"))  # an upper bound: text may contain them too
+    if values > LIMITS.json_values:
+        raise ValueError(f"up to {values} values")
+    if len(data) > LIMITS.json_text_bytes and not data.isascii():
+        raise ValueError("a long text that is not ASCII")
+    return json.loads(data)
 
 
 def _has(message: Any, name: str) -> bool:

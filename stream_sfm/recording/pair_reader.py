@@ -6,8 +6,7 @@ from itertools import chain
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from ..record import record
 from ..sources.source import Source
 from .images import check_encoding

@@ -11,7 +11,7 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from ..mcap_file.message import Channel
-from .message_limits import Decoder, bounded
+from .messages import Decoder, bounded
 
 
 def protobuf_decoder(channel: Channel) -> Decoder | None:

@@ -1,7 +1,6 @@
 """Decodes ROS messages by the definition that the log carries: ROS 1, ROS 2 with msg or with IDL."""
 
 import re
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +9,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from ..inputs import LIMITS
-from .message_limits import bounded
+from .messages import Decoder, bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
@@ -38,9 +37,7 @@ _SUPPORTED = (
 
 
 @lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
-def ros_decoder(
-    message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes
-) -> Callable[[bytes], Any] | None:
+def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes) -> Decoder | None:
     """A function from the bytes of one message to an object with its fields; None for messages that are not ROS's.
 
     Raises what rosbags raises where the definition cannot be read, and so does the function on bytes that do not

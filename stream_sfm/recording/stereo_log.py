@@ -8,7 +8,7 @@ from pathlib import Path
 from ..camera.calibration.read import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
-from ..mcap_file.damage import Damage
+from ..mcap_file.message import Damage
 from ..sources.camera import CameraSource
 from ..sources.devices import open_device
 from ..sources.recognise import open_source

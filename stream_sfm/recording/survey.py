@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from ..inputs import LIMITS
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel
+from ..mcap_file.message import Channel, Damage
 from ..sources.source import Source
 from .messages import kind_of
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..mcap_file.damage import Damage
 from ..mcap_file.log_file import LogFile
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from ..recording.ros import ros_decoder
 from ..types import FrameEstimate
 from .own_messages import SCHEMA_VERSION, estimate_of

@@ -14,8 +14,7 @@ import numpy as np
 from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 from .devices import Device
 from .profile import ProfileEncoder
 from .source import Contents, Source

@@ -14,8 +14,7 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
 from ..inputs import LIMITS, read_small, reading
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from ..record import record
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder

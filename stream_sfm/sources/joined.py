@@ -9,8 +9,7 @@ import zstandard
 from mcap.records import Attachment
 
 from ..inputs import LIMITS
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from .source import Contents, Source
 
 _Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest

@@ -20,8 +20,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, reading
 from ..mcap_file.chunks import Allowance, decompress
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 from ..mcap_file.records import BrokenRecord
 from .source import Contents, Source
 

@@ -8,8 +8,7 @@ from typing import Protocol
 
 from mcap.records import Attachment
 
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 
 
 @dataclass(slots=True)

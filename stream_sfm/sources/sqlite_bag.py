@@ -17,8 +17,7 @@ from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, reading
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Channel, Message
+from ..mcap_file.message import Channel, Damage, Message
 from .source import Contents, Source
 
 MAGIC = b"SQLite format 3\0"

@@ -8,8 +8,7 @@ import cv2
 
 from ..camera.pixels import to_grey
 from ..errors import LogError
-from ..mcap_file.damage import Damage
-from ..mcap_file.message import Message
+from ..mcap_file.message import Damage, Message
 from .profile import ProfileEncoder
 from .source import Contents, Source
 

@@ -9,8 +9,8 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.damage import Damage
 from stream_sfm.mcap_file.log_file import LogFile
+from stream_sfm.mcap_file.message import Damage
 from stream_sfm.mcap_file.walk import Walk
 from tests.faults.damage import INDEXES, KINDS, Whole, trial, whole_log
 from tests.faults.records import HEAD, channel, insert, message, record

@@ -37,12 +37,6 @@ def check_frames(path, tolerance=0.0, count=12, **kwargs):
     return log
 
 
-@pytest.mark.parametrize("profile", ["foxglove", "json", "ros2", "ros1"])
-@pytest.mark.parametrize("container", CONTAINERS)
-def test_every_profile_in_every_container(path, profile, container):
-    check_frames(write_log(path, Spec(profile=profile), **CONTAINERS[container]))
-
-
 def both_in_one(path, axis, encoding="png", container="zstd"):
     """A log with one topic, whose images hold both sides, and the rig of one of them."""
     log = LogWriter(path, **CONTAINERS[container])
