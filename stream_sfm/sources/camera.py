@@ -14,7 +14,7 @@ import numpy as np
 from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
-from ..mcap_file.message import Channel, Damage, Message
+from ..mcap_file.message import Damage, Message
 from .devices import Device
 from .profile import ProfileEncoder
 from .source import Contents, Source
@@ -52,10 +52,7 @@ class CameraSource(Source):
     def contents(self) -> Contents | None:
         """The topics; how many messages there will be is not known."""
         encoder = ProfileEncoder(self._rig)
-        channels: list[tuple[Channel, int | None]] = [
-            (c, None) for c in (*encoder.raw_images, *encoder.calibrations)
-        ]
-        return Contents(channels)
+        return Contents([(channel, None) for channel in (*encoder.raw_images, *encoder.calibrations)])
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) as the camera delivers them, until it ends."""

@@ -14,7 +14,7 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
 from ..inputs import LIMITS, read_small, reading
-from ..mcap_file.message import Damage, Message
+from ..mcap_file.message import Channel, Damage, Message
 from ..record import record
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder
@@ -65,15 +65,15 @@ class ImageFilesSource(Source):
 
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
-        encoder = ProfileEncoder(self.rig)
-        contents = Contents([(c, len(side)) for c, side in zip(encoder.images, self.images, strict=True)])
+        encoder, stamps = ProfileEncoder(self.rig), [image.stamp_ns for side in self.images for image in side]
+        channels: list[tuple[Channel, int | None]] = [
+            (channel, len(side)) for channel, side in zip(encoder.images, self.images, strict=True)
+        ]
         if self.rig is not None:
-            contents.channels += [(channel, None) for channel in encoder.calibrations]
+            channels += [(channel, None) for channel in encoder.calibrations]
         if self.poses:
-            contents.channels.append((encoder.poses, len(self.poses)))
-        stamps = [s for side in self.images for s in (side[0].stamp_ns, side[-1].stamp_ns)]
-        contents.start_ns, contents.end_ns = min(stamps), max(stamps)
-        return contents
+            channels.append((encoder.poses, len(self.poses)))
+        return Contents(channels, min(stamps), max(stamps))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""

@@ -52,15 +52,10 @@ class JoinedSource(Source):
         """The sum over the parts, where every part knows its contents."""
         if self._contents is None:
             return None
-        joined = Contents()
-        spans = []
-        for contents in self._contents:
-            joined.channels += contents.channels
-            if any(count != 0 for _, count in contents.channels):
-                spans.append((contents.start_ns, contents.end_ns))
-        if spans:
-            joined.start_ns, joined.end_ns = min(s for s, _ in spans), max(e for _, e in spans)
-        return joined
+        channels = [entry for contents in self._contents for entry in contents.channels]
+        used = [contents for contents in self._contents if any(count != 0 for _, count in contents.channels)]
+        start_ns = min((contents.start_ns for contents in used), default=0)
+        return Contents(channels, start_ns, max((contents.end_ns for contents in used), default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) of all parts; those that cannot be decompressed are left out."""

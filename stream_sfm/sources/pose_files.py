@@ -1,7 +1,14 @@
-"""Poses in text files: TUM (`t x y z qx qy qz qw`), EuRoC's CSV, KITTI (twelve numbers of a 3×4 pose per line)."""
+"""Text files of data sets, with errors that name file and line: tables, stamps, and poses.
+
+Poses are as of TUM (`t x y z qx qy qz qw`), EuRoC's CSV, or KITTI (twelve numbers of a 3×4 pose per line). Stamps are
+in seconds or nanoseconds.
+"""
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,12 +18,63 @@ from numpy.typing import NDArray
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inputs import INT64, LIMITS, read_small, reading
 from ..types import Trajectory
-from .text_files import check_ascending, read_table, read_text, stamp_ns
 
 _UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
 _ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
 _KITTI = "a pose of 12 numbers"
+_NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
+
+
+def read_text(path: Path, what: str) -> str:
+    """The content of a text file; `what` names it in errors. Raises LogError."""
+    try:
+        with reading(f"{what} {path}"):
+            return read_small(path, LIMITS.text_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise LogError(f"{what} {path} is not a text file") from None
+
+
+def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number of each line and its cells, separated by commas or white space; lines with `#` are left out.
+
+    Raises LogError.
+    """
+    for number, line in enumerate(StringIO(read_text(path, what)), start=1):
+        if number > LIMITS.indexed or len(line) > LIMITS.name:
+            many = (
+                f"more than {LIMITS.indexed} lines"
+                if number > LIMITS.indexed
+                else f"a line of {len(line)} characters"
+            )
+            raise LogError(f"{what} {path} has {many}: is it another file?")
+        if line.strip() and not line.lstrip().startswith("#"):
+            cells = line.split(",") if "," in line else line.split()
+            yield number, [cell.strip() for cell in cells]
+
+
+def stamp_ns(text: str, where: str) -> int:
+    """A time in nanoseconds: decimal seconds, exactly, or a whole number of nanoseconds. Raises LogError."""
+    try:
+        whole = text.isdecimal() and len(text) >= _NANOSECOND_DIGITS
+        ns = Decimal(text) * (1 if whole else 1_000_000_000)
+        if not abs(ns) < INT64 - 1:
+            raise ValueError
+        return round(ns)
+    except (ArithmeticError, ValueError):
+        raise LogError(f"{where}: {text!r} is not a time in seconds or whole nanoseconds") from None
+
+
+def check_ascending(stamps_ns: Sequence[int], where: str | Path) -> None:
+    """Raise LogError naming the first entry where time does not advance, or is negative."""
+    if stamps_ns and stamps_ns[0] < 0:
+        raise LogError(f"{where}: the first stamp is negative ({stamps_ns[0]} ns)")
+    for number, (a, b) in enumerate(pairwise(stamps_ns), start=2):
+        if b <= a:
+            raise LogError(
+                f"{where}: entry {number} ({b} ns) is not later than the one before it: sort the entries"
+            )
 
 
 def read_poses(path: Path) -> Trajectory:

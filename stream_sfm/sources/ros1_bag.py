@@ -113,9 +113,7 @@ class Ros1BagSource(Source):
         """From the index, where the bag was closed."""
         if (index := self._index) is None:
             return None
-        channels: list[tuple[Channel, int | None]] = [
-            (channel, index.counts.get(number, 0)) for number, channel in index.connections.items()
-        ]
+        channels = [(channel, index.counts.get(number, 0)) for number, channel in index.connections.items()]
         return Contents(channels, min(index.spans_ns, default=0), max(index.spans_ns, default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:

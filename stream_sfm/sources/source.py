@@ -1,8 +1,8 @@
 """The protocol of a source: messages by topic, attachments, and what is known without reading."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +15,7 @@ from ..mcap_file.message import Channel, Damage, Message
 class Contents:
     """What an index contains: each channel with its number of messages (None: unknown), and the span of log times."""
 
-    channels: list[tuple[Channel, int | None]] = field(default_factory=list)
+    channels: Sequence[tuple[Channel, int | None]]
     start_ns: int = 0
     end_ns: int = 0
 

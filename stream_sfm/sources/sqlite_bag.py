@@ -127,9 +127,7 @@ class SqliteBagSource(Source):
                     spans_ns += (first_ns, last_ns)
         except sqlite3.Error:
             return None
-        channels: list[tuple[Channel, int | None]] = [
-            (channel, counts.get(number, 0)) for number, channel in self._channels.items()
-        ]
+        channels = [(channel, counts.get(number, 0)) for number, channel in self._channels.items()]
         return Contents(channels, min(spans_ns, default=0), max(spans_ns, default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
