@@ -7,7 +7,7 @@ aliases. The limits are far above what a person or a tool writes.
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from errno import EFBIG, EINVAL
 from pathlib import Path
@@ -46,6 +46,7 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
+Decoder = Callable[[bytes], Any]
 INT64 = 2**63  # whole numbers are smaller: sizes, stamps in nanoseconds
 MAX_DEPTH = 32  # of brackets; settings and calibrations need four
 _MAX_INDENT = 128  # spaces in front of a line, each of which may be a level in YAML
@@ -143,3 +144,19 @@ def check_values(data: Any) -> None:
             todo += value
         elif isinstance(value, int) and not -INT64 <= value < INT64:
             raise ValueError("it holds a whole number beyond 64 bits")
+
+
+def bounded(decoder: Decoder) -> Decoder:
+    """A decoder for a definition with repeated fields; it raises ValueError for messages over the bound.
+
+    Each element of a byte or two becomes an object of about a hundred bytes. The pixels of an image are one field.
+    """
+
+    def decode(data: bytes) -> Any:
+        if len(data) > LIMITS.small_bytes:
+            raise ValueError(
+                f"its definition has repeated fields, and it is over {LIMITS.small_bytes // 2**20} MiB"
+            )
+        return decoder(data)
+
+    return decode

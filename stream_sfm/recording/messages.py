@@ -12,13 +12,12 @@ from mcap.well_known import MessageEncoding
 from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..inputs import INT64, LIMITS
+from ..inputs import INT64, LIMITS, Decoder
 from ..mcap_file.message import Channel, Damage, Message
 from ..record import record
 from ..sources.source import Source
 
 T = TypeVar("T")
-Decoder = Callable[[bytes], Any]
 
 _PACKAGES = (
     "foxglove", "foxglove_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "tf",
@@ -236,22 +235,6 @@ def _by_definition(channel: Channel) -> Decoder | None:
 
     encodings = channel.message_encoding, channel.schema_encoding
     return ros_decoder(*encodings, channel.schema_name, channel.definition)
-
-
-def bounded(decoder: Decoder) -> Decoder:
-    """A decoder for a definition with repeated fields; it raises ValueError for messages over the bound.
-
-    Each element of a byte or two becomes an object of about a hundred bytes. The pixels of an image are one field.
-    """
-
-    def decode(data: bytes) -> Any:
-        if len(data) > LIMITS.small_bytes:
-            raise ValueError(
-                f"its definition has repeated fields, and it is over {LIMITS.small_bytes // 2**20} MiB"
-            )
-        return decoder(data)
-
-    return decode
 
 
 def _decode_json(data: bytes) -> Any:

@@ -8,8 +8,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from ..inputs import LIMITS
-from .messages import Decoder, bounded
+from ..inputs import LIMITS, Decoder, bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
