@@ -12,7 +12,6 @@
 namespace core {
 namespace {
 
-constexpr double CALM_SHARE = 0.8;
 // From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
 // residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
 constexpr double CALM_SPREAD = 4.0;
@@ -118,7 +117,7 @@ class Resection {
             all += votes.data[i];
             if (found.squares.data[i] < width * views.gate.data[i]) agree += votes.data[i];
         }
-        return agree >= CALM_SHARE * all;
+        return agree >= rules.calm_share * all;
     }
 
     double support(const Fitted& of) const {
