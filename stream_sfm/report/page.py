@@ -50,17 +50,20 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     errors = unit_for(*(t.position_m for t in traces.values())) if traces else unit_for(list(away_m))
     local = unit_for([m["local_sigma_median_m"] or 0.0 for m in methods])
     units = {"errors": errors, "structure": local}
+    more = []
+    if traces:
+        more = [charts.rotation_errors(traces), charts.growth(traces, errors), charts.structure(c.runs, local)]
     return render(
         "compare.html.j2",
         title=c.log,
         c=c,
         n=content,
         notes=_notes(c, content),
-        path_m=_path_length_m(traces, methods),
+        path_m=float(next(iter(traces.values())).distance_m[-1]) if traces else methods[0]["path_length_m"],
         main=table((*(ACCURACY if traces else _WITHOUT_TRUTH), _RATIO, TIME), names, methods, units),
         further=table(_FURTHER, names, methods, units),
         charts=_charts(c, content, traces, errors),
-        more_charts=_more_charts(c, traces, errors, local),
+        more_charts=more,
         lives=charts.lives(c.front),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
@@ -87,19 +90,6 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
         ]
     told = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
     return [charts.errors(traces, unit), told, charts.nees(traces, gaps), path]
-
-
-def _more_charts(c: Comparison, traces: Traces, unit: LengthUnit, local: LengthUnit) -> list[Markup]:
-    if not traces:
-        return []
-    return [charts.rotation_errors(traces), charts.growth(traces, unit), charts.structure(c.runs, local)]
-
-
-def _path_length_m(traces: Traces, methods: list[dict[str, Any]]) -> float | None:
-    """The length of the true path, else of the first method's."""
-    if traces:
-        return float(next(iter(traces.values())).distance_m[-1])
-    return next((m["path_length_m"] for m in methods), None)
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:

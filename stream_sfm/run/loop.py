@@ -58,11 +58,6 @@ class Course:
             return
         self.error = self.error or error
 
-    def interrupt(self, where: str) -> None:
-        """Record that the run was asked to end."""
-        self.complete, self.interrupted = False, True
-        self.warnings.append(where)
-
 
 def run(
     log: StereoLog,
@@ -98,7 +93,8 @@ def run(
     if not course.frames and refusal is not None and course.error is None:
         course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
     if interruption.requested:
-        course.interrupt(f"interrupted after {counted(course.frames, 'frame')}")
+        course.complete, course.interrupted = False, True
+        course.warnings.append(f"interrupted after {counted(course.frames, 'frame')}")
     try:
         close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
     except Exception as error:
