@@ -77,10 +77,9 @@ class RigKnowledge:
         what its views have in common. So the window's information counts by the share that it has in the result.
         `information` (m, m): the inverse of `cov`.
         """
-        before = self.mean + np.linalg.solve(self.information, self.weighted)
-        by_window = information - self.information
-        counted = Cholesky(by_window + self.information @ cov @ self.information).inverse()
-        return before + counted @ (by_window @ (mean - before)), counted
+        by_window, shared = information - self.information, self.information @ cov
+        counted = Cholesky(by_window + shared @ self.information).inverse()
+        return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
     def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
