@@ -2,11 +2,8 @@
 
 import base64
 import json
-import signal
 import sqlite3
 import struct
-import subprocess
-import sys
 import tempfile
 import tracemalloc
 import zlib
@@ -192,26 +189,6 @@ def test_only_plain_tables_are_read(bag, tmp_path, change):
         database.executescript(change)
     with pytest.raises(sfm.LogError, match="is not a plain table"):
         sfm.open_log(path)
-
-
-def test_the_journal_of_an_interrupted_recorder_is_told(bag, tmp_path):
-    """As a recorder leaves it that is killed within a transaction: pages are changed, and the journal has the old."""
-    path = copied(bag, tmp_path)
-    code = """
-import os, sqlite3, sys
-database = sqlite3.connect(sys.argv[1], isolation_level=None)
-database.execute("PRAGMA cache_size = 1")
-database.execute("BEGIN")
-database.execute("UPDATE messages SET timestamp = timestamp + 1")
-os.kill(os.getpid(), 9)
-"""
-    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -signal.SIGKILL
-    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    assert set(before) == {"walk.db3", "walk.db3-journal"}
-    log = sfm.open_log(path)
-    assert len(list(log.pairs())) == 12 and not log.stats.complete
-    assert "walk.db3-journal beside it holds changes that were not used" in " ".join(log.stats.warnings)
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
 @pytest.fixture

@@ -1,7 +1,10 @@
 """Bags with damaged bytes give frames or an error that names the file, in bounded memory, whatever was damaged."""
 
 import random
+import signal
 import sqlite3
+import subprocess
+import sys
 
 import pytest
 
@@ -70,3 +73,24 @@ def test_a_database_of_other_types_is_refused(tmp_path, bags):
             list(log.pairs())
         except sfm.LogError as error:
             assert str(path) in str(error), change
+
+
+def test_the_journal_of_an_interrupted_recorder_is_told(bags, tmp_path):
+    """As a recorder leaves it that is killed within a transaction: pages are changed, and the journal has the old."""
+    path = tmp_path / "walk.db3"
+    path.write_bytes(bags["walk.db3"])
+    code = """
+import os, sqlite3, sys
+database = sqlite3.connect(sys.argv[1], isolation_level=None)
+database.execute("PRAGMA cache_size = 1")
+database.execute("BEGIN")
+database.execute("UPDATE messages SET timestamp = timestamp + 1")
+os.kill(os.getpid(), 9)
+"""
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -signal.SIGKILL
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert set(before) == {"walk.db3", "walk.db3-journal"}
+    log = sfm.open_log(path)
+    assert len(list(log.pairs())) == 12 and not log.stats.complete
+    assert "walk.db3-journal beside it holds changes that were not used" in " ".join(log.stats.warnings)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
