@@ -220,6 +220,9 @@ def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Ar
     `radius`: half their width, px.
     """
 
+def seen_points(pinholes: Pinholes, z_px: Array) -> Array:
+    """Return points (n, 4) = (X/Z, Y/Z, 1, 1/Z) where views (n, 4) have seen them: by left ray and disparity."""
+
 def project_points(pinholes: Pinholes, points: Array) -> Array:
     """Return the views (n, 4) of homogeneous points (n, 4), eq. (8)."""
 

@@ -229,12 +229,13 @@ NB_MODULE(_core, m) {
     m.def("points_seen_again", &Bound<&points_seen_again>::call);
     m.def("drift_covariances", &Bound<&drift_covariances>::call);
     m.def("normal_blocks", &Bound<&normal_blocks>::call);
-    m.def("points_of_views", &Bound<&points_of_views>::call);
+    m.def("seen_points", &Bound<&seen_points>::call);
     m.def("window_system", &Bound<&window_system>::call);
     m.def("point_covariances", &Bound<&point_covariances>::call);
     m.def("point_marginals", &Bound<&point_marginals>::call);
     m.def("new_corners", &Bound<&new_corners>::call);
     m.def("project_points", &Bound<&project_points>::call);
+    m.def("points_of_views", &Bound<&points_of_views>::call);
     m.def("row_terms", &Bound<&row_terms>::call);
     m.def("row_offsets", &Bound<&row_offsets>::call);
     m.def("on_one_row", &Bound<&on_one_row>::call);

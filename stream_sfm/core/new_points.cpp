@@ -10,19 +10,17 @@
 namespace core {
 namespace {
 
-constexpr double MIN_DETERMINANT = 1e-3;  // a surface seen edge-on gets a finite warp that no template fits
-
 double apart(const double* a, const double* b) { return std::sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])); }
 
-// Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2): affine.
+// Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2), below 1: affine.
 Array<double, 3> sheared(const View<double, 2>& slopes) {
     std::size_t n = slopes.shape[0];
     Array<double, 3> warps({n, 3, 2});
     for (std::size_t i = 0; i < n; i++) {
-        double narrower = 1 - slopes[i][0], divisor = std::max(narrower, MIN_DETERMINANT), *w = warps[i];
-        w[0] = 1 / divisor;
-        w[1] = slopes[i][1] / divisor;
-        w[3] = narrower / divisor;
+        double* w = warps[i];
+        w[0] = 1 / (1 - slopes[i][0]);
+        w[1] = slopes[i][1] / (1 - slopes[i][0]);
+        w[3] = 1;
     }
     return warps;
 }

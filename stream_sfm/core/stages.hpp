@@ -209,6 +209,7 @@ struct SelectedViews {
     }
 };
 Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points);
+Array<double, 2> seen_points(const Pinholes& pinholes, const View<double, 2>& z);
 Array<double, 3> whitening_of_views(const View<double, 2>& z, const View<double, 3>& cov);
 Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both);
 LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref);

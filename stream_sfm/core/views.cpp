@@ -36,6 +36,20 @@ void check(const View<double, 2>& points, const View<double, 2>& z) {
 
 }  // namespace
 
+Array<double, 2> seen_points(const Pinholes& p, const View<double, 2>& z) {
+    std::size_t n = z.shape[0];
+    require_shape(z, {n, 4}, "z_px");
+    Array<double, 2> result({n, 4});
+    for (std::size_t i = 0; i < n; i++) {
+        double *point = result[i], disparity = (z[i][0] - p.cx_left) - (z[i][2] - p.cx_right);
+        point[0] = (z[i][0] - p.cx_left) / p.f;
+        point[1] = (z[i][1] - p.cy) / p.f;
+        point[2] = 1;
+        point[3] = disparity / (p.f * p.baseline);
+    }
+    return result;
+}
+
 Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");

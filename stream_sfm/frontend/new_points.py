@@ -211,7 +211,9 @@ def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -
     z_px[:, 2:] = state.turn.taken_out(z_px[:, 2:])
     speed, twist = _row_speed(state, z_px), state.timing.twist
     if scale == 1:
-        matches = RowMatches(z_px[:, :2], z_px[:, 1] - z_px[:, 3], _points(setup.projection, z_px))
+        matches = RowMatches(
+            z_px[:, :2], z_px[:, 1] - z_px[:, 3], core.seen_points(setup.projection.pinholes, z_px)
+        )
         learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
         state, rows = (replace(state, rows_waiting=matches) if twist is None else learnt), learnt.rows_told
     else:
@@ -225,7 +227,7 @@ def _row_speed(state: FrontEndState, z_px: Array) -> Array:
     if state.timing.twist is None:
         return np.zeros(len(z_px))
     projection = state.rows.projection
-    return row_speed(projection, _points(projection, z_px), state.timing.twist)
+    return row_speed(projection, core.seen_points(projection.pinholes, z_px), state.timing.twist)
 
 
 def _begin_tracks(
@@ -234,7 +236,7 @@ def _begin_tracks(
     """Begin tracks of the matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
     p, first_id = setup.projection, state.next_id
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
-    taken_px = state.timing.taken_out(_points(p, m.z_px), twist)
+    taken_px = state.timing.taken_out(core.seen_points(p.pinholes, m.z_px), twist)
     rho = p.inverse_depth(m.z_px - taken_px)
     var_rho = (m.cov_px[:, 0, 0] + m.cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
     good = rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
@@ -255,8 +257,3 @@ def _begin_tracks(
     )
     new_ids = np.arange(first_id, state.next_id, dtype=np.int64)
     return replace(state, bias=state.bias.learnt(new_ids, m.apart_px)), m.z_px, m.cov_px
-
-
-def _points(projection: StereoProjection, z_px: Array) -> Array:
-    """Homogeneous points (n, 4) of views (n, 4), in the camera that saw them."""
-    return np.column_stack([projection.rays(z_px), np.ones(len(z_px)), projection.inverse_depth(z_px)])

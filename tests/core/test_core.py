@@ -58,6 +58,7 @@ CALLS = {
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
     "project_points": (PINHOLES, POINTS),
+    "seen_points": (PINHOLES, VIEWS),
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), np.eye(3), 0.1),
@@ -200,6 +201,11 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
         assert len(matched[0])
         found.append(b"".join(array.tobytes() for array in (*patches, *aligned, *matched)))
     assert found[0] == found[1]
+
+
+def test_points_project_where_they_were_seen_on_the_left_row() -> None:
+    seen = core.project_points(PINHOLES, core.seen_points(PINHOLES, VIEWS))
+    assert seen == pytest.approx(VIEWS[:, [0, 1, 2, 1]])
 
 
 def test_whitened_views_have_their_information() -> None:
