@@ -25,6 +25,7 @@ def replay(
     out: options.MaybeFolder = None,
     rrd: options.ResultFile = None,
     view: options.ResultFlag = False,
+    strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     map: options.ResultFile = None,
@@ -49,6 +50,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         rrd: write a recording for the Rerun viewer
         view: show the run in a Rerun window
+        strict: exit with code 3 if there was any warning
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
         map: go on in the world of a map that --save-map wrote; with the effect of --loops
@@ -60,7 +62,7 @@ def replay(
 
     config, selection = settings.read(method=method, mono=mono), frames.selection()
     inputs = (log, truth.ground_truth, settings.config, cameras.calibration)
-    run = _Run("replay", log, out, config, quiet, verbose, json)
+    run = _Run("replay", log, out, config, quiet, verbose, json, strict)
     run.protect([rrd, run.folder / MAP_TRAJECTORY], *inputs, map)
     options.protect([save_map], *inputs)
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
@@ -118,13 +120,21 @@ class _Run:
     """One run into the folder `out`, or a new one named after what it is of, and what is printed about it."""
 
     def __init__(
-        self, label: str, name: str, out: str | None, config: "Config", quiet: bool, verbose: bool, json: bool
+        self,
+        label: str,
+        name: str,
+        out: str | None,
+        config: "Config",
+        quiet: bool,
+        verbose: bool,
+        json: bool,
+        strict: bool = False,
     ) -> None:
         from ..results.folder import new_run_folder
 
         self.folder = Path(out) if out else new_run_folder(name)
         self._label, self._is_latest, self._config = label, not out, config
-        self._quiet, self._verbose, self._json = quiet, verbose, json
+        self._quiet, self._verbose, self._json, self._strict = quiet, verbose, json, strict
 
     def protect(self, outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:
         """Raise an OutputError where one of the outputs, or a file of the folder, is an input."""
@@ -156,7 +166,9 @@ class _Run:
         self._print(result)
         if interrupted:
             return ExitCode.INTERRUPTED
-        return ExitCode.INPUT if result.problems or not result.summary["complete"] else ExitCode.DONE
+        summary = result.summary
+        wanting = result.problems or not summary["complete"] or (self._strict and summary["warnings"])
+        return ExitCode.INPUT if wanting else ExitCode.DONE
 
     def _print(self, result: "ReplayResult") -> None:
         if not self._quiet or not result.summary["complete"]:

@@ -190,6 +190,12 @@ def test_a_cut_log_is_3_with_everything_written(wall_log, tmp_path, cli):
     assert len(np.loadtxt(tmp_path / "o" / "trajectory.kitti")) == frames
 
 
+def test_strict_makes_a_warning_count(tmp_path, cli):
+    log = write_wall_log(tmp_path / "gap.mcap", n=8, without_right=(2, 3, 4))
+    cli("replay", log, "--out", tmp_path / "o", *FAST)
+    cli("replay", log, "--out", tmp_path / "o", *FAST, "--strict", code=3)
+
+
 def test_without_out_a_folder_of_its_own_and_latest_points_to_it(wall_log, tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
     assert cli("replay", wall_log, "--max-frames", "2", "-q", *FAST) == ("", ""), "quiet is quiet"
