@@ -55,9 +55,8 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     result = poses[nearest].copy()
     if between.any():
         fraction = (wanted - stamps[before])[between] / gap[between]
-        world_from_a, world_from_b = poses[before[between]], poses[after[between]]
-        moved = se3.exp(fraction[:, None] * se3.log(se3.inverse(world_from_a) @ world_from_b))
-        result[between] = world_from_a @ moved
+        first, last = poses[before[between]], poses[after[between]]
+        result[between] = first @ se3.exp(fraction[:, None] * se3.log(se3.inverse(first) @ last))
     found &= np.isfinite(result).all(axis=(1, 2))
     rows = np.flatnonzero(found).astype(np.int64)
     return rows, Trajectory(wanted[rows], result[rows])
@@ -94,3 +93,4 @@ def without_frames(
     poses = np.concatenate([truth.world_from_cam[keep], np.full((len(wanted), 4, 4), np.nan)])
     order = np.argsort(stamps, kind="stable")
     return Trajectory(stamps[order], poses[order])
+

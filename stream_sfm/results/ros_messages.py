@@ -1,6 +1,7 @@
 """The standard ROS 2 messages of `estimates.mcap`; our own are in `own_messages.py`."""
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .cdr import make
+from .cdr import define, make
+from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -24,19 +26,22 @@ _KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
 
+for _name, _text in DEFINITIONS.items():
+    define(_name, _text)
+
+
 def header(stamp_ns: int, frame_id: str) -> Any:
     """Make a header; its seconds have 32 bits, and wrap around."""
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
-    seconds = (seconds + 2**31) % 2**32 - 2**31
-    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+    stamp = SimpleNamespace(sec=(seconds + 2**31) % 2**32 - 2**31, nanosec=nanoseconds)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
 
 
 def pose_of(parent_from_child: Array) -> Any:
     """Make the Pose (position and orientation) of a rigid motion (4, 4)."""
     x, y, z, w = se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist()
-    orientation = make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-    return make("geometry_msgs/msg/Pose", position=_xyz("Point", parent_from_child[:3, 3]), orientation=orientation)
+    position, orientation = _vector(parent_from_child[:3, 3]), SimpleNamespace(x=x, y=y, z=z, w=w)
+    return make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
 
 
 def with_covariance(pose: Any, covariance: Array) -> Any:
@@ -47,22 +52,20 @@ def with_covariance(pose: Any, covariance: Array) -> Any:
 def odometry(head: Any, child_frame_id: str, pose: Any, twist: Array | None, cov_twist: Array | None) -> Any:
     """Make an Odometry of a pose with covariance, and of a twist (6,) with its covariance in the child's axes."""
     numbers = np.zeros(6) if twist is None else twist
-    linear, angular = (_xyz("Vector3", part) for part in (numbers[:3], numbers[3:]))
-    moving = make("geometry_msgs/msg/Twist", linear=linear, angular=angular)
-    covariance = _UNKNOWN_TWIST if cov_twist is None else cov_twist
-    stated = make("geometry_msgs/msg/TwistWithCovariance", twist=moving, covariance=covariance)
+    moving = SimpleNamespace(linear=_vector(numbers[:3]), angular=_vector(numbers[3:]))
+    covariance = (_UNKNOWN_TWIST if cov_twist is None else cov_twist).ravel()
+    stated = SimpleNamespace(twist=moving, covariance=covariance)
     return make(ODOMETRY, header=head, child_frame_id=child_frame_id, pose=pose, twist=stated)
 
 
 def transforms(*stamped: tuple[Any, str, Any]) -> Any:
     """Make a TFMessage of headers, child frames and their poses in the frames of the headers."""
-    found = []
-    for head, child, pose in stamped:
-        there = make("geometry_msgs/msg/Vector3", x=pose.position.x, y=pose.position.y, z=pose.position.z)
-        inside = make("geometry_msgs/msg/Transform", translation=there, rotation=pose.orientation)
-        found.append(
-            make("geometry_msgs/msg/TransformStamped", header=head, child_frame_id=child, transform=inside)
-        )
+    kind = "geometry_msgs/msg/TransformStamped"
+    inside = [SimpleNamespace(translation=pose.position, rotation=pose.orientation) for _, _, pose in stamped]
+    found = [
+        make(kind, header=head, child_frame_id=child, transform=transform)
+        for (head, child, _), transform in zip(stamped, inside, strict=True)
+    ]
     return make(TRANSFORMS, transforms=found)
 
 
@@ -90,9 +93,9 @@ def cloud(head: Any, track_ids: NDArray[np.int64], points: Array, cov: Array) ->
     )
 
 
-def _xyz(kind: str, numbers: Array) -> Any:
+def _vector(numbers: Array) -> Any:
     x, y, z = numbers.tolist()
-    return make(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+    return SimpleNamespace(x=x, y=y, z=z)
 
 
 @cache
