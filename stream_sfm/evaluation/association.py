@@ -93,4 +93,3 @@ def without_frames(
     poses = np.concatenate([truth.world_from_cam[keep], np.full((len(wanted), 4, 4), np.nan)])
     order = np.argsort(stamps, kind="stable")
     return Trajectory(stamps[order], poses[order])
-

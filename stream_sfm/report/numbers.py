@@ -22,7 +22,7 @@ from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .methods import REFERENCE
+from .methods import REFERENCE, of_method
 from .records import Comparison, RunRecord, Truth, quantiles
 
 SCHEMA_VERSION = 1
@@ -54,6 +54,7 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "warnings": c.warnings,
         "frames": len(c.front),
         "frames_with_ground_truth": max(known),
+        "conclusion": _in_words(methods, ratios),
         "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
@@ -70,6 +71,22 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
+
+
+def _in_words(methods: dict[str, Any], ratios: dict[str, Any]) -> str:
+    """Say what the log shows about its methods: errors over those of cross-frame, and how large the covariances are."""
+    errors = []
+    for key, found in ratios.items():
+        low, high = found["position"]["ci95"]
+        errors.append(f"{of_method(key).name} {found['position']['value']:.2f} [{low:.2f}, {high:.2f}]")
+    nees = [
+        f"{of_method(key).name} {m['nees_pose_mean']:.3g}"
+        for key, m in methods.items()
+        if m["nees_pose_mean"] is not None
+    ]
+    said = [f"position errors over those of cross-frame: {', '.join(errors)}"] if errors else []
+    said += [f"NEES of the pose, 6 expected: {', '.join(nees)}"] if nees else []
+    return "; ".join(said) or "there is no ground truth for these frames"
 
 
 def _of_run(run: RunRecord) -> dict[str, Any]:
