@@ -55,8 +55,9 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     result = poses[nearest].copy()
     if between.any():
         fraction = (wanted - stamps[before])[between] / gap[between]
-        first, last = poses[before[between]], poses[after[between]]
-        result[between] = first @ se3.exp(fraction[:, None] * se3.log(se3.inverse(first) @ last))
+        world_from_a, world_from_b = poses[before[between]], poses[after[between]]
+        moved = se3.exp(fraction[:, None] * se3.log(se3.inverse(world_from_a) @ world_from_b))
+        result[between] = world_from_a @ moved
     found &= np.isfinite(result).all(axis=(1, 2))
     rows = np.flatnonzero(found).astype(np.int64)
     return rows, Trajectory(wanted[rows], result[rows])
