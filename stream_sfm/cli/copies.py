@@ -12,7 +12,7 @@ from .printing import print_json, print_notes
 if TYPE_CHECKING:
     from ..importers.data_sets import Imported
 
-import_ = App(name="import", help_epilogue="")
+import_ = App(name="import")
 import_.help = """Convert a KITTI or EuRoC recording, or folders of images, to a log.
 
 Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged."""

@@ -5,12 +5,12 @@ in the functions, so that `--help` answers at once.
 """
 
 import errno
-import inspect as inspect_module
+import inspect
 import io
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
@@ -20,36 +20,26 @@ from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
-from .batch import batch
-from .calibrations import convert_calibration, refine
-from .compare import compare
-from .config import config
-from .copies import import_, recover
-from .evaluate import evaluate
-from .inspect import inspect
 from .printing import print_error
 from .process import settle
-from .replay import live, replay
-from .simulate import simulate
-from .surface import surface
 from .usage import hint, rewritten, usage_error
-from .view import view
 
-COMMANDS: dict[str, App | Callable[..., int | None]] = {
-    "replay": replay,
-    "live": live,
-    "evaluate": evaluate,
-    "view": view,
-    "compare": compare,
-    "batch": batch,
-    "inspect": inspect,
-    "surface": surface,
-    "import": import_,
-    "refine": refine,
-    "recover": recover,
-    "convert-calibration": convert_calibration,
-    "simulate": simulate,
-    "config": config,
+# Where each command is; only the files of those that the command line names are imported.
+COMMANDS = {
+    "replay": "replay:replay",
+    "live": "replay:live",
+    "evaluate": "evaluate:evaluate",
+    "view": "view:view",
+    "compare": "compare:compare",
+    "batch": "batch:batch",
+    "inspect": "inspect:inspect",
+    "surface": "surface:surface",
+    "import": "copies:import_",
+    "refine": "calibrations:refine",
+    "recover": "copies:recover",
+    "convert-calibration": "calibrations:convert_calibration",
+    "simulate": "simulate:simulate",
+    "config": "config:config",
 }
 _EXIT_CODES = (
     "Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; 3 input "
@@ -75,25 +65,22 @@ def build_app(words: Sequence[str] = ()) -> App:
         print_error=False,
         suppress_keyboard_interrupt=False,
     )
-    for key, (name, command) in enumerate(COMMANDS.items()):
-        if isinstance(command, App):
-            command.sort_key = key
-            app.command(command)
-        else:
-            app.command(command, name=name, help_epilogue="", sort_key=key)
+    for key, (name, place) in enumerate(COMMANDS.items()):
+        app.command(f"{__package__}.{place}", name=name, sort_key=key)
     if not words or words[0].startswith("-"):
         app.register_install_completion_command(help="Install completion for your shell.")
-    _unwrap(app)
+    _complete_help(app, words[:1] if words and words[0] in COMMANDS else COMMANDS)
     return app
 
 
-def _unwrap(app: App) -> None:
-    """Let the help of all commands be wrapped at the width of the terminal, not where the docstrings are."""
-    for sub in (app[name] for name in app if not name.startswith("-")):
-        if doc := sub.default_command and inspect_module.getdoc(sub.default_command):
+def _complete_help(app: App, names: Iterable[str]) -> None:
+    """Let the help of these commands be wrapped at the width of the terminal, not where the docstrings are."""
+    for sub in (app[name] for name in names if not name.startswith("-")):
+        sub.help_epilogue = ""  # not the exit codes again
+        if doc := sub.default_command and inspect.getdoc(sub.default_command):
             paragraphs = doc.partition("\n\nArgs:")[0].split("\n\n")
             sub.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-        _unwrap(sub)
+        _complete_help(sub, sub)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
