@@ -9,16 +9,12 @@ from ..camera.calibration.read import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage
-from ..sources.camera import CameraSource
-from ..sources.devices import open_device
 from ..sources.recognise import open_source
 from ..sources.source import Source
 from ..types import Selection, Trajectory
 from ..wording import counted
-from .both_sides import both_sides
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
-from .log_writer import MessageWriter
 from .messages import CalibrationMessage, MessageDecoder, decoded
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import FoundRig, check_rig, find_rig, rig_of_messages
@@ -65,6 +61,10 @@ def open_camera(
     or not it is estimated; it is complete when the frames end, however they do. Close the log in the end. Raises
     LogError where the camera cannot be opened, ConfigError, OutputError.
     """
+    from ..sources.camera import CameraSource
+    from ..sources.devices import open_device
+    from .log_writer import MessageWriter
+
     if calibration is not None and not isinstance(calibration, StereoRig):
         calibration = StereoRig.from_calibration(calibration)
     device = open_device(names, calibration)
@@ -92,7 +92,10 @@ def _open(
     elif isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera: a pair is needed, or mono")
     else:
-        source, survey, calibration = both_sides(source, survey, calibration)
+        if calibration is not None:  # which `both_sides` needs; it takes some milliseconds to import
+            from .both_sides import both_sides
+
+            source, survey, calibration = both_sides(source, survey, calibration)
         choice = choose_cameras(source, survey, left, right, damage.notes)
     found = find_rig(source, survey, choice, calibration, mono)
     check_rig(source, found.rig)

@@ -17,10 +17,9 @@ from ..inputs import LIMITS, open_regular, read_small
 from ..wording import some_of
 from .joined import JoinedSource
 from .mcap import McapSource
-from .source import Source, natural_order
+from .source import BAG_METADATA, Source, natural_order
 from .sqlite_bag import SqliteBagSource, connect
 
-METADATA = "metadata.yaml"
 _SUFFIXES = (".mcap", ".db3")
 # What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
 _FREE_BYTES, _MAX_RATIO = 2**29, 20
@@ -68,7 +67,7 @@ def open_rosbag2(folder: Path) -> Source:
 
 def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
     """Names of the files, whether each message is compressed, and what is wrong with metadata.yaml."""
-    path = folder / METADATA
+    path = folder / BAG_METADATA
     if not path.is_file():
         return [], False, []
     problem = "it lists no files"

@@ -10,6 +10,8 @@ from mcap.records import Attachment
 
 from ..mcap_file.message import Channel, Damage, Message
 
+BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
+
 
 @dataclass(slots=True)
 class Contents:

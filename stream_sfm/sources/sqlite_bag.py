@@ -20,7 +20,6 @@ from ..inputs import LIMITS, open_regular, reading
 from ..mcap_file.message import Channel, Damage, Message
 from .source import Contents, Source
 
-MAGIC = b"SQLite format 3\0"
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
 # Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
