@@ -15,6 +15,8 @@ from .pairing import Pairer
 
 # Recorders start and stop between two images of a pair: one or two without a partner are normal
 _USUAL_UNPAIRED = 2
+# Of a message of ROS, before its frame: the stamp and what precedes it, which differ from one message to the next.
+_STAMP_BYTES = 12
 
 
 @record
@@ -73,6 +75,7 @@ class PairReader:
         self._in_force = {message.topic: message for message in calibrations}
         self._calibrated_by = {image: sent.topic for image, sent in zip(self._topics, calibrations, strict=False)}
         self._change, self._changes = "", 0  # the first one of the calibration, and how many
+        self._heard: dict[str, bytes] = {}  # calibrations as they were sent last, without stamps
         self._decoder = MessageDecoder(source.path)
         self._damage = Damage()
         self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
@@ -147,7 +150,14 @@ class PairReader:
             yield replace(image, calibration=calibration), message.log_time_ns
 
     def _hear(self, message: Message) -> None:
-        """Take a calibration sent between images; if it differs, it is in force from here on."""
+        """Take a calibration sent between images; if it differs, it is in force from here on.
+
+        Most cameras send one with every image: the same bytes of ROS need not be decoded again.
+        """
+        content, topic = message.data[_STAMP_BYTES:], message.channel.topic
+        if message.channel.message_encoding in ("cdr", "ros1") and self._heard.get(topic) == content:
+            return
+        self._heard[topic] = content
         try:
             sent = self._decoder.calibration(message)
         except UndecodableMessage:
