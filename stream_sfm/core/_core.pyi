@@ -51,6 +51,11 @@ WindowState = tuple[Array, Pixels, Array, Array, Array]
 # Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Errors of the
 # rig move a view by terms (V, 4, t) and by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
 WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array]
+# Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
+# The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.
+PriorPoints = tuple[Pixels, Array, Array, Array, Array, Array]
+# Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
+NewPoints = tuple[NDArray[np.int64], Array, Array, Array]
 
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
     """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
@@ -505,9 +510,6 @@ def quaternions(rotations: Array) -> Array:
 def orthonormalise(poses: Array) -> Array:
     """Return poses (n, 4, 4) with their rotations, which nearly are such, projected onto SO(3)."""
 
-def multiply_blocks(a: Array, b: Array) -> Array:
-    """Return the products (n, 3, k) of matrices (n, 3, 3) and (n, 3, k)."""
-
 def whiten_blocks(cov: Array, b: Array) -> Array:
     """Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite."""
 
@@ -524,17 +526,61 @@ def eliminate_points(v: Array, w: Array) -> tuple[Array, Array]:
     """
 
 def window_system(
-    blocks: tuple[Array, ...], prior: tuple[Pixels, Array, Array, Array], q: Array, amplitudes: Array
+    blocks: tuple[Array, ...], prior: PriorPoints, q: Array, amplitudes: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27), (30) and (71).
 
-    `blocks`: the arrays of `NormalBlocks`, at q (P, 3). The prior: known (N,), the rows of its points, with their mean
-    (N, 3), D (N, 3, 3) and modes F (N, 3, k), at `amplitudes` (k,); the last m modes are those of the rig's errors.
-    Returns H (n, n), its lower triangle, of the views alone; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
+    `blocks`: the arrays of `NormalBlocks`, at q (P, 3), of a prior at `amplitudes` (k,).
+    Returns H (n, n), its lower triangle, without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
     are to be added; lower roots (P, 3, 3) of the covariances of points given the others; rootsᵀ times what couples
     points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
-    and that of the others (n,). What is known beforehand of the amplitudes of the rig's errors is not in it. Raises
-    LinAlgError where information is not definite.
+    and that of the others (n,). Raises LinAlgError where information is not definite.
+    """
+
+def points_alone(
+    v: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
+) -> tuple[Array, Array, Array]:
+    """Return points by their views alone: mean (n, 3), covariance (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
+
+    Blocks as in `NormalBlocks`, at q (n, 3); the mean is that with errors of the rig that are off by (m,) from there.
+    Raises LinAlgError where the views do not determine a point.
+    """
+
+def leaving_views(
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    stereo: Mask,
+    var_drift: Array,
+    seen_later: Mask,
+    known: Pixels,
+    cov: Array,
+) -> tuple[NDArray[np.int64], Mask, Array, Array, Array, tuple[Array, ...], NewPoints]:
+    """Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
+
+    Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
+    (P,). The prior: `known` (N,), the rows of its points, with D (N, 3, 3). Returns rows (n,) of the points of the
+    prior that are seen by the frame or later, and of these which (n,) later; D (n, 3, 3) with their drift, anchors
+    (n, 4, 4) and q (n, 3); the arrays of `NormalBlocks` by their views; and the other points that the frame sees in
+    stereo and that are seen later, by these views alone.
+    """
+
+def absorbing_system(
+    blocks: tuple[Array, ...], prior: PriorPoints, ref_from_anchor: Array, q: Array, amplitudes: Array
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return the `window_system` (k + 6 modes) of one frame that is the new reference, eqs. (31) to (35).
+
+    Six modes of its pose, about which nothing is known, come before those of the rig's errors. Points q (n, 3), all of
+    them of the prior, in anchors (n, 4, 4) as the frame has them.
+    """
+
+def absorbed_points(
+    ids: Pixels, std_given: Array, moved: Array, given: Array, q: Array, stays: Mask, new: NewPoints
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Return the points of the prior after a frame, ids ascending: with mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+
+    Those that stay (n,), linearised at q (n, 3): roots (n, 3, 3) of their covariances given the modes, in units of
+    these their steps (n, 3) and what the new modes and their step take from them (n, 3, k + 1); and the new ones.
     """
 
 def point_covariances(

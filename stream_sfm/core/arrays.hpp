@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -58,6 +59,22 @@ Array<T, N> rows_of(const View<T, N>& array, const std::vector<std::size_t>& row
     }
     return result;
 }
+
+constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
+
+// Rows of points by their ids, both ascending; fast where they are asked for in that order.
+struct Lookup {
+    const View<std::int64_t, 1>& ids;
+    std::size_t at = 0;
+    std::int64_t before = std::numeric_limits<std::int64_t>::min();
+
+    std::size_t row(std::int64_t id) {
+        if (id < before) at = 0;
+        before = id;
+        while (at < ids.shape[0] && ids.data[at] < id) at++;
+        return at < ids.shape[0] && ids.data[at] == id ? at : NONE;
+    }
+};
 
 // What Python sees as a ValueError.
 inline void require(bool holds, const char* otherwise) {

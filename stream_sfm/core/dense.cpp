@@ -8,20 +8,6 @@
 
 namespace core {
 
-Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b) {
-    std::size_t n = a.shape[0], k = b.shape[2];
-    require_shape(a, {n, 3, 3}, "a");
-    require_shape(b, {n, 3, k}, "b");
-    Array<double, 3> result({n, 3, k});
-    for (std::size_t i = 0; i < n; i++)
-        for (std::size_t row = 0; row < 3; row++) {
-            const double *of = a[i] + 3 * row, *x = b[i], *y = x + k, *z = y + k;
-            double* out = result[i] + row * k;
-            for (std::size_t c = 0; c < k; c++) out[c] = of[0] * x[c] + of[1] * y[c] + of[2] * z[c];
-        }
-    return result;
-}
-
 Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>& b) {
     std::size_t n = cov.shape[0], k = b.shape[2];
     require_shape(cov, {n, 3, 3}, "cov");

@@ -3,6 +3,7 @@
 // Given the poses and the modes of the prior, points are independent of each other, so each is eliminated by itself, eqs.
 // (27) and (30). The large products that remain are left to the caller's linear algebra.
 
+#include <numeric>
 #include <vector>
 
 #include "algebra.hpp"
@@ -44,6 +45,8 @@ void check(const BlockViews& blocks, const PriorViews& prior, const View<double,
     require_shape(prior.mean, {n, 3}, "mean");
     require_shape(prior.cov, {n, 3, 3}, "cov");
     require_shape(prior.modes, {n, 3, k}, "modes");
+    require_shape(prior.information, {m, m}, "information");
+    require_shape(prior.weighted, {m}, "weighted");
     require_shape(q, {points, 3}, "q");
     require_shape(amplitudes, {k}, "amplitudes");
     require(m <= k, "there are fewer modes than errors of the rig");
@@ -79,10 +82,17 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
         double* row = result.h[size - m + x];
         for (std::size_t y = 0; y < poses; y++) row[y] = blocks.rig_pose.data[y * m + x];
         std::copy(blocks.rig[x], blocks.rig[x] + m, row + size - m);
+        add(1.0, prior.information[x], m, row + size - m);
     }
     std::copy(blocks.g_pose.data, blocks.g_pose.data + poses, g);
     std::copy(blocks.g_rig.data, blocks.g_rig.data + m, g + size - m);
-    for (std::size_t y = 0; y < k - m; y++) g[poses + y] -= amplitudes.data[y];  // modes of σ = 1
+    for (std::size_t y = 0; y < k - m; y++) {  // modes of σ = 1
+        g[poses + y] -= amplitudes.data[y];
+        result.h[poses + y][poses + y] += 1;
+    }
+    const double* off = amplitudes.data + k - m;  // the rig's errors, from the prior's mean
+    for (std::size_t x = 0; x < m; x++)
+        g[size - m + x] += prior.weighted.data[x] - std::inner_product(off, off + m, prior.information[x], 0.0);
 
     std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), cross(3 * size), pull(3 * k);
     std::vector<std::size_t> row_in_prior(points, n);

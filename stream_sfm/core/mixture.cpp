@@ -5,6 +5,7 @@
 #include <numeric>
 #include <vector>
 
+#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -135,8 +136,17 @@ double log_evidence(double information, double weighted) {
 double log_odds_wrong(Gaussian information, const Numbers& size, double counts) {
     std::size_t n = information.size();
     for (std::size_t i = 0; i < n; i++) information.cov[i * n + i] -= 1 / (size[i] * size[i]);
-    turn_to_axes(information.cov, information.mean.data(), n);
     double sum = 0;
+    Numbers lower = information.cov, solved = information.mean;
+    if (solve_positive(lower.data(), solved.data(), n)) {  // along no axis do views say less than nothing
+        for (std::size_t i = 0; i < n * n; i++) lower[i] = counts * information.cov[i] + (i % (n + 1) == 0 ? 1.0 : 0.0);
+        solved = information.mean;
+        solve_positive(lower.data(), solved.data(), n);
+        for (std::size_t i = 0; i < n; i++)
+            sum += 0.5 * counts * counts * information.mean[i] * solved[i] - std::log(lower[i * n + i]);
+        return sum;
+    }
+    turn_to_axes(information.cov, information.mean.data(), n);
     for (std::size_t i = 0; i < n; i++)
         sum += log_evidence(counts * std::max(information.cov[i * n + i], 0.0), counts * information.mean[i]);
     return sum;

@@ -156,7 +156,10 @@ template <>
 struct Argument<BlockViews> : RecordArgument<BlockViews, View<double, 3>, View<double, 3>, View<double, 3>, View<double, 2>,
                                              View<double, 2>, View<double, 2>, View<double, 3>, View<double, 3>, View<double, 1>> {};
 template <>
-struct Argument<PriorViews> : RecordArgument<PriorViews, Indices, View<double, 2>, View<double, 3>, View<double, 3>> {};
+struct Argument<PriorViews> : RecordArgument<PriorViews, Indices, View<double, 2>, View<double, 3>, View<double, 3>, View<double, 2>,
+                                             View<double, 1>> {};
+template <>
+struct Argument<NewPriorPoints> : RecordArgument<NewPriorPoints, Indices, View<double, 2>, View<double, 3>, View<double, 3>> {};
 template <>
 struct Argument<JointCovariance> : RecordArgument<JointCovariance, View<double, 3>, View<double, 3>, View<double, 2>> {};
 template <>
@@ -231,6 +234,10 @@ NB_MODULE(_core, m) {
     m.def("normal_blocks", &Bound<&normal_blocks>::call);
     m.def("seen_points", &Bound<&seen_points>::call);
     m.def("window_system", &Bound<&window_system>::call);
+    m.def("points_alone", &Bound<&points_alone>::call);
+    m.def("leaving_views", &Bound<&leaving_views>::call);
+    m.def("absorbing_system", &Bound<&absorbing_system>::call);
+    m.def("absorbed_points", &Bound<&absorbed_points>::call);
     m.def("point_covariances", &Bound<&point_covariances>::call);
     m.def("point_marginals", &Bound<&point_marginals>::call);
     m.def("new_corners", &Bound<&new_corners>::call);
@@ -276,7 +283,6 @@ NB_MODULE(_core, m) {
     m.def("rotation_vectors", &Bound<&rotation_vectors>::call);
     m.def("quaternions", &Bound<&quaternions>::call);
     m.def("orthonormalise", &Bound<&orthonormalise>::call);
-    m.def("multiply_blocks", &Bound<&multiply_blocks>::call);
     m.def("invert_triangle", &Bound<&invert_triangle>::call);
     m.def("q_by_reference", &Bound<&q_by_reference>::call);
     m.def("eliminate_points", &Bound<&eliminate_points>::call);

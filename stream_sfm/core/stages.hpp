@@ -361,7 +361,6 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
                     const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong);
 
 // dense.cpp
-Array<double, 3> multiply_blocks(const View<double, 3>& a, const View<double, 3>& b);
 Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>& b);
 Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double, 1>& scale);
 struct Scaled {
@@ -420,6 +419,8 @@ struct PriorViews {
     Indices known;
     View<double, 2> mean;
     View<double, 3> cov, modes;
+    View<double, 2> information;  // about the rig's errors, and the weighted sums of their amplitudes
+    View<double, 1> weighted;
 };
 struct EliminatedPoints {
     Array<double, 3> root, reach;
@@ -435,6 +436,48 @@ struct WindowSystem {
 EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w);
 WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q,
                            const View<double, 1>& amplitudes);
+
+// absorb.cpp
+struct PointsAlone {
+    Array<double, 2> mean;
+    Array<double, 3> cov, by_rig;
+    auto parts() { return std::tie(mean, cov, by_rig); }
+};
+struct FreshPoints {
+    Array<std::int64_t, 1> ids;
+    PointsAlone alone;
+    auto parts() { return std::tie(ids, alone.mean, alone.cov, alone.by_rig); }
+};
+struct NewPriorPoints {
+    Indices ids;
+    View<double, 2> mean;
+    View<double, 3> cov, by_rig;
+};
+struct LeavingViews {
+    Array<std::int64_t, 1> rows;
+    Array<bool, 1> stays;
+    Array<double, 3> cov, anchors;
+    Array<double, 2> q;
+    NormalBlocks blocks;
+    FreshPoints fresh;
+    auto parts() { return std::tie(rows, stays, cov, anchors, q, blocks, fresh); }
+};
+struct AbsorbedPoints {
+    Array<std::int64_t, 1> ids;
+    Array<double, 2> mean;
+    Array<double, 3> cov, modes;
+    auto parts() { return std::tie(ids, mean, cov, modes); }
+};
+PointsAlone points_alone(const View<double, 3>& v, const View<double, 2>& g_point, const View<double, 3>& rig_point,
+                         const View<double, 2>& q, const View<double, 1>& rig_step);
+LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const View<bool, 1>& stereo,
+                           const View<double, 2>& var_drift, const View<bool, 1>& seen_later, const Indices& known,
+                           const View<double, 3>& cov);
+WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 3>& anchors, const View<double, 2>& q,
+                              const View<double, 1>& amplitudes);
+AbsorbedPoints absorbed_points(const Indices& ids, const View<double, 3>& std_given, const View<double, 3>& moved,
+                               const View<double, 2>& given, const View<double, 2>& q, const View<bool, 1>& stays,
+                               const NewPriorPoints& fresh);
 
 // marginals.cpp
 struct WindowPoints {

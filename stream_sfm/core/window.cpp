@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -18,22 +17,6 @@ namespace {
 constexpr std::size_t CHUNK = 16;     // views whose products are summed at once
 constexpr std::size_t MAX_PARTS = 4;  // of the field: a view has no more coordinates
 constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
-
-constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
-
-// Rows of points by their ids, both ascending; fast where they are asked for in that order.
-struct Lookup {
-    const Indices& ids;
-    std::size_t at = 0;
-    std::int64_t before = std::numeric_limits<std::int64_t>::min();
-
-    std::size_t row(std::int64_t id) {
-        if (id < before) at = 0;
-        before = id;
-        while (at < ids.shape[0] && ids.data[at] < id) at++;
-        return at < ids.shape[0] && ids.data[at] == id ? at : NONE;
-    }
-};
 
 // A view that counts: its row, and those of its frame and of its point.
 struct Seen {

@@ -34,6 +34,7 @@ TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
 SOUGHT = (SLOTS, POINTS, STARTS, STARTS, STARTS[:, 0], WARPS, WARPS, np.ones(6))
 STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
 SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, FIELD, MOVES)
+PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
 OF_BOTH = np.zeros((N, 3, 12))
 
 # Each function with arguments that it takes
@@ -90,7 +91,6 @@ CALLS = {
     "rotation_vectors": (COV[:, :3, :3],),
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
-    "multiply_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
     "point_covariances": (COV[:, :3, :3], SHARED[:, :3], SHARED[:, :3], OF_BOTH, OF_BOTH),
@@ -109,9 +109,33 @@ CALLS = {
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (
         core.normal_blocks(PINHOLES, STATE, SEEN),
-        (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9))),
+        PRIOR,
         POINTS[:, :3],
         np.zeros(9),
+    ),
+    "points_alone": (COV[:, :3, :3], POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
+    "leaving_views": (
+        *(
+            PINHOLES,
+            (MOTIONS[:1], *STATE[1:]),
+            (SLOTS * 0, *SEEN[1:]),
+            SLOTS > 2,
+            np.ones((N, 3)),
+            SLOTS > 1,
+            SLOTS[3:],
+        ),
+        COV[3:, :3, :3],
+    ),
+    "absorbing_system": (
+        core.normal_blocks(PINHOLES, STATE, SEEN),
+        PRIOR,
+        MOTIONS,
+        POINTS[:, :3],
+        np.zeros(9),
+    ),
+    "absorbed_points": (
+        *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
+        (SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 1))),
     ),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)

@@ -21,6 +21,7 @@ from tests.helpers.estimators import in_reference, q_from_homogeneous, window_vi
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 N, K, M = 9, 10, 2  # points, modes, of which those of the rig
+NO_POINTS = np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, M))
 ANCHORS = se3.exp(0.1 * np.random.default_rng(4).normal(size=(N, 6)))
 
 
@@ -120,7 +121,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
     blocks = blocks_of(rng)
     mean, cov = absorbed_densely(prior, y, x, q, blocks)
-    after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks)
+    after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), NO_POINTS)
     scale = np.sqrt(np.diag(cov))
     # a pose of σ 10 is as good as unknown
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry.linear import matvec, symmetric_inverse
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import record
@@ -124,20 +123,12 @@ class NormalBlocks(NamedTuple):
     rig_point: Array
     g_rig: Array
 
-    def without_poses(self) -> "NormalBlocks":
-        """Return the same of poses that are exact."""
-        m, none = len(self.rig), np.zeros((0, 6))
-        of_points, of_rig = np.zeros((len(self.v), 3, 0)), np.zeros((0, 6, m))
-        return self._replace(u=np.zeros((0, 6, 6)), w=of_points, g_pose=none, rig_pose=of_rig)
-
     def points_alone(self, q: Array, rig_step: Array) -> tuple[Array, Array, Array]:
         """Return the points by these views alone: mean (P, 3), covariance (P, 3, 3), and ∂q by the rig's errors.
 
         `q` (P, 3): where they were linearised; the mean is that with errors of the rig that are off by (m,) from there.
         """
-        cov = symmetric_inverse(self.v)
-        by_rig = -cov @ self.rig_point
-        return q + matvec(cov, self.g_point) + by_rig @ rig_step, cov, by_rig
+        return core.points_alone(self.v, self.g_point, self.rig_point, q, rig_step)
 
 
 def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:

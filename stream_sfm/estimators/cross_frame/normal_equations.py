@@ -40,15 +40,11 @@ class System:
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `reach` (P, 3, n): of
         # the others, in units of it; `_given` (P, 3): its step for itself
         h, modes, self.std_given, self.reach, self._given, self._g = core.window_system(
-            blocks, (known, prior.mean, prior.cov, prior.modes), q, amplitudes
+            blocks, (known, prior.mean, prior.cov, prior.modes, rig.information, rig.weighted), q, amplitudes
         )
         self.rig = slice(len(h) - m, None)  # its amplitudes come last
         self._of_rig = amplitudes[len(amplitudes) - m :]
-        self._g[self.rig] += rig.weighted - rig.information @ self._of_rig
         h[self.poses :, self.poses :] += _flat(modes).T @ _flat(modes)
-        own = slice(self.poses * (len(h) + 1), self.rig.start * (len(h) + 1), len(h) + 1)  # on the diagonal
-        h.flat[own] += 1.0
-        h[self.rig, self.rig] += rig.information
         h -= _flat(self.reach).T @ _flat(self.reach)
         self.chol = Cholesky(h)
         self.rig_offset = np.zeros(m)

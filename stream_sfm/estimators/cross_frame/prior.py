@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import Cholesky, matvec, product, scaled_cholesky
+from ...geometry.linear import Cholesky, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import changed, record, rows_of
 from .inverse_depth import NormalBlocks
@@ -34,6 +34,9 @@ _ORIGIN_VARIANCE = 1e-12
 # Variance of a common mode in units of the points' own noise, summed over the points, below which the mode is folded
 # away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
 _MIN_MODE_VARIANCE = 1e-2
+
+# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the rig's errors (n, 3, m).
+NewPoints = tuple[NDArray[np.int64], Array, Array, Array]
 
 
 @record
@@ -91,9 +94,9 @@ class Prior:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
         return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ amplitudes))
 
-    def select(self, rows: NDArray[np.bool_]) -> "Prior":
-        """Return the prior of the points where the mask is true; the others are marginalised."""
-        if rows.all():
+    def select(self, rows: NDArray[np.intp]) -> "Prior":
+        """Return the prior of the points `rows`, ascending; the others are marginalised."""
+        if len(rows) == len(self.ids):
             return self
         return changed(
             self,
@@ -104,40 +107,35 @@ class Prior:
         )
 
     def absorb_frame(
-        self, amplitudes: Array, cam_from_ref: Array, anchors: Array, q: Array, blocks: NormalBlocks
+        self,
+        amplitudes: Array,
+        cam_from_ref: Array,
+        anchors: Array,
+        q: Array,
+        blocks: NormalBlocks,
+        stays: NDArray[np.bool_],
+        new: NewPoints,
     ) -> "Prior":
         """Return the posterior after one camera's own views, in that camera as the new reference, eqs. (31)–(35).
 
         `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the present estimate, where all is linearised;
         `anchors` (N, 4, 4): as the new reference has them; `blocks`: the normal equations of the views of these points.
+        Of these, those that do not stay (N,) are marginalised then; and `new` points are added, which share no mode
+        with the others but those of the rig.
 
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
         information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
         """
-        n, own = (
-            len(self.ids),
-            len(amplitudes) - len(self.rig) + 6,
-        )  # modes that are not the rig's, with the new ones
-        y, c = amplitudes[: own - 6], amplitudes[own - 6 :]
-        modes = _insert(self.modes, own - 6, core.q_by_reference(anchors, q))
+        own, c = len(amplitudes) - len(self.rig) + 6, amplitudes[len(amplitudes) - len(self.rig) :]
         world_modes = _insert(se3.adjoint(cam_from_ref) @ self.world_modes, own - 6, -np.eye(6))
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
-        s, whitened_modes, std, half, given, right = core.window_system(
-            blocks.without_poses(),
-            (np.arange(n), self.mean, self.cov, modes),
-            q,
-            np.concatenate([y, np.zeros(6), c]),
-        )
-        flat_modes, flat_half = whitened_modes.reshape(3 * n, len(s)), half.reshape(3 * n, len(s))
+        known = np.arange(len(q)), self.mean, self.cov, self.modes, self.rig.information, self.rig.weighted
+        s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, known, anchors, q, amplitudes)
+        flat_modes, flat_half = whitened_modes.reshape(-1, len(s)), half.reshape(-1, len(s))
         s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
-        s.flat[: len(y) * (len(s) + 1) : len(s) + 1] += (
-            1.0  # on the diagonal: the new ones have no prior information
-        )
-        s[own:, own:] += self.rig.information
         right -= flat_half.T @ given.ravel()
-        right[own:] += self.rig.weighted - self.rig.information @ c
         chol = Cholesky(s)
         lower, whitened = chol.lower[own:, own:], chol.root.T @ right
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
@@ -149,12 +147,9 @@ class Prior:
             moved[..., own:-1] += modes[..., own:]
             return moved
 
-        modes, world_modes = -core.multiply_blocks(std, carried(half)), carried(world_modes)
+        world_modes = carried(world_modes)
         return Prior(
-            ids=self.ids,
-            mean=q + matvec(std, given) + modes[..., -1],
-            cov=std @ np.swapaxes(std, 1, 2),
-            modes=modes[..., :-1],
+            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
             world_modes=world_modes[:, :-1],
             rig=self.rig.after(c, lower, whitened[own:]),
@@ -179,23 +174,6 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
-
-    def with_points(self, ids: NDArray[np.int64], mean: Array, cov: Array, by_rig: Array) -> "Prior":
-        """Return the prior with further points; ids in any order.
-
-        They share no mode with the others but those of the rig: `by_rig` (n, 3, m) is ∂q per unit of its errors.
-        """
-        all_ids = np.concatenate([self.ids, ids])
-        order = np.argsort(all_ids)
-        modes = np.zeros((len(ids), 3, self.modes.shape[2]))
-        modes[..., modes.shape[2] - len(self.rig) :] = by_rig
-        return changed(
-            self,
-            ids=all_ids[order],
-            mean=np.concatenate([self.mean, mean])[order],
-            cov=np.concatenate([self.cov, cov])[order],
-            modes=np.concatenate([self.modes, modes])[order],
-        )
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).

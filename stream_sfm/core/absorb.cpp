@@ -1,0 +1,182 @@
+// The oldest frame leaves the window: its views become part of the prior, eqs. (31) to (35).
+//
+// Points of the prior that the frame or later ones see go through the dense system; those that only it has seen so far,
+// and later ones see, enter the prior by its views alone.
+
+#include <algorithm>
+#include <numeric>
+
+#include "algebra.hpp"
+#include "stages.hpp"
+
+namespace core {
+namespace {
+
+// Some points of a window, in arrays of their own.
+struct Part {
+    Array<std::int64_t, 1> ids;
+    Array<double, 3> anchors;
+    Array<double, 2> q;
+
+    Part(const WindowState& of, const std::vector<std::size_t>& rows)
+        : ids(rows_of(of.ids, rows)), anchors(rows_of(of.ref_from_anchor, rows)), q(rows_of(of.q, rows)) {}
+    WindowState in(const WindowState& all) const {
+        return {all.cams_from_ref, ids.view(), anchors.view(), q.view(), all.rig_error};
+    }
+};
+
+Array<std::int64_t, 1> numbers(const std::vector<std::size_t>& rows) {
+    Array<std::int64_t, 1> result({rows.size()});
+    std::copy(rows.begin(), rows.end(), result.data.get());
+    return result;
+}
+
+// Which points are seen: the views that count, one each.
+std::vector<char> points_seen(const Indices& ids, const Indices& seen, const bool* counts) {
+    std::vector<char> result(ids.shape[0]);
+    Lookup points{ids};
+    for (std::size_t i = 0; i < seen.shape[0]; i++)
+        if (std::size_t at = counts[i] ? points.row(seen.data[i]) : NONE; at != NONE) result[at] = 1;
+    return result;
+}
+
+}  // namespace
+
+PointsAlone points_alone(const View<double, 3>& v, const View<double, 2>& g_point, const View<double, 3>& rig_point,
+                         const View<double, 2>& q, const View<double, 1>& rig_step) {
+    std::size_t n = q.shape[0], m = rig_step.shape[0];
+    require_shape(v, {n, 3, 3}, "v");
+    require_shape(g_point, {n, 3}, "g_point");
+    require_shape(rig_point, {n, 3, m}, "rig_point");
+    require_shape(q, {n, 3}, "q");
+    PointsAlone result{Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}), Array<double, 3>({n, 3, m})};
+    for (std::size_t i = 0; i < n; i++) {
+        double* cov = result.cov[i];
+        invert_positive<3>(v[i], cov);
+        require_definite(!std::isnan(cov[0]), "the views of a point do not determine it");
+        for (std::size_t x = 0; x < 3; x++) {
+            double *by_rig = result.by_rig[i] + x * m, moved = q[i][x];
+            for (std::size_t y = 0; y < 3; y++) {
+                moved += cov[3 * x + y] * g_point[i][y];
+                add(-cov[3 * x + y], rig_point[i] + y * m, m, by_rig);
+            }
+            result.mean[i][x] = std::inner_product(by_rig, by_rig + m, rig_step.data, moved);
+        }
+    }
+    return result;
+}
+
+LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const View<bool, 1>& stereo,
+                           const View<double, 2>& var_drift, const View<bool, 1>& seen_later, const Indices& known,
+                           const View<double, 3>& cov) {
+    std::size_t points = state.ids.shape[0], n = views.ids.shape[0];
+    require_shape(views.used, {n}, "used");
+    require_shape(stereo, {n}, "stereo");
+    require_shape(seen_later, {points}, "seen_later");
+    require_shape(cov, {known.shape[0], 3, 3}, "cov");
+    std::vector<char> in_prior(points);
+    for (std::size_t i = 0; i < known.shape[0]; i++) {
+        require(static_cast<std::uint64_t>(known.data[i]) < points, "the prior knows a point that is not of the window");
+        in_prior[static_cast<std::size_t>(known.data[i])] = 1;
+    }
+    Array<bool, 1> counts({n});
+    Lookup of_map{state.ids};
+    for (std::size_t i = 0; i < n; i++) {  // a point enters with a stereo view: one side alone would leave its depth open
+        std::size_t at = of_map.row(views.ids.data[i]);
+        counts.data[i] = views.used.data[i] && (stereo.data[i] || (at != NONE && in_prior[at]));
+    }
+    std::vector<char> seen = points_seen(state.ids, views.ids, counts.data.get());
+    std::vector<std::size_t> rows, at_rows, fresh;
+    for (std::size_t i = 0; i < known.shape[0]; i++)
+        if (auto at = static_cast<std::size_t>(known.data[i]); seen[at] || seen_later.data[at]) rows.push_back(i), at_rows.push_back(at);
+    for (std::size_t at = 0; at < points; at++)
+        if (seen[at] && seen_later.data[at] && !in_prior[at]) fresh.push_back(at);
+    WindowViews counted = views;
+    counted.used = counts.view();
+    Part absorbed(state, at_rows), begun(state, fresh);
+    NormalBlocks own = normal_blocks(pinholes, begun.in(state), counted);
+    Array<double, 3> drifted = rows_of(cov, rows);
+    Array<double, 3> drift = drift_covariances(absorbed.ids.view(), absorbed.anchors.view(), absorbed.q.view(), views.ids, var_drift);
+    add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
+    Array<bool, 1> stays({rows.size()});
+    for (std::size_t i = 0; i < rows.size(); i++) stays.data[i] = seen_later.data[at_rows[i]];
+    Array<double, 1> held({state.rig_error.shape[0]});  // errors of the rig stay where they are
+    PointsAlone alone = points_alone(own.v.view(), own.g_point.view(), own.rig_point.view(), begun.q.view(), held.view());
+    NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);
+    return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
+            std::move(blocks), {std::move(begun.ids), std::move(alone)}};
+}
+
+WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 3>& anchors, const View<double, 2>& q,
+                              const View<double, 1>& amplitudes) {
+    std::size_t n = q.shape[0], k = prior.modes.shape[2], m = blocks.rig.shape[0];
+    require_shape(prior.modes, {n, 3, k}, "modes");
+    require_shape(amplitudes, {k}, "amplitudes");
+    require(m <= k, "there are fewer modes than errors of the rig");
+    std::size_t own = k - m;
+    Array<double, 3> by_pose = q_by_reference(anchors, q), modes({n, 3, k + 6});
+    Array<double, 1> at({k + 6});
+    auto with_pose = [&](const double* before, const double* pose, double* out) {
+        std::copy(before, before + own, out);
+        std::copy(pose, pose + 6, out + own);
+        std::copy(before + own, before + k, out + own + 6);
+    };
+    const double here[6] = {};
+    with_pose(amplitudes.data, here, at.data.get());
+    for (std::size_t row = 0; row < 3 * n; row++)
+        with_pose(prior.modes.data + row * k, by_pose.data.get() + 6 * row, modes.data.get() + row * (k + 6));
+    BlockViews exact = blocks;  // of a pose that is the reference
+    exact.u.shape = {0, 6, 6}, exact.w.shape = {n, 3, 0}, exact.g_pose.shape = {0, 6}, exact.rig_pose.shape = {0, 6, m};
+    WindowSystem result = window_system(
+        exact, {prior.known, prior.mean, prior.cov, modes.view(), prior.information, prior.weighted}, q, at.view());
+    for (std::size_t x = own; x < own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
+    return result;
+}
+
+AbsorbedPoints absorbed_points(const Indices& ids, const View<double, 3>& std_given, const View<double, 3>& moved,
+                               const View<double, 2>& given, const View<double, 2>& q, const View<bool, 1>& stays,
+                               const NewPriorPoints& fresh) {
+    std::size_t n = ids.shape[0], more = fresh.ids.shape[0], m = fresh.by_rig.shape[2];
+    require(moved.shape[2] > m, "there are fewer modes than errors of the rig");
+    std::size_t k = moved.shape[2] - 1;
+    require_shape(std_given, {n, 3, 3}, "std_given");
+    require_shape(moved, {n, 3, k + 1}, "moved");
+    require_shape(given, {n, 3}, "given");
+    require_shape(q, {n, 3}, "q");
+    require_shape(stays, {n}, "stays");
+    require_shape(fresh.mean, {more, 3}, "mean");
+    require_shape(fresh.cov, {more, 3, 3}, "cov");
+    require_shape(fresh.by_rig, {more, 3, m}, "by_rig");
+    std::size_t total = more + static_cast<std::size_t>(std::count(stays.data, stays.data + n, true)), at = 0, j = 0;
+    AbsorbedPoints result{Array<std::int64_t, 1>({total}), Array<double, 2>({total, 3}), Array<double, 3>({total, 3, 3}),
+                          Array<double, 3>({total, 3, k})};
+    auto begin = [&] {
+        result.ids.data[at] = fresh.ids.data[j];
+        std::copy(fresh.mean[j], fresh.mean[j] + 3, result.mean[at]);
+        std::copy(fresh.cov[j], fresh.cov[j] + 9, result.cov[at]);
+        for (std::size_t x = 0; x < 3; x++)
+            std::copy(fresh.by_rig[j] + x * m, fresh.by_rig[j] + (x + 1) * m, result.modes[at] + (x + 1) * k - m);
+        at++, j++;
+    };
+    for (std::size_t i = 0; i < n; i++) {
+        if (!stays.data[i]) continue;
+        while (j < more && fresh.ids.data[j] < ids.data[i]) begin();
+        result.ids.data[at] = ids.data[i];
+        for (std::size_t x = 0; x < 3; x++) {
+            double sum = 0;
+            for (std::size_t y = 0; y < 3; y++) {
+                double root = std_given[i][3 * x + y];
+                const double* of = moved[i] + y * (k + 1);
+                sum += root * (given[i][y] - of[k]);
+                add(-root, of, k, result.modes[at] + x * k);
+                for (std::size_t z = 0; z < 3; z++) result.cov[at][3 * x + z] += root * std_given[i][3 * z + y];
+            }
+            result.mean[at][x] = q[i][x] + sum;
+        }
+        at++;
+    }
+    while (j < more) begin();
+    return result;
+}
+
+}  // namespace core
