@@ -7,8 +7,6 @@ import sys
 import threading
 from typing import Any
 
-from threadpoolctl import ThreadpoolController
-
 
 class OneThread:
     """A context in which BLAS and LAPACK compute in one thread, in the whole process, and as before afterwards.
@@ -17,6 +15,7 @@ class OneThread:
     """
 
     def __init__(self) -> None:
+        self.begun_so = False  # the process was told to before it loaded any library: there is nothing to do
         self._lock = threading.Lock()
         self._inside = 0
         self._libraries: list[Any] = []  # found late: it takes milliseconds
@@ -24,6 +23,10 @@ class OneThread:
         self._before: list[tuple[Any, int]] = []  # libraries that had another number, and which
 
     def __enter__(self) -> None:
+        if self.begun_so:
+            return
+        from threadpoolctl import ThreadpoolController
+
         with self._lock:
             self._inside += 1
             with_scipy = "scipy.linalg" in sys.modules  # it brings a library of its own, a fifth of a second
@@ -38,6 +41,8 @@ class OneThread:
                     _set_threads(library, 1)
 
     def __exit__(self, *_: object) -> None:
+        if self.begun_so:
+            return
         with self._lock:
             self._inside -= 1
             if self._inside == 0:

@@ -21,7 +21,6 @@ from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
-from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
@@ -76,6 +75,8 @@ class Observer:
                 self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
             )
         else:
+            from .frontend.mono.front_end import MonoFrontEnd
+
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway

@@ -196,6 +196,10 @@ def _maps(
 ) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None:
     size = (camera.width, camera.height)
     fisheye, d = distortion(camera)
+    if not (fisheye or np.any(d) or (rotation != np.eye(3)).any()):  # rectified images: corners move furthest
+        corners = np.array([[0, 0, 1], [size[0] - 1, size[1] - 1, 1]])
+        if np.abs(corners @ (camera.K @ np.linalg.inv(k_rectified)).T - corners).max() < _MAX_SHIFT_PX:
+            return None
     module = cv2.fisheye if fisheye else cv2
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k_rectified, size, cv2.CV_32FC1)
     # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels

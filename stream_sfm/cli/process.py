@@ -4,7 +4,12 @@ import atexit
 import ctypes
 import gc
 import os
+import sys
 from contextlib import suppress
+
+from ..blas import one_thread
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 
 def settle() -> None:
@@ -14,9 +19,10 @@ def settle() -> None:
     numbers are the same on every machine. Left and right are decoded in threads of their own; glibc would give each of
     them a heap, which together keep 7 MiB of free memory.
     """
-    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    for variable in _THREADS:
         if not os.environ.get(variable, "").isdecimal():  # OpenCV refuses to work with anything else
             os.environ[variable] = "1"
+    one_thread.begun_so = "numpy" not in sys.modules and all(os.environ[variable] == "1" for variable in _THREADS)
     if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():  # numpy.f2py reads it when it is imported
         del os.environ["SOURCE_DATE_EPOCH"]
     # The collector looks for cycles, of which we make hardly any; by default imports alone call it 150 times.
