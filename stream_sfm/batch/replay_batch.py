@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from .. import __version__
-from ..camera.calibration.read import Where
+from ..camera.calibration.document import Where
 from ..camera.rig import checked_paths
 from ..config import Config, config_to_toml
 from ..estimators import check_method

@@ -9,8 +9,8 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .calibration import read, toml_file
-from .calibration.document import Pair, load, short
+from .calibration import toml_file
+from .calibration.document import Pair, Where, load, named, short
 from .known_timing import KnownTiming
 from .models import Camera
 from .refinement import Refinement
@@ -68,25 +68,29 @@ class StereoRig:
         return float(np.linalg.norm(self.right_from_left[:3, 3]))
 
     @classmethod
-    def from_calibration(cls, path: read.Where, image_size: tuple[int, int] | None = None) -> "StereoRig":
+    def from_calibration(cls, path: Where, image_size: tuple[int, int] | None = None) -> "StereoRig":
         """Read a calibration. Raises ConfigError naming file and key.
 
         `path` is a file, the two files of left and right, or the folder they are in, in any format of docs/formats.md.
         `image_size` (width, height) serves formats that do not tell it.
         """
-        return cls._of_pair(read.pair_of(read.documents_at(path), image_size), path)
+        from .calibration.read import documents_at, pair_of  # all formats, which few runs need
+
+        return cls._of_pair(pair_of(documents_at(path), image_size), path)
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "StereoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        return cls._of_pair(read.pair_of([load(content, name)], None), name)
+        from .calibration.read import pair_of
+
+        return cls._of_pair(pair_of([load(content, name)], None), name)
 
     @classmethod
-    def _of_pair(cls, pair: Pair, name: read.Where) -> "StereoRig":
+    def _of_pair(cls, pair: Pair, name: Where) -> "StereoRig":
         try:
             return cls(*pair)
         except ConfigError as error:
-            raise ConfigError(f"calibration {read.named(name)}: {error}") from None
+            raise ConfigError(f"calibration {named(name)}: {error}") from None
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
@@ -109,14 +113,18 @@ class MonoRig:
         return f"<MonoRig {self.left!r}>"
 
     @classmethod
-    def from_calibration(cls, path: read.Where, image_size: tuple[int, int] | None = None) -> "MonoRig":
+    def from_calibration(cls, path: Where, image_size: tuple[int, int] | None = None) -> "MonoRig":
         """Read the left camera of a calibration, which need not have another. As `StereoRig.from_calibration`."""
-        return cls(read.left_of(read.documents_at(path), image_size))
+        from .calibration.read import documents_at, left_of
+
+        return cls(left_of(documents_at(path), image_size))
 
     @classmethod
     def parse_calibration(cls, content: bytes, name: str | Path) -> "MonoRig":
         """Read the content of a calibration file; errors call it `name`. Raises as `from_calibration`."""
-        return cls(read.left_of([load(content, name)], None))
+        from .calibration.read import left_of
+
+        return cls(left_of([load(content, name)], None))
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
@@ -152,7 +160,7 @@ def _checked_pose(given: object) -> Array:
     return pose
 
 
-def checked_paths(calibration: read.Where) -> list[Path]:
+def checked_paths(calibration: Where) -> list[Path]:
     """Return the absolute paths of a calibration for other processes, after reading it once. Raises ConfigError.
 
     A mistake in it is thus reported once, before any log is opened; each log knows the size of its images.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.calibration.read import Where
+from ..camera.calibration.document import Where
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..camera.calibration.read import Where
+from ..camera.calibration.document import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
 from ..mcap_file.message import Damage, Message

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..camera.calibration.document import make_camera
+from ..camera.calibration.document import Where, make_camera, named
 from ..camera.calibration.projections import gives_baseline, pose_from_projections
-from ..camera.calibration.read import Where, named
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import MonoRig, StereoRig

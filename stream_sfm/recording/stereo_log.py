@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from ..camera.calibration.read import Where
+from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.calibration.read import read_document
-from ..camera.calibration.slam import EUROC, body_from_left
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 from ..sources.pose_files import is_euroc_table, read_poses
@@ -76,6 +74,9 @@ def _body_from_cam(truth: GroundTruthFile, source: Source, survey: Survey, camer
 
 
 def _of_sensor(path: Path) -> Array:
+    from ..camera.calibration.read import read_document
+    from ..camera.calibration.slam import EUROC, body_from_left
+
     document = read_document(path)
     if not EUROC.matches(document.data) or (pose := body_from_left(document)) is None:
         raise ConfigError(f"{path} is not a sensor.yaml with T_BS, the pose of the left camera in the body")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera.calibration.read import Where
+from ..camera.calibration.document import Where
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import TERMS, combine
 from ..camera.rig import StereoRig

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..refinement import Refinement
 # left, right, right_from_left (4, 4) in metres, and what is known about their errors
 Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None]
 Size = tuple[int, int]  # width, height in pixels
+Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
 MAX_BYTES = 2**20  # calibration files are kilobytes
 _MAX_TOML_BYTES = 2**16
@@ -255,3 +256,8 @@ def short(value: object, most: int = 80) -> str:
     """A value in one line of at most so many characters, for messages."""
     text = " ".join(reprlib.repr(value).split())
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def named(where: Where) -> str:
+    """The path or paths as text, for messages."""
+    return str(where) if isinstance(where, str | Path) else " and ".join(map(str, where))

@@ -3,17 +3,14 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 from ...errors import ConfigError
 from ...inputs import read_small
 from ..models import Camera
-from .document import MAX_BYTES, Document, Format, Pair, Size, load
+from .document import MAX_BYTES, Document, Format, Pair, Size, Where, load
 from .projections import KITTI, OPENCV, ROS
 from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
 from .toml_file import TOML
-
-Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
 FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OPENCV)
 _SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz")
@@ -60,11 +57,6 @@ def left_of(documents: Sequence[Document], size: Size | None) -> Camera:
     """The left camera alone; there need not be another. Raises as `pair_of`."""
     form = _format(documents)
     return form.camera(documents[0] if form.files else _joined(documents), 0, size)
-
-
-def named(where: Where) -> str:
-    """The path or paths as text, for messages."""
-    return str(where) if isinstance(where, str | Path) else " and ".join(map(str, where))
 
 
 def is_calibration(path: Path) -> bool:
