@@ -555,14 +555,16 @@ def leaving_views(
     seen_later: Mask,
     known: Pixels,
     cov: Array,
-) -> tuple[NDArray[np.int64], Mask, Array, Array, Array, tuple[Array, ...], NewPoints]:
+) -> tuple[
+    NDArray[np.int64], Mask, Array, Array, Array, tuple[Array, ...], NDArray[np.int64], tuple[Array, Array, Array]
+]:
     """Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
 
     Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
     (P,). The prior: `known` (N,), the rows of its points, with D (N, 3, 3). Returns rows (n,) of the points of the
     prior that are seen by the frame or later, and of these which (n,) later; D (n, 3, 3) with their drift, anchors
-    (n, 4, 4) and q (n, 3); the arrays of `NormalBlocks` by their views; and the other points that the frame sees in
-    stereo and that are seen later, by these views alone.
+    (n, 4, 4) and q (n, 3); the arrays of `NormalBlocks` by their views; and ids of the other points that the frame
+    sees in stereo and that are seen later, with these `points_alone`.
     """
 
 def absorbing_system(

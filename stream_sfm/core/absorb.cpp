@@ -104,7 +104,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     PointsAlone alone = points_alone(own.v.view(), own.g_point.view(), own.rig_point.view(), begun.q.view(), held.view());
     NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);
     return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
-            std::move(blocks), {std::move(begun.ids), std::move(alone)}};
+            std::move(blocks), std::move(begun.ids), std::move(alone)};
 }
 
 WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 3>& anchors, const View<double, 2>& q,

@@ -15,7 +15,6 @@ using Numbers = std::vector<double>;
 using Which = std::vector<std::size_t>;
 
 constexpr double ROUNDING = 1e-15;  // of a variance: what is left of one that is known better than that
-constexpr int SWEEPS = 30;          // of Jacobi's method, which needs six or so
 constexpr double ALONE = 0.05;      // of wrong calibrations are wrong in one term only
 constexpr double MAX_ODDS = 500.0;  // log odds: exp stays finite
 
@@ -101,31 +100,6 @@ Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
     return result;
 }
 
-// A symmetric matrix (n, n) becomes diagonal, and x the same vector along its axes; Jacobi's method.
-void turn_to_axes(Numbers& a, double* x, std::size_t n) {
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        bool turned = false;
-        for (std::size_t p = 0; p < n; p++)
-            for (std::size_t q = p + 1; q < n; q++) {
-                double apq = a[p * n + q], app = a[p * n + p], aqq = a[q * n + q];
-                if (!(std::abs(apq) > ROUNDING * 0.1 * (std::abs(app) + std::abs(aqq)))) continue;
-                turned = true;
-                double theta = (aqq - app) / (2 * apq);
-                double t = (theta < 0 ? -1.0 : 1.0) / (std::abs(theta) + std::sqrt(theta * theta + 1));
-                double c = 1 / std::sqrt(t * t + 1), s = t * c;
-                auto turn = [&](double& u, double& v) {
-                    double before = u;
-                    u = c * before - s * v;
-                    v = s * before + c * v;
-                };
-                for (std::size_t k = 0; k < n; k++) turn(a[k * n + p], a[k * n + q]);
-                for (std::size_t k = 0; k < n; k++) turn(a[p * n + k], a[q * n + k]);
-                turn(x[p], x[q]);
-            }
-        if (!turned) return;
-    }
-}
-
 // As `rig_model.sizes.log_evidence`, of an error of variance 1.
 double log_evidence(double information, double weighted) {
     return 0.5 * (weighted * weighted / (1 + information) - std::log1p(information));
@@ -146,9 +120,11 @@ double log_odds_wrong(Gaussian information, const Numbers& size, double counts) 
             sum += 0.5 * counts * counts * information.mean[i] * solved[i] - std::log(lower[i * n + i]);
         return sum;
     }
-    turn_to_axes(information.cov, information.mean.data(), n);
+    Numbers axes(n * n), along(n);
+    diagonalise(information.cov.data(), axes.data(), n);
+    for (std::size_t i = 0; i < n; i++) add(information.mean[i], axes.data() + i * n, n, along.data());
     for (std::size_t i = 0; i < n; i++)
-        sum += log_evidence(counts * std::max(information.cov[i * n + i], 0.0), counts * information.mean[i]);
+        sum += log_evidence(counts * std::max(information.cov[i * n + i], 0.0), counts * along[i]);
     return sum;
 }
 

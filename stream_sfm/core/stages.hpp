@@ -443,11 +443,6 @@ struct PointsAlone {
     Array<double, 3> cov, by_rig;
     auto parts() { return std::tie(mean, cov, by_rig); }
 };
-struct FreshPoints {
-    Array<std::int64_t, 1> ids;
-    PointsAlone alone;
-    auto parts() { return std::tie(ids, alone.mean, alone.cov, alone.by_rig); }
-};
 struct NewPriorPoints {
     Indices ids;
     View<double, 2> mean;
@@ -459,8 +454,9 @@ struct LeavingViews {
     Array<double, 3> cov, anchors;
     Array<double, 2> q;
     NormalBlocks blocks;
-    FreshPoints fresh;
-    auto parts() { return std::tie(rows, stays, cov, anchors, q, blocks, fresh); }
+    Array<std::int64_t, 1> fresh;
+    PointsAlone alone;
+    auto parts() { return std::tie(rows, stays, cov, anchors, q, blocks, fresh, alone); }
 };
 struct AbsorbedPoints {
     Array<std::int64_t, 1> ids;

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ... import core
-from ...record import changed
+from ...record import changed, rows_of
 from ..ids import among, times_among
 from .inverse_depth import NormalBlocks, State
 from .map import Map
@@ -20,12 +20,16 @@ def absorb_oldest_frame(current: Map) -> None:
     known = np.searchsorted(current.ids, prior.ids)
     in_reference = State(np.eye(4)[None], *current.state()[1:])
     pinholes, seen = current.projection.pinholes, (views.of_core, views.stereo, views.var_drift)
-    rows, stays, cov, anchors, q, blocks, new = core.leaving_views(
+    rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
         pinholes, in_reference, *seen, seen_later, known, prior.cov
     )
-    prior = changed(prior.select(rows), cov=cov)
-    prior = prior.absorb_frame(current.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, new)
-    current.prior = _refocused(prior.truncate_modes(), current, frame)
+    if len(rows) < len(known):
+        prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
+    seen_first = new_ids, *alone
+    posterior = changed(prior, cov=cov).absorb_frame(
+        current.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, seen_first
+    )
+    current.prior = _refocused(posterior.truncate_modes(), current, frame)
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
     current.select(seen_later if current.frames else among(current.ids, current.prior.ids))
 

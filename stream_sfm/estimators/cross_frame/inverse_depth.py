@@ -123,13 +123,6 @@ class NormalBlocks(NamedTuple):
     rig_point: Array
     g_rig: Array
 
-    def points_alone(self, q: Array, rig_step: Array) -> tuple[Array, Array, Array]:
-        """Return the points by these views alone: mean (P, 3), covariance (P, 3, 3), and ∂q by the rig's errors.
-
-        `q` (P, 3): where they were linearised; the mean is that with errors of the rig that are off by (m,) from there.
-        """
-        return core.points_alone(self.v, self.g_point, self.rig_point, q, rig_step)
-
 
 def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:
     """Return the Gauss-Newton normal equations of all used views of the points, eqs. (25), (26) and (71).

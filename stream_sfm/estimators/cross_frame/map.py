@@ -20,7 +20,7 @@ from ...rig_model.terms import AT_TIMING
 from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
 from ...types import Solution
 from ..ids import among, times_among, union
-from .inverse_depth import NormalBlocks, State, WhitenedViews, homogeneous_from_q, linearise, q_of_views
+from .inverse_depth import State, WhitenedViews, homogeneous_from_q, linearise, q_of_views
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -68,8 +68,9 @@ class Map:
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
         self.q = q_of_views(projection, views.corrected_px(rig.mean)[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
-        blocks = self.linearised_in_reference(views, self.ids, self.ref_from_anchor, self.q, rig.mean)
-        self.q, cov, by_rig = blocks.points_alone(self.q, np.zeros(len(rig)))
+        self.q, cov, by_rig = self._seen_alone(
+            views, self.ids, self.ref_from_anchor, self.q, rig.mean, np.zeros(len(rig))
+        )
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -95,11 +96,18 @@ class Map:
         """Return what views are predicted from."""
         return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error)
 
-    def linearised_in_reference(
-        self, views: WhitenedViews, ids: NDArray[np.int64], ref_from_anchor: Array, q: Array, rig_error: Array
-    ) -> NormalBlocks:
-        """Return the normal equations of the reference camera's views of points `ids` (n,)."""
-        return linearise(self.projection, State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error), views)
+    def _seen_alone(
+        self,
+        views: WhitenedViews,
+        ids: NDArray[np.int64],
+        ref_from_anchor: Array,
+        q: Array,
+        rig_error: Array,
+        rig_step: Array,
+    ) -> tuple[Array, Array, Array]:
+        """Return points `ids` (n,) by the reference camera's views alone, as `core.points_alone` does."""
+        blocks = linearise(self.projection, State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error), views)
+        return core.points_alone(blocks.v, blocks.g_point, blocks.rig_point, q, rig_step)
 
     @property
     def newest(self) -> slice:
@@ -331,8 +339,8 @@ class Map:
         effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age_s)
         at_timing = effects.terms[..., AT_TIMING]
         self._first = changed(views, rig_effects=views.rig_effects.renewed(rows, at_timing, rows, effects))
-        blocks = self.linearised_in_reference(self._first, ids, anchors, q, self.rig_error)
-        estimates = blocks.points_alone(q, self.prior.rig.mean - self.rig_error)
+        rig_error = self.rig_error
+        estimates = self._seen_alone(self._first, ids, anchors, q, rig_error, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 
     def judge_rig(self, misfit: bool) -> RigEstimate | None:

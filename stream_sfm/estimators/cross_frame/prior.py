@@ -24,7 +24,7 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, product, scaled_cholesky
 from ...geometry.se3 import Array
-from ...record import changed, record, rows_of
+from ...record import changed, record
 from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
@@ -93,18 +93,6 @@ class Prior:
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
         return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ amplitudes))
-
-    def select(self, rows: NDArray[np.intp]) -> "Prior":
-        """Return the prior of the points `rows`, ascending; the others are marginalised."""
-        if len(rows) == len(self.ids):
-            return self
-        return changed(
-            self,
-            ids=rows_of(self.ids, rows),
-            mean=rows_of(self.mean, rows),
-            cov=rows_of(self.cov, rows),
-            modes=rows_of(self.modes, rows),
-        )
 
     def absorb_frame(
         self,

@@ -7,7 +7,6 @@ the window has it directly, eq. (74), with all that the two poses have in common
 import numpy as np
 
 from ...geometry import se3
-from ...geometry.linear import product
 from ...geometry.se3 import Array
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
@@ -22,17 +21,18 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     frames = current.frames
     cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
-    system, newest = current.system, 6 * len(frames) - 6
-    j = np.zeros((len(cams), 6, system.poses))
-    j[:, :, newest : newest + 6] = -np.eye(6)
-    for row, moved in enumerate(se3.adjoint(se3.inverse(from_newest[1:]))):
-        j[row + 1, :, 6 * row : 6 * row + 6] = moved
-    half = product(j, system.root[: system.poses])
+    ad, system = se3.adjoint(se3.inverse(from_newest[1:])), current.system
+
+    def apart(of_poses: Array) -> Array:  # (6F, n): of each camera, less the newest one
+        blocks = of_poses.reshape(len(frames), 6, -1)
+        return np.concatenate([-blocks[-1:], ad @ blocks[:-1] - blocks[-1]])
+
+    half = apart(system.root[: system.poses])
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
         cov=half @ np.swapaxes(half, 1, 2) + _ambiguities(current) + cov_newest,
-        common_jacobian=product(j, system.by_rig_errors[: system.poses]),
+        common_jacobian=apart(system.by_rig_errors[: system.poses]),
     )
 
 
