@@ -94,7 +94,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
     for (std::size_t x = 0; x < m; x++)
         g[size - m + x] += prior.weighted.data[x] - std::inner_product(off, off + m, prior.information[x], 0.0);
 
-    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), cross(3 * size), pull(3 * k);
+    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), cross(3 * size);
     std::vector<std::size_t> row_in_prior(points, n);
     Array<double, 2> right({points, 3});
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());

@@ -312,12 +312,12 @@ class Map:
 
     def cov_of_timing(self, std_acceleration: Array) -> Array:
         """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
-        rig, seen = self.frames[-1].rig, int(np.count_nonzero(self.views.used[self.newest]))
-        if rig is None or not seen:
+        rig, newest = self.frames[-1].rig, self.views[self.newest]
+        if rig is None or not newest.used.any():
             return np.zeros((6, 6))
         self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
         mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
-        in_cam = core.points_of_views(self.state(), self.views.of_core)[-seen:]
+        in_cam = core.points_of_views(self.state(), newest.of_core)
         views = TimedViews(self.projection, in_cam, np.zeros(6), rig.row_of)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
