@@ -73,3 +73,21 @@ def test_the_number_is_restored_when_the_last_thread_leaves() -> None:
         with pytest.raises(ZeroDivisionError), one_thread:
             raise ZeroDivisionError
         assert blas_threads() == {2}
+
+
+_COMMAND = """
+from stream_sfm.cli.process import settle
+settle()
+import scipy.linalg
+from threadpoolctl import ThreadpoolController
+from stream_sfm.blas import one_thread
+with one_thread:
+    print(one_thread.begun_so, {p["num_threads"] for p in ThreadpoolController().info() if p["user_api"] == "blas"})
+"""
+
+
+@pytest.mark.parametrize(("given", "expected"), [("", "True {1}"), ("2", "False {1}")])
+def test_a_command_computes_in_one_thread_whatever_the_environment_says(given: str, expected: str) -> None:
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": given}
+    done = subprocess.run([sys.executable, "-c", _COMMAND], capture_output=True, text=True, env=environment)
+    assert done.stdout.strip() == expected, done.stderr
