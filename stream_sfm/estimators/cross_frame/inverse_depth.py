@@ -9,6 +9,7 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class WhitenedViews:
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
-        *arrays, effects = zip(*(p._columns() for p in parts), strict=True)
+        *arrays, effects = zip(*map(_COLUMNS, parts), strict=True)
         joined: list[Any] = [*map(np.concatenate, arrays), RigEffects.concatenate(effects)]
         return cls(*joined)
 
@@ -90,10 +91,7 @@ class WhitenedViews:
         return len(self.ids)
 
     def __getitem__(self, rows: slice) -> "WhitenedViews":
-        return WhitenedViews(*(column[rows] for column in self._columns()))
-
-    def _columns(self) -> tuple[Any, ...]:
-        return tuple(getattr(self, name) for name in self.__slots__)  # type: ignore[attr-defined]
+        return WhitenedViews(*[column[rows] for column in _COLUMNS(self)])
 
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (V, 4) without errors (m,) of the rig."""
@@ -104,6 +102,9 @@ class WhitenedViews:
         z_px = self.z_px[rows]
         z_px[~self.stereo[rows], 2:] = np.nan
         return z_px
+
+
+_COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
 
 
 class NormalBlocks(NamedTuple):
