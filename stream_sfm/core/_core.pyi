@@ -585,27 +585,20 @@ def absorbed_points(
     these their steps (n, 3) and what the new modes and their step take from them (n, 3, k + 1); and the new ones.
     """
 
-def point_covariances(
-    std_given: Array, own: Array, of_rig: Array, own_both: Array, rig_both: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return covariances of points, eq. (28), from what reaches them.
-
-    Roots L (P, 3, 3) of their covariances given the others; of the others' roots, in units of it, those of their `own`
-    (P, 3, k) and of the rig's errors (P, 3, m); and each times the roots of pose and world (P, 3, 12). Returns Σ_qq
-    (P, 3, 3) and Σ_q,both (P, 3, 12), and both given the rig's errors.
-    """
-
 def point_marginals(
-    points: tuple[Array, Array, Mask],
-    cov: tuple[Array, Array, Array],
-    cov_given: tuple[Array, Array, Array],
+    ref_from_anchor: Array,
+    q: Array,
+    std_given: Array,
+    own: tuple[Array, Array, Array, Array],
+    by_rig: tuple[Array, Array, Array, Array],
     world_from_ref: Array,
     cam_from_ref: Array,
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return points in the newest camera and in the world, each with covariances, eqs. (37) to (41).
+    known_sigmas: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Mask]:
+    """Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
-    Points: anchors (P, 4, 4), q (P, 3), and which (P,) are finite: in metres. Blocks of the covariance as in
-    `JointCovariance`, and those given the rig's errors; poses (4, 4). Returns q in the camera (P, 3), its covariance
-    (P, 3, 3) given the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances
-    (P, 3, 3).
+    Points: anchors (P, 4, 4), q (P, 3), and roots (P, 3, 3) of their covariances given all else. Parts of the joint
+    covariance as in `CovariancePart`, given the rig's errors and by them; poses (4, 4). Returns q in the camera (P, 3),
+    its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3) and in the world, each with
+    covariances (P, 3, 3); and which (P,) are finite: 1/Z is so many standard deviations away from 0.
     """

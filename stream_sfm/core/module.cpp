@@ -161,9 +161,7 @@ struct Argument<PriorViews> : RecordArgument<PriorViews, Indices, View<double, 2
 template <>
 struct Argument<NewPriorPoints> : RecordArgument<NewPriorPoints, Indices, View<double, 2>, View<double, 3>, View<double, 3>> {};
 template <>
-struct Argument<JointCovariance> : RecordArgument<JointCovariance, View<double, 3>, View<double, 3>, View<double, 2>> {};
-template <>
-struct Argument<WindowPoints> : RecordArgument<WindowPoints, View<double, 3>, View<double, 2>, View<bool, 1>> {};
+struct Argument<CovariancePart> : RecordArgument<CovariancePart, View<double, 3>, View<double, 3>, View<double, 3>, View<double, 2>> {};
 
 template <auto Stage>
 struct Bound;
@@ -238,7 +236,6 @@ NB_MODULE(_core, m) {
     m.def("leaving_views", &Bound<&leaving_views>::call);
     m.def("absorbing_system", &Bound<&absorbing_system>::call);
     m.def("absorbed_points", &Bound<&absorbed_points>::call);
-    m.def("point_covariances", &Bound<&point_covariances>::call);
     m.def("point_marginals", &Bound<&point_marginals>::call);
     m.def("new_corners", &Bound<&new_corners>::call);
     m.def("project_points", &Bound<&project_points>::call);

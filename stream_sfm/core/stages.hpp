@@ -476,17 +476,8 @@ AbsorbedPoints absorbed_points(const Indices& ids, const View<double, 3>& std_gi
                                const NewPriorPoints& fresh);
 
 // marginals.cpp
-struct WindowPoints {
-    View<double, 3> ref_from_anchor;
-    View<double, 2> q;
-    View<bool, 1> finite;
-};
-struct PointCovariances {
-    Array<double, 3> qq, q_both, qq_given, q_both_given;
-    auto parts() { return std::tie(qq, q_both, qq_given, q_both_given); }
-};
-struct JointCovariance {
-    View<double, 3> qq, q_both;
+struct CovariancePart {  // of points, the pose and the world: what reaches points, also times its covariance, and times those with both
+    View<double, 3> reach, covariant, with_both;
     View<double, 2> both;
 };
 struct PointMarginals {
@@ -496,11 +487,11 @@ struct PointMarginals {
     Array<double, 3> cov_points;
     Array<double, 2> points_in_world;
     Array<double, 3> cov_points_in_world;
-    auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world); }
+    Array<bool, 1> finite;
+    auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite); }
 };
-PointCovariances point_covariances(const View<double, 3>& std_given, const View<double, 3>& own, const View<double, 3>& of_rig,
-                                   const View<double, 3>& own_both, const View<double, 3>& rig_both);
-PointMarginals point_marginals(const WindowPoints& of, const JointCovariance& cov, const JointCovariance& given,
-                               const View<double, 2>& world_from_ref, const View<double, 2>& cam_from_ref);
+PointMarginals point_marginals(const View<double, 3>& ref_from_anchor, const View<double, 2>& q_in_anchor,
+                               const View<double, 3>& std_given, const CovariancePart& own, const CovariancePart& of_rig,
+                               const View<double, 2>& world_from_ref, const View<double, 2>& cam_from_ref, double known_sigmas);
 
 }  // namespace core

@@ -76,3 +76,22 @@ class Cholesky:
     def inverse(self) -> Array:
         """Return A⁻¹, symmetric."""
         return symmetric(self.root @ self.root.T)
+
+
+class Elimination:
+    """Elimination of the first n variables of a symmetric positive definite matrix [[A, Bᵀ], [B, C]].
+
+    `root` (n, n) = R, upper triangular, with R Rᵀ = A⁻¹; `by_others` (n, m) = −A⁻¹Bᵀ: how the eliminated variables move
+    with the others; and `left` (m, m) = C − B A⁻¹Bᵀ, the information about these. Bᵀ is not read.
+    """
+
+    def __init__(self, matrix: Array, n: int) -> None:
+        self.root = Cholesky(matrix[:n, :n]).root
+        self._coupling = matrix[n:, :n] @ self.root
+        self.by_others = -self.root @ self._coupling.T
+        self.left = matrix[n:, n:] - self._coupling @ self._coupling.T
+
+    def reduced(self, right: Array) -> tuple[Array, Array]:
+        """Return the eliminated variables (n,) where the others are 0, and the right-hand side (m,) left to these."""
+        whitened = self.root.T @ right[: len(self.root)]
+        return self.root @ whitened, right[len(self.root) :] - self._coupling @ whitened

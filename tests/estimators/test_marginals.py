@@ -16,7 +16,7 @@ from stream_sfm.rig_model.model import RigEffects
 from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
-FRAMES, POINTS, MODES = 2, 6, 8
+FRAMES, POINTS, MODES, RIG = 2, 6, 8, 3  # the last modes are those of the rig's errors
 SIZE = 6 * FRAMES + 3 * POINTS + MODES
 
 
@@ -34,6 +34,11 @@ def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
         h[a, poses], h[poses, a] = lin.w[i], lin.w[i].T
         h[a, y], h[y, a] = -pull, -pull.T
         h[y, y] += prior.modes[i].T @ pull
+        h[a, -RIG:] += lin.rig_point[i]
+        h[-RIG:, a] += lin.rig_point[i].T
+    by_rig = lin.rig_pose.reshape(6 * FRAMES, RIG)
+    h[poses, -RIG:], h[-RIG:, poses] = by_rig, by_rig.T
+    h[-RIG:, -RIG:] += lin.rig
     return h
 
 
@@ -50,36 +55,48 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
         modes=1e-3 * rng.normal(size=(POINTS, 3, MODES)),
         world_from_ref=world,
         world_modes=1e-2 * rng.normal(size=(6, MODES)),
-        rig=RigKnowledge.unknown(np.zeros(0)),
+        rig=RigKnowledge.unknown(np.ones(RIG)),
     )
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
-    views = window_views(frame, point, z, roots, RigEffects.none(len(z)))
-    lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(0)), views)
+    views = window_views(
+        frame, point, z, roots, RigEffects(rng.normal(size=(len(z), 4, RIG)), np.zeros((len(z), 0)))
+    )
+    lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(RIG)), views)
     system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))
     newest = FRAMES - 1
     marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)
-    cov = np.linalg.inv(dense_information(system, lin, prior))
+    information = dense_information(system, lin, prior)
+    cov, cov_given = np.linalg.inv(information), np.zeros((SIZE, SIZE))
+    cov_given[:-RIG, :-RIG] = np.linalg.inv(information[:-RIG, :-RIG])
     world_from_cam = world @ se3.inverse(cams[newest])
     assert np.allclose(marginals.world_from_cam, world_from_cam, atol=1e-12)
 
     def read(delta: np.ndarray) -> np.ndarray:
-        """Pose error, points in the newest camera, points in the world, of a disturbed state."""
+        """Pose error, points in the newest camera, in the world, and q in the camera, of a disturbed state."""
         cam = se3.exp(delta[6 * newest : 6 * newest + 6]) @ cams[newest]
         in_ref = in_reference(anchors, q + delta[6 * FRAMES : -MODES].reshape(POINTS, 3))
         in_ref = in_ref[:, :3] / in_ref[:, 3:]
         world_from_ref = world @ se3.exp(prior.world_modes @ delta[-MODES:])
         xi = se3.log(se3.inverse(world_from_cam) @ world_from_ref @ se3.inverse(cam))
         in_cam, in_world = se3.transform(cam, in_ref), se3.transform(world_from_ref, in_ref)
-        return np.concatenate([xi, in_cam.ravel(), in_world.ravel()])
+        q_in_cam = q_from_homogeneous(np.c_[in_cam, np.ones(POINTS)])
+        return np.concatenate([xi, in_cam.ravel(), in_world.ravel(), q_in_cam.ravel()])
 
     j = np.stack([(read(h) - read(-h)) / 2e-6 for h in 1e-6 * np.eye(SIZE)], axis=1)
     carried = j @ cov @ j.T
-    blocks = carried[6:, 6:].reshape(2 * POINTS, 3, 2 * POINTS, 3)[range(2 * POINTS), :, range(2 * POINTS), :]
+    blocks, blocks_given = _blocks(carried), _blocks(j @ cov_given @ j.T)
     for mine, theirs in (
         (marginals.cov_pose, carried[:6, :6]),
         (marginals.cov_points, blocks[:POINTS]),
-        (marginals.cov_points_in_world, blocks[POINTS:]),
+        (marginals.cov_points_in_world, blocks[POINTS : 2 * POINTS]),
+        (marginals.cov_q_in_cam, blocks_given[2 * POINTS :]),
     ):
         assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()
+
+
+def _blocks(carried: np.ndarray) -> np.ndarray:
+    """The blocks (n, 3, 3) on the diagonal of the covariance of all points, after that of the pose."""
+    n = len(carried) // 3 - 2
+    return carried[6:, 6:].reshape(n, 3, n, 3)[range(n), :, range(n), :]

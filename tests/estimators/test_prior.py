@@ -11,7 +11,7 @@ from stream_sfm.estimators.cross_frame.inverse_depth import (
     State,
     linearise,
 )
-from stream_sfm.estimators.cross_frame.normal_equations import System
+from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
 from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
@@ -267,31 +267,39 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     assert np.abs((followed - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
     if own:
         cov_held = spd(rng, 1, M, 0.05)[0]
-        system.count_rig_errors(cov_held)
+        system.cov_rig = cov_held
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
-    by_rig = np.concatenate([system.by_rig_errors[:a], prior.world_modes @ system.by_rig_errors[a:]])
+    by_rig = np.concatenate([system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[a:], np.eye(M)])])
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta, rel=1e-9)
-    joint, joint_given = system.covariances(frames - 1)
+    own, by_rig_errors = system.covariances(frames - 1)
+    qq_given, of_both_given, both_given = _joint(system, own)
+    qq, of_both, both = map(np.add, _joint(system, own), _joint(system, by_rig_errors, 0.0))
     x, w = slice(a - 6, a), slice(a + b, a + b + 6)
     points = _blocks(cov[a : a + b, a : a + b])
     given, least = np.linalg.inv(h[:-M, :-M]), scale[a : a + b].min()  # given the rig's errors
-    of_both, of_both_given = joint.q_both.reshape(b, 12), joint_given.q_both.reshape(b, 12)
     for mine, theirs, rows, columns in (
-        (joint.qq.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
-        (joint_given.qq.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
-        (joint_given.both[:6, :6], given[x, x], scale[x], scale[x]),
+        (qq.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
+        (qq_given.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
+        (both_given[:6, :6], given[x, x], scale[x], scale[x]),
         (of_both[:, :6], cov[a : a + b, x], scale[a : a + b], scale[x]),
         (of_both_given[:, :6], given[a : a + b, x], scale[a : a + b], scale[x]),
         (of_both[:, 6:], cov[a : a + b, w], scale[a : a + b], scale[w]),
-        (joint.both[:6, :6], cov[x, x], scale[x], scale[x]),
-        (joint.both[6:, 6:], cov[w, w], scale[w], scale[w]),
-        (joint.both[:6, 6:], cov[x, w], scale[x], scale[w]),
+        (both[:6, :6], cov[x, x], scale[x], scale[x]),
+        (both[6:, 6:], cov[w, w], scale[w], scale[w]),
+        (both[:6, 6:], cov[x, w], scale[x], scale[w]),
     ):
         assert np.abs((mine - theirs) / np.outer(rows, np.broadcast_to(columns, mine.shape[1]))).max() < 1e-5
+
+
+def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np.ndarray, ...]:
+    """Covariances of points (n, 3, 3), with pose and world (3n, 12), and of both, of one part; `alone`: in units."""
+    root = system.std_given
+    qq = root @ (alone * np.eye(3) + part.reach @ np.swapaxes(part.covariant, 1, 2)) @ np.swapaxes(root, 1, 2)
+    return qq, -(root @ part.with_both).reshape(-1, 12), part.both
 
 
 def _blocks(cov: np.ndarray) -> np.ndarray:

@@ -357,7 +357,7 @@ class Map:
         rig, found = rig.judged(*counted, misfit)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
-        self.system.count_rig_errors(found.cov)
+        self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
 

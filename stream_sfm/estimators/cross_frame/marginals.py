@@ -54,23 +54,16 @@ class Marginals:
         newest: int,
     ) -> "Marginals":
         """Marginalise the factored system; `newest` is the row of the newest frame, −1 where that is the reference."""
-        cov, given = system.covariances(newest)
-        finite = q[:, 2] > KNOWN_DEPTH_SIGMAS * np.sqrt(cov.qq[:, 2, 2])
-        q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world = (
-            core.point_marginals((ref_from_anchor, q, finite), cov, given, world_from_ref, cam_from_ref)
-        )
+        own, by_rig = system.covariances(newest)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)
         return cls(
-            ids=ids,
-            world_from_cam=se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
-            cov_pose=symmetric(by_both @ cov.both @ by_both.T),
-            q_in_cam=q_in_cam,
-            cov_q_in_cam=cov_q_in_cam,
-            points_in_cam=points_in_cam,
-            cov_points=cov_points,
-            points_in_world=points_in_world,
-            cov_points_in_world=cov_points_in_world,
-            finite=finite,
+            ids,
+            se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
+            symmetric(by_both @ (own.both + by_rig.both) @ by_both.T),
+            *core.point_marginals(
+                *(ref_from_anchor, q, system.std_given, own, by_rig),
+                *(world_from_ref, cam_from_ref, KNOWN_DEPTH_SIGMAS),
+            ),
         )
 
     def doubted(self, cov: Array) -> "Marginals":

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
-from ...geometry.linear import Cholesky, product, scaled_cholesky
+from ...geometry.linear import Elimination, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import changed, record
 from .inverse_depth import NormalBlocks
@@ -124,11 +124,10 @@ class Prior:
         flat_modes, flat_half = whitened_modes.reshape(-1, len(s)), half.reshape(-1, len(s))
         s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
-        chol = Cholesky(s)
-        lower, whitened = chol.lower[own:, own:], chol.root.T @ right
+        others = Elimination(s, own)
+        step, weighted = others.reduced(right)
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
-        root = chol.root[:own, :own]
-        by_new = np.column_stack([root, chol.root[:own, own:] @ lower.T, root @ whitened[:own]])
+        by_new = np.column_stack([others.root, others.by_others, step])
 
         def carried(modes: Array) -> Array:
             moved = product(modes[..., :own], by_new)
@@ -140,7 +139,7 @@ class Prior:
             *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
             world_modes=world_modes[:, :-1],
-            rig=self.rig.after(c, lower, whitened[own:]),
+            rig=self.rig.after(c, others.left, weighted),
         )
 
     def with_field(self, n: int) -> "Prior":

@@ -7,6 +7,7 @@ the window has it directly, eq. (74), with all that the two poses have in common
 import numpy as np
 
 from ...geometry import se3
+from ...geometry.linear import product
 from ...geometry.se3 import Array
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
@@ -27,12 +28,13 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
         blocks = of_poses.reshape(len(frames), 6, -1)
         return np.concatenate([-blocks[-1:], ad @ blocks[:-1] - blocks[-1]])
 
-    half = apart(system.root[: system.poses])
+    half, by_rig = apart(system.root[: system.poses]), apart(system.by_rig[: system.poses])
+    cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=half @ np.swapaxes(half, 1, 2) + _ambiguities(current) + cov_newest,
-        common_jacobian=apart(system.by_rig_errors[: system.poses]),
+        cov=cov + _ambiguities(current) + cov_newest,
+        common_jacobian=by_rig,
     )
 
 
@@ -40,9 +42,10 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     """Return the errors of the rig that all frames share, with their part in the newest pose; None for an exact rig."""
     if rig is None:
         return None
-    system, newest = current.system, 6 * len(current.frames) - 6
-    by_rig, of_world = system.by_rig_errors, se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
-    jacobian = of_world @ by_rig[system.poses :] - by_rig[newest : newest + 6]
+    system = current.system
+    of_poses, of_modes = np.split(system.by_rig, [system.poses])
+    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
+    jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 

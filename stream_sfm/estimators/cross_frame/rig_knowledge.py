@@ -137,12 +137,12 @@ class RigKnowledge:
             sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
         )
 
-    def after(self, amplitudes: Array, lower: Array, whitened: Array) -> "RigKnowledge":
+    def after(self, amplitudes: Array, information: Array, weighted: Array) -> "RigKnowledge":
         """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
 
-        What is left of them has the information `lower` (m, m) lowerᵀ, and the `whitened` estimate (m,).
+        Of what is left of them: the information (m, m), and the weighted sum (m,).
         """
-        return changed(self, mean=self.at(amplitudes), information=lower @ lower.T, weighted=lower @ whitened)
+        return changed(self, mean=self.at(amplitudes), information=information, weighted=weighted)
 
 
 def impossible(rig: RigEstimate | None) -> str:
