@@ -15,10 +15,13 @@ Field = tuple[Array, Array, float, Array]
 # What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field, σ of the delay,
 # seconds, the scatter of matches and the largest difference of rows, px.
 Rows = tuple[tuple[float, float], Field, Array, float, float, float]
-# Templates of one size: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
+# A kind of templates: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
 # be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value, and
 # the variance factor of views.
-Templates = tuple[int, int, int, float, float, float, float]
+TemplateKind = tuple[int, int, int, float, float, float, float]
+# Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
+# `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.
+Templates = tuple[Image, Image | None, Image, Mask, TemplateKind]
 # Axes of the physical camera: the rotation (3, 3) of points into them, and σ of errors that no view shows, of lengths
 # as a share of themselves, and of the axes about x and y, radians.
 PhysicalAxes = tuple[Array, float, float]
@@ -42,9 +45,6 @@ TimedPoints = tuple[Array, Array, Array]
 # Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
 # anchor cameras (n, 4, 4), slopes (n, 2) of 1/Z there, and image pixels (n,) per pixel of the template.
 Tracks = tuple[Array, Array, Array, Array, Array, Pixels]
-# Tracks whose patches should be in a new frame: slots (n,), points (n, 4), slopes (n, 2), positions (n, 2) and right
-# columns (n,) where alignment starts, warps (n, 3, 2) of both images, and the twist (6,) of the points.
-Sought = tuple[Pixels, Array, Array, Array, Array, Array, Array, Array]
 # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
 # errors (m,).
 WindowState = tuple[Array, Pixels, Array, Array, Array]
@@ -83,7 +83,7 @@ def match_new_points(
     left: Image,
     right: Image,
     stored: Image,
-    templates: Templates,
+    templates: TemplateKind,
     corners_px: Pixels,
     slots: Pixels,
     start_px: Array,
@@ -135,37 +135,39 @@ def align_patches(
 def gradient_matrices(information: Array, spacing_px: int) -> Array:
     """Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them."""
 
-def align_left(
-    image: Image, stored: Image, area: Mask, templates: Templates, slots: Pixels, warps: Array, starts_px: Array
-) -> tuple[Mask, Array, Array, Array]:
-    """Find templates of `slots` (n,), warped by (n, 3, 2), in the left image, from starts (n, 2).
-
-    `stored` as in `warp_patches`, `area` (h, w): where a whole patch shows the scene. Returns which were found (n,), as
-    views (n, 4) without right sides, their covariances (n, 4, 4), eq. (15), and the views again.
-    """
-
-def align_in_both(
-    left: Image,
-    right: Image,
-    stored: Image,
-    area: Mask,
-    templates: Templates,
-    sought: Sought,
+def align_tracks(
     pinholes: Pinholes,
+    tracks: Tracks,
+    slots: Pixels,
+    cam_from_previous: Array,
+    cam_from_start: Array,
+    left_px: Array,
+    agree: Mask,
+    ordinary: Templates,
+    wide: Templates | None,
     rows: Rows,
     turn_rad: Array,
-) -> tuple[Mask, Array, Array, Array]:
-    """Find tracks in the left image as `align_left` does, and then in the right one, in the row where they should be.
+    twist: Array,
+) -> tuple[Mask, NDArray[np.int64], Array, Array, Array, Array]:
+    """Find tracks (n) with templates in `slots` (n,) in new images, where `predict_tracks` puts them.
 
-    `turn_rad` (3,): of the right camera, is taken out. Returns which were found (n,), at least on the left, views
-    (n, 4), NaN where the right side was not found in its row, their covariances (n, 4, 4), and views (n, 4) with right
-    sides that miss their row.
+    In the left image, and what is found there in the right one, in the row where it should be of points with a `twist`
+    (6,) per second; `turn_rad` (3,) of the right camera is taken out. Returns which should be in view (n,), and of
+    those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the right side was not
+    found in its row, their covariances (k, 4, 4), eq. (15), and views (k, 4) with right sides that miss their row.
     """
 
 def predict_tracks(
     pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, cam_from_start: Array, left_px: Array, agree: Mask
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return tracks after a motion, and how their patches look; `frontend.warps.predicted` documents it."""
+    """Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
+
+    Points (n, 4), positions (n, 2) and right columns (n,) at which they start: those of `left_px` (n, 2) that `agree`
+    (n,) with the motion, or where it puts them. And warps (n, 3, 2) of pixel offsets, now to anchor, for the left and
+    for the right image. Around the anchor the surface is P(δ) = (x + δ₁, y + δ₂, 1, ρ + slopes·δ), and its image now is
+    u = A δ / (1 + n·δ) with n the relative change of depth: exact for a plane. Inverted, δ = W u / (1 + h·u) with
+    W = A⁻¹ and h = −Wᵀn; a warp is W above h.
+    """
 
 def update_depths(
     pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array, forgetting: float
@@ -176,11 +178,10 @@ def update_depths(
     has grown by a factor before. Also returns the covariances (n, 2, 2) of the left sides.
     """
 
-def templates_fit(warps: Array, radius: float, half: float, least_area: float) -> Mask:
+def templates_fit(warps: Array, radius: float, half: float) -> Mask:
     """Return which warps (n, 3, 2) keep a window inside a stored patch, and show no detail that the patch lacks.
 
-    Half widths of the window, with what its derivatives take, and of the patch, in pixels of the template; the area
-    that a pixel of the image covers of it at least.
+    Half widths of the window and of the patch, in pixels of the template.
     """
 
 def inside_area(area: Mask, at_px: Array) -> Mask:
@@ -219,10 +220,10 @@ def view_inflation(ages: NDArray[np.int64], ratio_left: float, ratio_right: floa
     In units of the white part of its errors, the lasting part of either side has a `ratio`, and its `decay` per view.
     """
 
-def template_drift(points: Array, cam_from_previous: Array, radius: float) -> Array:
+def template_drift(points: Array, cam_from_previous: Array, scale: Pixels, radius: float) -> Array:
     """Return σ (n,) px of how far templates of homogeneous points (n, 4) slid during a motion (4, 4), eq. (17).
 
-    `radius`: half their width, px.
+    `radius`: half their width, in pixels of the templates, of which each has `scale` (n,) of the image.
     """
 
 def seen_points(pinholes: Pinholes, z_px: Array) -> Array:

@@ -11,26 +11,87 @@
 namespace core {
 namespace {
 
+// Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
+void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right) {
+    if (rad.data[0] == 0 && rad.data[1] == 0 && rad.data[2] == 0) return;
+    for (std::size_t i = 0; i < right.shape[0]; i++) {
+        double effect[6];
+        by_turn(pinholes, right[i][0], right[i][1], effect);
+        for (int c = 0; c < 2; c++)
+            right[i][c] += sign * (effect[3 * c] * rad.data[0] + effect[3 * c + 1] * rad.data[1] + effect[3 * c + 2] * rad.data[2]);
+    }
+}
+
+// Tracks whose patches should be in a new frame: their rows, where alignment starts, and warps in pixels of templates.
+struct Sought {
+    std::vector<std::size_t> rows;
+    Array<std::int64_t, 1> slots;
+    Array<double, 2> points, slopes, left;
+    Array<double, 1> right_u;
+    Array<double, 3> left_warps, right_warps;
+};
+
+// Views of these tracks: which were found, at least on the left; those without and with right sides that miss their row.
+struct FoundViews {
+    Array<bool, 1> found;
+    Array<double, 2> z, any_row;
+    Array<double, 3> cov;
+};
+
+// Where right sides are sought.
+struct RightSides {
+    const Pinholes& pinholes;
+    const RowModel& rows;
+    const View<double, 1>&turn, &twist;
+};
+
 template <class T>
 class Alignment {
    public:
-    Alignment(const View<T, 3>& stored, const View<bool, 2>& area, const TemplateKind& kind) : stored(stored), area(area), kind(kind) {
+    explicit Alignment(const Templates<T>& of) : of(of), kind(of.kind) {
         require(kind.scale >= 1 && kind.scale <= 1000, "templates have a scale from 1 to 1000");
     }
 
-    // Templates (n) of `slots`, by warps (n, 3, 2) of image pixels; their last row is per pixel.
-    Patches warped(const Indices& slots, const View<double, 3>& warps) const {
-        require_shape(warps, {slots.shape[0], 3, 2}, "warps");
-        Array<double, 3> of_template(warps.shape);
+    // The tracks with templates of this size that can be warped as predicted and start where a whole patch shows the scene.
+    Sought visible(const TrackTable& tracks, const Indices& slots, const PredictedTracks& now) const {
+        Array<double, 3> left_warps = in_template_pixels(now.left_warps), right_warps = in_template_pixels(now.right_warps);
+        double half = (static_cast<double>(of.stored.shape[1]) - 1) / 2;
+        Array<bool, 1> left_fits = templates_fit(left_warps.view(), kind.radius, half);
+        Array<bool, 1> right_fits = templates_fit(right_warps.view(), kind.radius, half);
+        Array<bool, 1> inside = inside_area(of.area, now.left.view());
+        std::vector<std::size_t> rows;
         for (std::size_t i = 0; i < slots.shape[0]; i++)
-            for (std::size_t k = 0; k < 6; k++) of_template[i][k] = k < 4 ? warps[i][k] : kind.scale * warps[i][k];
-        return warp_patches(stored, slots, of_template.view(), kind.radius, kind.spacing);
+            if (tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i]) rows.push_back(i);
+        return {rows,
+                rows_of(slots, rows),
+                rows_of(now.points.view(), rows),
+                rows_of(tracks.slopes, rows),
+                rows_of(now.left.view(), rows),
+                rows_of(now.right_u.view(), rows),
+                rows_of(left_warps.view(), rows),
+                rows_of(right_warps.view(), rows)};
+    }
+
+    FoundViews find(const Sought& sought, const RightSides& right_sides) const {
+        Patches patches = warp_patches(of.stored, sought.slots.view(), sought.left_warps.view(), kind.radius, kind.spacing);
+        Array<double, 3> gradients = gradient_matrices(patches.information.view(), kind.spacing);
+        AlignedPatches left = find_left(patches, sought.left.view());
+        if (of.right) return find_right(sought, patches, gradients, left, right_sides);
+        std::vector<double> missing(sought.rows.size(), std::numeric_limits<double>::quiet_NaN());
+        return views(left, gradients, {missing.data(), {missing.size()}});
+    }
+
+   private:
+    // Warps (n, 3, 2) of image pixels as those of templates' pixels; their last row is per pixel.
+    Array<double, 3> in_template_pixels(const Array<double, 3>& warps) const {
+        Array<double, 3> result(warps.shape);
+        for (std::size_t i = 0; i < 6 * warps.shape[0]; i++) result.data[i] = i % 6 < 4 ? warps.data[i] : kind.scale * warps.data[i];
+        return result;
     }
 
     // Positions in image pixels of patches, from such starts (n, 2), in an image of templates' pixels.
-    AlignedPatches find(const ImageOf<T>& image, const Patches& patches, const View<double, 2>& starts) const {
+    AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, const View<double, 2>& starts) const {
         std::size_t n = starts.shape[0];
-        require_shape(starts, {n, 2}, "starts_px");
         Array<double, 2> of_template({n, 2});
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
         AlignedPatches result = align_patches(image, of_template.view(), patches.inverse.view(), patches.information.view(),
@@ -39,16 +100,47 @@ class Alignment {
         return result;
     }
 
-    // As `find`, of what stays near its start, fits, and lies where a whole patch shows the scene.
-    AlignedPatches find_left(const ImageOf<T>& image, const Patches& patches, const View<double, 2>& starts) const {
-        AlignedPatches left = find(image, patches, starts);
-        Array<bool, 1> inside = inside_area(area, left.at.view());
+    // What stays near its start, fits, and lies where a whole patch shows the scene.
+    AlignedPatches find_left(const Patches& patches, const View<double, 2>& starts) const {
+        AlignedPatches left = aligned(of.left, patches, starts);
+        Array<bool, 1> inside = inside_area(of.area, left.at.view());
         for (std::size_t i = 0; i < starts.shape[0]; i++) {
             double du = left.at[i][0] - starts[i][0], dv = left.at[i][1] - starts[i][1];
             left.found.data[i] = left.found.data[i] && std::sqrt(du * du + dv * dv) < kind.scale * kind.farthest &&
                                  left.error.data[i] < kind.max_error && inside.data[i];
         }
         return left;
+    }
+
+    // Views whose left sides were found, with right sides in the rows where they should be.
+    FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients, AlignedPatches& left,
+                          const RightSides& by) const {
+        std::size_t n = sought.rows.size();
+        Array<double, 2> velocity = velocities(by.pinholes, sought.points.view(), {by.twist.data, {1, 6}}), start({n, 2});
+        Array<double, 1> speed({n});
+        for (std::size_t i = 0; i < n; i++) speed.data[i] = velocity[i][3];
+        Array<double, 1> vertical = row_offsets(by.rows, left.at.view(), speed.view());
+        for (std::size_t i = 0; i < n; i++) {
+            start[i][0] = sought.right_u.data[i] + left.at[i][0] - sought.left.view()[i][0];
+            start[i][1] = left.at[i][1] - vertical.data[i];
+        }
+        turn_by(by.pinholes, by.turn, 1, start);
+        turn_right(patches, sought);
+        AlignedPatches right = aligned(*of.right, patches, start.view());
+        double margin = kind.scale * kind.radius, last = by.rows.size[0] - 1 - margin;
+        for (std::size_t i = 0; i < n; i++)
+            right.found.data[i] =
+                right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.max_error;
+        turn_by(by.pinholes, by.turn, -1, right.at);
+        for (std::size_t i = 0; i < n; i++) right.at[i][1] += vertical.data[i];
+        Array<bool, 1> on_row = on_one_row(by.rows, left.at.view(), right.at.view(), speed.view(), kind.scale);
+        FoundViews result = views(left, gradients, right.error.view());
+        for (std::size_t i = 0; i < n; i++) {
+            if (!right.found.data[i]) continue;
+            std::copy_n(right.at[i], 2, result.any_row[i] + 2);
+            if (on_row.data[i]) std::copy_n(right.at[i], 2, result.z[i] + 2);
+        }
+        return result;
     }
 
     // Left sides as views whose right sides are missing; deviations (n,) of grey differences in both images.
@@ -64,12 +156,14 @@ class Alignment {
     }
 
     // Patches as the right image shows them: those of slanted surfaces look different there.
-    void turn_right(Patches& patches, const Sought& of) const {
+    void turn_right(Patches& patches, const Sought& sought) const {
         std::size_t samples = patches.inverse.row_size();
         std::vector<std::size_t> slanted;
-        for (std::size_t i = 0; i < of.slots.shape[0]; i++)
-            if (of.slopes[i][0] != 0 || of.slopes[i][1] != 0) slanted.push_back(i);
-        Patches right = warped(rows_of(of.slots, slanted).view(), rows_of(of.right_warps, slanted).view());
+        View<double, 2> slopes = sought.slopes.view();
+        for (std::size_t i = 0; i < sought.rows.size(); i++)
+            if (slopes[i][0] != 0 || slopes[i][1] != 0) slanted.push_back(i);
+        Patches right = warp_patches(of.stored, rows_of(sought.slots.view(), slanted).view(),
+                                     rows_of(sought.right_warps.view(), slanted).view(), kind.radius, kind.spacing);
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);
@@ -77,90 +171,47 @@ class Alignment {
         }
     }
 
-   private:
-    const View<T, 3>& stored;
-    const View<bool, 2>& area;
+    const Templates<T>& of;
     const TemplateKind& kind;
 };
 
-// Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
-void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right) {
-    if (rad.data[0] == 0 && rad.data[1] == 0 && rad.data[2] == 0) return;
-    for (std::size_t i = 0; i < right.shape[0]; i++) {
-        double effect[6];
-        by_turn(pinholes, right[i][0], right[i][1], effect);
-        for (int c = 0; c < 2; c++)
-            right[i][c] += sign * (effect[3 * c] * rad.data[0] + effect[3 * c + 1] * rad.data[1] + effect[3 * c + 2] * rad.data[2]);
-    }
-}
-
-void check(const Sought& of, const View<double, 1>& turn) {
-    std::size_t n = of.slots.shape[0];
-    require_shape(of.points, {n, 4}, "points");
-    require_shape(of.slopes, {n, 2}, "slopes");
-    require_shape(of.left, {n, 2}, "left_px");
-    require_shape(of.right_u, {n}, "right_u_px");
-    require_shape(of.right_warps, {n, 3, 2}, "right_warps");
-    require_shape(of.twist, {6}, "twist");
-    require_shape(turn, {3}, "turn");
-}
-
 }  // namespace
 
-template <class T>
-FoundViews align_left(const ImageOf<T>& image, const View<T, 3>& stored, const View<bool, 2>& area, const TemplateKind& kind,
-                      const Indices& slots, const View<double, 3>& warps, const View<double, 2>& starts) {
-    Alignment<T> alignment(stored, area, kind);
-    Patches patches = alignment.warped(slots, warps);
-    AlignedPatches left = alignment.find_left(image, patches, starts);
-    std::vector<double> missing(slots.shape[0], std::numeric_limits<double>::quiet_NaN());
-    return alignment.views(left, gradient_matrices(patches.information.view(), kind.spacing), {missing.data(), {missing.size()}});
-}
-
-template <class T>
-FoundViews align_in_both(const ImageOf<T>& left_image, const ImageOf<T>& right_image, const View<T, 3>& stored, const View<bool, 2>& area,
-                         const TemplateKind& kind, const Sought& of, const Pinholes& pinholes, const RowModel& rows,
-                         const View<double, 1>& turn) {
-    std::size_t n = of.slots.shape[0];
-    check(of, turn);
-    Alignment<T> alignment(stored, area, kind);
-    Patches patches = alignment.warped(of.slots, of.left_warps);
-    Array<double, 3> gradients = gradient_matrices(patches.information.view(), kind.spacing);
-    AlignedPatches left = alignment.find_left(left_image, patches, of.left);
-    Array<double, 2> velocity = velocities(pinholes, of.points, {of.twist.data, {1, 6}}), start({n, 2});
-    Array<double, 1> speed({n});
-    for (std::size_t i = 0; i < n; i++) speed.data[i] = velocity[i][3];
-    Array<double, 1> vertical = row_offsets(rows, left.at.view(), speed.view());
-    for (std::size_t i = 0; i < n; i++) {
-        start[i][0] = of.right_u.data[i] + left.at[i][0] - of.left[i][0];
-        start[i][1] = left.at[i][1] - vertical.data[i];
-    }
-    turn_by(pinholes, turn, 1, start);
-    alignment.turn_right(patches, of);
-    AlignedPatches right = alignment.find(right_image, patches, start.view());
-    double margin = kind.scale * kind.radius, last = rows.size[0] - 1 - margin;
+AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, const Indices& slots,
+                           const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
+                           const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
+                           const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
+                           const View<double, 1>& twist) {
+    std::size_t n = tracks.points.shape[0];
+    require_shape(slots, {n}, "slots");
+    require_shape(turn, {3}, "turn");
+    require_shape(twist, {6}, "twist");
+    PredictedTracks now = predict_tracks(pinholes, tracks, cam_from_previous, cam_from_start, left, agree);
+    RightSides right_sides{pinholes, rows, turn, twist};
+    Array<bool, 1> expected({n});
+    FoundViews all{Array<bool, 1>({n}), Array<double, 2>({n, 4}), Array<double, 2>({n, 4}), Array<double, 3>({n, 4, 4})};
+    auto align = [&](const auto& templates) {
+        Alignment alignment(templates);
+        Sought sought = alignment.visible(tracks, slots, now);
+        FoundViews views = alignment.find(sought, right_sides);
+        for (std::size_t k = 0; k < sought.rows.size(); k++) {
+            std::size_t i = sought.rows[k];
+            expected.data[i] = true;
+            all.found.data[i] = views.found.data[k];
+            std::copy_n(views.z[k], 4, all.z[i]);
+            std::copy_n(views.any_row[k], 4, all.any_row[i]);
+            std::copy_n(views.cov[k], 16, all.cov[i]);
+        }
+    };
+    align(ordinary);
+    if (wide) align(*wide);
+    std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < n; i++)
-        right.found.data[i] = right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.max_error;
-    turn_by(pinholes, turn, -1, right.at);
-    for (std::size_t i = 0; i < n; i++) right.at[i][1] += vertical.data[i];
-    Array<bool, 1> on_row = on_one_row(rows, left.at.view(), right.at.view(), speed.view(), kind.scale);
-    FoundViews result = alignment.views(left, gradients, right.error.view());
-    for (std::size_t i = 0; i < n; i++) {
-        if (!right.found.data[i]) continue;
-        std::copy_n(right.at[i], 2, result.any_row[i] + 2);
-        if (on_row.data[i]) std::copy_n(right.at[i], 2, result.z[i] + 2);
-    }
+        if (all.found.data[i]) kept.push_back(i);
+    AlignedTracks result{std::move(expected), Array<std::int64_t, 1>({kept.size()}), rows_of(now.points.view(), kept),
+                         rows_of(all.z.view(), kept), rows_of(all.cov.view(), kept), rows_of(all.any_row.view(), kept)};
+    std::copy(kept.begin(), kept.end(), result.rows.data.get());
     return result;
 }
-
-template FoundViews align_left(const ImageOf<float>&, const View<float, 3>&, const View<bool, 2>&, const TemplateKind&, const Indices&,
-                               const View<double, 3>&, const View<double, 2>&);
-template FoundViews align_in_both(const ImageOf<float>&, const ImageOf<float>&, const View<float, 3>&, const View<bool, 2>&,
-                                  const TemplateKind&, const Sought&, const Pinholes&, const RowModel&, const View<double, 1>&);
-template FoundViews align_left(const ImageOf<std::uint8_t>&, const View<std::uint8_t, 3>&, const View<bool, 2>&, const TemplateKind&,
-                               const Indices&, const View<double, 3>&, const View<double, 2>&);
-template FoundViews align_in_both(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, const View<std::uint8_t, 3>&,
-                                  const View<bool, 2>&, const TemplateKind&, const Sought&, const Pinholes&, const RowModel&,
-                                  const View<double, 1>&);
 
 }  // namespace core

@@ -143,10 +143,9 @@ struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<doub
 template <>
 struct Argument<TrackTable> : RecordArgument<TrackTable, View<double, 2>, View<double, 1>, View<double, 3>, View<double, 3>,
                                              View<double, 2>, Indices> {};
-template <>
-struct Argument<Sought> : RecordArgument<Sought, Indices, View<double, 2>, View<double, 2>, View<double, 2>, View<double, 1>,
-                                         View<double, 3>, View<double, 3>, View<double, 1>> {};
-
+template <class T>
+struct Argument<Templates<T>>
+    : RecordArgument<Templates<T>, ImageOf<T>, std::optional<ImageOf<T>>, View<T, 3>, View<bool, 2>, TemplateKind> {};
 template <>
 struct Argument<WindowState> : RecordArgument<WindowState, View<double, 3>, Indices, View<double, 3>, View<double, 2>, View<double, 1>> {};
 template <>
@@ -180,8 +179,6 @@ void def_of_images(nb::module_& m, const OfImage& of_image) {
     m.def("match_along_rows", &Bound<&match_along_rows<T>>::call, of_image, of_image, any, any, any);
     m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
-    m.def("align_left", &Bound<&align_left<T>>::call, of_image, of_image, any, any, any, any, any);
-    m.def("align_in_both", &Bound<&align_in_both<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any);
     m.def("match_new_points", &Bound<&match_new_points<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any, any);
     m.def("store_patches",
           [](nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
@@ -252,6 +249,7 @@ NB_MODULE(_core, m) {
     m.def("union_of", &Bound<&union_of>::call);
     m.def("row_errors_of_tracks", &Bound<&row_errors_of_tracks>::call);
     m.def("view_inflation", &Bound<&view_inflation>::call);
+    m.def("align_tracks", &Bound<&align_tracks>::call);
     m.def("predict_tracks", &Bound<&predict_tracks>::call);
     m.def("update_depths", &Bound<&update_depths>::call);
     m.def("templates_fit", &Bound<&templates_fit>::call);

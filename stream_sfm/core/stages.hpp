@@ -73,34 +73,12 @@ UnknownOfViews with_row_errors(const View<double, 3>& unknown, const Pinholes& p
                                const View<double, 2>& root, const View<double, 2>& z, const View<double, 2>& points,
                                const View<double, 1>& twist);
 
-// alignment.cpp
 // Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
 // found, in pixels of the template; the largest grey deviation; and of the noise of views the pixels that share a value, and a factor.
 struct TemplateKind {
     int scale, radius, spacing;
     double farthest, max_error, shared_pixels, factor;
 };
-struct Sought {  // tracks whose patches should be in a new frame, where alignment starts, and warps, anchor from now
-    Indices slots;
-    View<double, 2> points, slopes, left;
-    View<double, 1> right_u;
-    View<double, 3> left_warps, right_warps;
-    View<double, 1> twist;
-};
-struct FoundViews {
-    Array<bool, 1> found;
-    Array<double, 2> z, any_row;
-    Array<double, 3> cov;
-    auto parts() { return std::tie(found, z, cov, any_row); }
-};
-template <class T>  // float or std::uint8_t
-FoundViews align_left(const ImageOf<T>& image, const View<T, 3>& stored, const View<bool, 2>& area, const TemplateKind& kind,
-                      const Indices& slots, const View<double, 3>& warps, const View<double, 2>& starts);
-template <class T>
-FoundViews align_in_both(const ImageOf<T>& left_image, const ImageOf<T>& right_image, const View<T, 3>& stored, const View<bool, 2>& area,
-                         const TemplateKind& kind, const Sought& of, const Pinholes& pinholes, const RowModel& rows,
-                         const View<double, 1>& turn);
-
 // tracks.cpp
 struct TrackTable {
     View<double, 2> points;  // at unit depth
@@ -125,13 +103,38 @@ struct UpdatedTracks {
 };
 UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
                             const View<double, 2>& z, const View<double, 3>& cov, double forgetting);
-Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half, double least_area);
+Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half);
 Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at);
 Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
                                   const View<double, 1>& error_right, double shared_pixels, double scale, double factor);
 Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
                                    double focal, double baseline);
-Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius);
+Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, const Indices& scale, double radius);
+
+// alignment.cpp
+// Templates of one size: images of their pixels in which they are sought, the right one if there is one; their patches; and where
+// in the left image (h, w) a whole patch shows the scene.
+template <class T>  // float or std::uint8_t
+struct Templates {
+    ImageOf<T> left;
+    std::optional<ImageOf<T>> right;
+    View<T, 3> stored;
+    View<bool, 2> area;
+    TemplateKind kind;
+};
+struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
+    Array<bool, 1> expected;
+    Array<std::int64_t, 1> rows;
+    Array<double, 2> points, z;
+    Array<double, 3> cov;
+    Array<double, 2> any_row;
+    auto parts() { return std::tie(expected, rows, points, z, cov, any_row); }
+};
+AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, const Indices& slots,
+                           const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
+                           const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
+                           const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
+                           const View<double, 1>& twist);
 
 // corners.cpp
 Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& allowed, const View<double, 2>& taken,

@@ -9,6 +9,10 @@ namespace core {
 namespace {
 
 constexpr double MIN_DETERMINANT = 1e-3;  // a surface seen edge-on gets a finite warp that no template fits
+constexpr double BEYOND_PX = 2;  // the window, for its derivatives and interpolation, as in templates.py
+// Of the template that a pixel of the image covers: below it the patch has grown by more than √5 and shows detail that the template
+// lacks.
+constexpr double LEAST_AREA = 0.2;
 // σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect match.
 constexpr double FLOOR_PX = 0.03;
 constexpr double MIN_ERROR_GREY = 0.5;  // rounding to whole grey values alone leaves 0.4 between two images
@@ -124,15 +128,16 @@ UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, const V
     return result;
 }
 
-Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half, double least_area) {
+Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half) {
     std::size_t n = warps.shape[0];
+    radius += BEYOND_PX;
     require_shape(warps, {n, 3, 2}, "warps");
     Array<bool, 1> result({n});
     for (std::size_t i = 0; i < n; i++) {
         const double* w = warps[i];
         double across = std::max(std::abs(w[0]) + std::abs(w[1]), std::abs(w[2]) + std::abs(w[3])) * radius;
         double by_depth = (std::abs(w[4]) + std::abs(w[5])) * radius, area = std::abs(w[0] * w[3] - w[1] * w[2]);
-        result.data[i] = across < half * (1 - by_depth) && area > least_area;
+        result.data[i] = across < half * (1 - by_depth) && area > LEAST_AREA;
     }
     return result;
 }
@@ -186,10 +191,11 @@ Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<d
     return result;
 }
 
-Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, double radius) {
+Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, const Indices& scale, double radius) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
+    require_shape(scale, {n}, "scale");
     double t[3] = {cam_from_previous[0][3], cam_from_previous[1][3], cam_from_previous[2][3]};
     double squared = t[0] * t[0] + t[1] * t[1] + t[2] * t[2];
     Array<double, 1> result({n});
@@ -197,7 +203,7 @@ Array<double, 1> template_drift(const View<double, 2>& points, const View<double
         const double* p = points[i];
         double along = (p[0] * t[0] + p[1] * t[1] + p[2] * t[2]) / std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
         double across2 = std::max(squared - along * along, 0.0);
-        result.data[i] = radius * std::max(p[3], 0.0) * std::sqrt(ACROSS * ACROSS * across2 + ALONG * ALONG * along * along);
+        result.data[i] = radius * static_cast<double>(scale.data[i]) * std::max(p[3], 0.0) * std::sqrt(ACROSS * ACROSS * across2 + ALONG * ALONG * along * along);
     }
     return result;
 }

@@ -1,93 +1,46 @@
-"""Alignment of tracks: their anchored templates, warped as today's images should show them, found in the left image.
+"""Alignment of tracks: their anchored templates, warped as today's images should show them, found in both images.
 
-What a track is aligned with in the right image, if there is one, is said where its depth comes from (`stereo_depth.py`,
-`mono/parallax.py`).
+The map between a patch's pixels now and in its template's frame is projective (`core/tracks.cpp`). What its affine part
+leaves moves every patch of a turning camera the same way, by hundredths of a pixel that an estimator takes for motion:
+docs/mathematics.md, section 3.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import core
 from ..config import FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
-from ..record import indices, record, rows_of
+from ..record import record
 from .noise import ViewNoise
-from .prepared import PreparedImages
+from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
-from .tracks import Tracks, takes_all
-from .valid_area import contains, valid_area
+from .valid_area import valid_area
+
+# Templates of one size as the compiled core takes them: kind, images, patches, area.
+Kind = tuple[int, int, int, float, float, float, float]
+Templates = tuple[GreyImage, GreyImage | None, GreyImage, NDArray[np.bool_], Kind]
 
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
 
 
 @record
-class Candidates:
-    """Tracks (n) whose patches should be in a new frame, as a rough motion predicts them.
-
-    `before`: the tracks in the previous camera; `points` (n, 4) in the new one. Alignment starts at `left_px` (n, 2)
-    and in column `right_u_px` (n,), with the warps `left_warps`, `right_warps` (n, 3, 2), anchor from now.
-    `twist` (6,): how the points move in the camera, per second.
-    """
-
-    before: Tracks
-    points: Array
-    left_px: Array
-    right_u_px: Array
-    left_warps: Array
-    right_warps: Array
-    twist: Array
-
-    def keep(self, rows: NDArray[Any] | slice) -> "Candidates":
-        """The given rows (mask, indices or slice)."""
-        if takes_all(rows):
-            return self
-        rows = indices(rows)
-        return Candidates(
-            self.before.keep(rows),
-            rows_of(self.points, rows),
-            rows_of(self.left_px, rows),
-            rows_of(self.right_u_px, rows),
-            rows_of(self.left_warps, rows),
-            rows_of(self.right_warps, rows),
-            self.twist,
-        )
-
-    @property
-    def of_core(self) -> tuple[NDArray[np.intp], Array, Array, Array, Array, Array, Array, Array]:
-        """What of them the compiled core aligns."""
-        of_tracks = self.before.slots, self.points, self.before.slopes
-        return *of_tracks, self.left_px, self.right_u_px, self.left_warps, self.right_warps, self.twist
-
-
-@record
 class AlignedViews:
-    """Views of candidates (n): which were `found` (n,), at least on the left; `z_px` (n, 4), NaN where the right side
-    was not found; `cov_px` (n, 4, 4). `any_row_px` (n, 4): the same, including right sides that miss their row."""
+    """Views of tracks that were found in a frame (k), at least on the left: their `rows` in the table, and their
+    `points` (k, 4) where the rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px`
+    (k, 4, 4). `any_row_px` (k, 4): the same, including right sides that miss their row."""
 
-    found: NDArray[np.bool_]
+    rows: NDArray[np.int64]
+    points: Array
     z_px: Array
     cov_px: Array
     any_row_px: Array
 
-    @classmethod
-    def none(cls, n: int) -> "AlignedViews":
-        """Return views of which none was found."""
-        return cls(np.zeros(n, bool), np.full((n, 4), np.nan), np.zeros((n, 4, 4)), np.full((n, 4), np.nan))
-
-    def keep(self, rows: NDArray[np.bool_]) -> "AlignedViews":
-        """The given rows."""
-        if takes_all(rows):
-            return self
-        columns = self.found, self.z_px, self.cov_px, self.any_row_px
-        return AlignedViews(*(rows_of(column, rows) for column in columns))
-
     def without(self, taken_px: Array) -> "AlignedViews":
-        """Return the views with offsets (n, 4) px subtracted."""
+        """Return the views with offsets (k, 4) px subtracted."""
         return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
 
     def left_only(self) -> "AlignedViews":
@@ -121,28 +74,20 @@ class TemplateAligner:
             scale,
             valid_area(valid, scale * radius_px),
             TemplateAtlas.empty(2 * config.max_tracks, radius_px, of_bytes=scale == 1),
-            ViewNoise.unknown(config.smoothing_px, radius_px, scale),
+            ViewNoise.unknown(config.smoothing_px, scale),
         )
 
     @property
-    def of_core(self) -> tuple[int, int, int, float, float, float, float]:
+    def kind(self) -> Kind:
         """The kind of these templates as the compiled core takes it."""
         cfg, noise = self.config, self.noise
         sizes = self.scale, cfg.window_radius_px, SPACING_PX
         return *sizes, cfg.max_realignment_px, cfg.max_photometric_error, noise.shared_pixels, noise.factor
 
-    def visible(self, candidates: Candidates) -> NDArray[np.bool_]:
-        """Return which templates (n,) can be warped this way and start inside the image."""
-        warps = (self._in_template_pixels(w) for w in (candidates.left_warps, candidates.right_warps))
-        fit = np.logical_and(*(self.atlas.fits(w) for w in warps))
-        return np.asarray(fit & contains(self.area, candidates.left_px))
-
-    def align_left(
-        self, images: PreparedImages, slots: NDArray[np.intp], warps: Array, start_px: Array
-    ) -> AlignedViews:
-        """Find templates of `slots` (n,), warped by (n, 3, 2), in the left image near starts (n, 2)."""
-        of_left = images.grey(self.scale)[0], self.atlas.grey, self.area
-        return AlignedViews(*core.align_left(*of_left, self.of_core, slots, warps, start_px))
+    def of_core(self, images: PreparedImages, in_both: bool) -> Templates:
+        """The templates, and the images in which they are sought, as the compiled core takes them."""
+        left, right = images.grey(self.scale)
+        return left, right if in_both else None, self.atlas.grey, self.area, self.kind
 
     def cut(
         self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]
@@ -155,10 +100,6 @@ class TemplateAligner:
         is_free[taken] = False
         free = np.flatnonzero(is_free)[: len(corners)]
         return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
-
-    def _in_template_pixels(self, warps: Array) -> Array:
-        """Warps (n, 3, 2) of image pixels; their last row is per pixel."""
-        return warps if self.scale == 1 else warps * np.array([1.0, 1.0, self.scale])[:, None]
 
 
 # One aligner per size of templates, by scale.
@@ -176,22 +117,6 @@ def split(
             return
         if rows.any():
             yield aligner, rows
-
-
-def visible(aligners: Aligners, candidates: Candidates) -> Candidates:
-    """Return the candidates whose templates can be warped and that start inside the image."""
-    kept = np.zeros(len(candidates.before), bool)
-    for aligner, rows in split(aligners, candidates.before.scale):
-        kept[rows] = aligner.visible(candidates.keep(rows))
-    return candidates.keep(kept)
-
-
-def drift(aligners: Aligners, tracks: Tracks, cam_from_previous: Array) -> Array:
-    """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17)."""
-    drift_px = np.zeros(len(tracks))
-    for aligner, rows in split(aligners, tracks.scale):
-        drift_px[rows] = aligner.noise.drift(tracks.points[rows], cam_from_previous)
-    return drift_px
 
 
 def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> Aligners:

@@ -20,7 +20,7 @@ from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
-from .alignment import WIDE, TemplateAligner, drift
+from .alignment import WIDE, TemplateAligner
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
@@ -115,7 +115,7 @@ class StereoFrontEnd:
         state = replace(state, pair=pair)
         if followed is None or start_anew:
             return self._start_over(state, images, stamp_ns, wait=not start_anew)
-        drift_px = drift(state.aligners, state.tracks, followed.cam_from_previous)
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)

@@ -144,7 +144,7 @@ def _begin(
     taken = state.tracks.slots[state.tracks.scale == scale]
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
     state = replace(state, aligners={**state.aligners, scale: aligner})
-    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.of_core
+    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.kind
     std_grey = _STD_GREY / scale  # a mean over pixels has so much less noise
     matches = core.match_new_points(*of_templates, corners, slots, start, tolerance, std_grey, _MAX_HALVES_APART_PX)
     state, matches = _correct_rows(setup, state, scale, _Matches(*matches))

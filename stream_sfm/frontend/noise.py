@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import core
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 from ..record import record
@@ -24,40 +23,22 @@ _REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels 
 
 @record
 class ViewNoise:
-    """Covariances of views by templates of half width `radius_px` image pixels, whose pixels are `scale` of them wide.
+    """Covariances of views by templates whose pixels are `scale` image pixels wide.
 
     `shared_pixels`: how many pixels share one noise value after smoothing; `factor`: the variance factor learnt over
     so many `frames`, 1 before anything is known.
     """
 
     scale: int
-    radius_px: int
     shared_pixels: float
     factor: float = 1.0
     frames: int = 0
 
     @classmethod
-    def unknown(cls, smoothing_px: float, radius_px: int, scale: int = 1) -> "ViewNoise":
-        """Return the noise before any frame; `radius_px` in pixels of the templates."""
+    def unknown(cls, smoothing_px: float, scale: int = 1) -> "ViewNoise":
+        """Return the noise before any frame."""
         smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
-        return cls(scale, scale * radius_px, max(1.0, 4 * np.pi * smoothing_px**2))
-
-    def covariance(self, gradients: Array, error_left: Array, error_right: Array) -> Array:
-        """Covariances (n, 4, 4) px² of views, eq. (15).
-
-        From the gradient matrices (n, 2, 2) of today's templates and the deviations (n,) of grey differences.
-        """
-        return core.view_covariances(
-            gradients, error_left, error_right, self.shared_pixels, self.scale, self.factor
-        )
-
-    def drift(self, points: Array, cam_from_previous: Array) -> Array:
-        """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17); points (n, 4).
-
-        The warp knows pose and depth, not all of the surface: a change of viewing direction or distance by |t|/Z
-        changes the patch by as much, and a part of that passes for motion of the point.
-        """
-        return core.template_drift(points, cam_from_previous, self.radius_px)
+        return cls(scale, max(1.0, 4 * np.pi * smoothing_px**2))
 
     def learnt(self, chi2: float, dof: int) -> "ViewNoise":
         """Return the noise after a frame whose accepted views have these squared residuals, eq. (16)."""
@@ -65,7 +46,8 @@ class ViewNoise:
             return self
         frames = self.frames + 1
         gain = 1 / min(frames + 1, MEMORY_FRAMES)
-        factor = float(np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE))
+        least, most = _FACTOR_RANGE
+        factor = min(max(self.factor * (1 + gain * (chi2 / dof - 1)), least), most)
         return replace(self, factor=factor, frames=frames)
 
     def typical_cov(self, n: int) -> Array:

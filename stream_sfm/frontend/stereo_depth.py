@@ -9,9 +9,6 @@ from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.velocities import velocities
-from .alignment import AlignedViews, Aligners, Candidates, split
-from .prepared import PreparedImages
-from .right_turn import RightTurn
 from .rows import Rows
 from .tracks import Tracks
 
@@ -37,20 +34,6 @@ def learn_rows(rows: Rows, matches: RowMatches, twist: Array | None) -> Rows:
 def row_speed(projection: StereoProjection, points: Array, twist: Array) -> Array:
     """Return how fast (n,), px/s, homogeneous points (n, 4) that move with a twist (6,) cross the rows."""
     return velocities(projection, points, twist)[:, 3]
-
-
-def align_in_both(
-    aligners: Aligners, rows: Rows, turn: RightTurn, images: PreparedImages, candidates: Candidates
-) -> AlignedViews:
-    """Find the candidates (n) in the left image, and what is found there in the right one."""
-    views = AlignedViews.none(len(candidates.before))
-    for aligner, at in split(aligners, candidates.before.scale):
-        of_templates = *images.grey(aligner.scale), aligner.atlas.grey, aligner.area, aligner.of_core
-        seen = candidates.keep(at).of_core, rows.projection.pinholes, rows.of_core, turn.rad
-        views.found[at], views.z_px[at], views.cov_px[at], views.any_row_px[at] = core.align_in_both(
-            *of_templates, *seen
-        )
-    return views
 
 
 def with_row_errors(unknown_px: Array, rows: Rows, z_px: Array, points: Array, twist: Array) -> tuple[Array, Array]:

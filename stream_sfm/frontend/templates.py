@@ -2,7 +2,7 @@
 
 A patch that is followed from frame to frame drifts towards zero motion under image noise, and no estimator repairs
 that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the map that
-pose, depth and slope predict (`warps.py`), then found by Gauss-Newton (`core/patches.cpp`).
+pose, depth and slope predict (`core/tracks.cpp`), then found by Gauss-Newton (`core/patches.cpp`).
 """
 
 import numpy as np
@@ -17,11 +17,6 @@ Grey = NDArray[np.float32]
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
-
-
-# Least area of the template that a pixel of the image may cover: below it the patch has grown by more than √5 and
-# shows detail that the template lacks.
-_MIN_AREA = 0.2
 
 
 @record
@@ -80,7 +75,7 @@ class TemplateAtlas:
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
-        return core.templates_fit(anchor_from_now, self.radius_px + _BEYOND, _half(self.radius_px), _MIN_AREA)
+        return core.templates_fit(anchor_from_now, self.radius_px, _half(self.radius_px))
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""

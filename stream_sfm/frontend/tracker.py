@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry import se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect_views
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
-from .alignment import AlignedViews, Candidates, drift, learn_noise, visible
+from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
 from .mono.parallax import update_by_parallax
@@ -25,12 +26,10 @@ from .prepared import PreparedImages
 from .repetition import rival_motion, still_repeats
 from .right_turn import Turn
 from .rough_motion import RoughMotion, find_rough_motion
-from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .stereo_depth import align_in_both, learn_rows, update_depths, with_row_errors
+from .stereo_depth import learn_rows, update_depths, with_row_errors
 from .tracks import Tracks
-from .warps import predicted
 
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
@@ -100,15 +99,13 @@ def follow(
         rough = of_background(setup, state, state.previous, images, rough, predicted)
     rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
-    candidates = _predict(setup.projection, state, rough, twist)
-    weight = float(candidates.before.weights.sum())
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
-    rows = state.rows_told
-    candidates, views = _align(setup, state, rows, images, candidates)
-    taken_px = state.timing.taken_out(candidates.points, twist)
+    views, expected = align(setup, state, images, state.tracks, rough, twist)
+    taken_px = state.timing.taken_out(views.points, twist)
     views = views.without(taken_px)
-    known = _known(setup, state, rows, candidates, weight, views, rough.cam_from_previous, dt_s)
+    weight = float(state.tracks.weights[expected].sum())
+    known = _known(setup, state, state.tracks.keep(views.rows), weight, views, rough.cam_from_previous, twist, dt_s)
     state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, turn = _judge_turn(state, known, views, start)
@@ -181,46 +178,52 @@ def _twist_now(velocity: Array, cam_from_previous: Array, dt_s: float) -> Array:
     return between + 0.5 * (between - velocity) if velocity.any() else between
 
 
-def _predict(projection: StereoProjection, state: FrontEndState, rough: RoughMotion, twist: Array) -> Candidates:
-    """Where the rough motion puts the tracks, and how their patches look there; without those out of view."""
-    cam_from_start = rough.cam_from_previous @ state.cam_from_start
-    found = rough.left_px, rough.agree  # what flow lost, the motion may find
-    now = predicted(projection, state.tracks, rough.cam_from_previous, cam_from_start, *found)
-    return visible(state.aligners, Candidates(state.tracks, *now, twist))
+def align(
+    setup: Setup, state: FrontEndState, images: PreparedImages, tracks: Tracks, rough: RoughMotion, twist: Array
+) -> tuple[AlignedViews, NDArray[np.bool_]]:
+    """Find the tracks (n) in the new images, near where a rough motion puts them, and the views of those found.
 
-
-def _align(
-    setup: Setup, state: FrontEndState, rows: Rows, images: PreparedImages, candidates: Candidates
-) -> tuple[Candidates, AlignedViews]:
-    """Find the candidates in the new images: those that were found (n), and their views."""
-    if setup.projection.virtual_right:
-        of_left = candidates.before.slots, candidates.left_warps, candidates.left_px
-        views = state.aligners[1].align_left(images, *of_left)
-    else:
-        views = align_in_both(state.aligners, rows, state.turn, images, candidates)
-    return candidates.keep(views.found), views.keep(views.found)
+    Also returns which of them (n,) should be in view. `twist` (6,): how the points move in the camera, per second.
+    """
+    wide, in_both = state.aligners.get(WIDE), not setup.projection.virtual_right
+    has_wide = wide is not None and (tracks.scale == WIDE).any()
+    expected, rows, points, z_px, cov_px, any_row_px = core.align_tracks(
+        setup.projection.pinholes,
+        tracks.of_core,
+        tracks.slots,
+        rough.cam_from_previous,
+        rough.cam_from_previous @ state.cam_from_start,
+        rough.left_px,  # what flow lost, the motion may find
+        rough.agree,
+        state.aligners[1].of_core(images, in_both),
+        wide.of_core(images, in_both) if wide is not None and has_wide else None,
+        state.rows_told.of_core,
+        state.turn.rad,
+        twist,
+    )
+    return AlignedViews(rows, points, z_px, cov_px, any_row_px), expected
 
 
 def _known(
     setup: Setup,
     state: FrontEndState,
-    rows: Rows,
-    candidates: Candidates,
+    before: Tracks,
     weight: float,
     views: AlignedViews,
     motion: Array,
+    twist: Array,
     dt_s: float,
 ) -> _Known:
     """What is known of the tracks that were found, for a motion (4, 4) near the true one; see the record."""
-    before, now = candidates.before, candidates.points
-    drift_px = drift(state.aligners, replace(before, points=now), motion)
+    now = views.points
+    drift_px = replace(before, points=now).drift_px(motion, setup.config.frontend.window_radius_px)
     cov_points = before.cov_points(setup.projection, drift_px)
     known = _Known(before, cov_points, weight)
     if state.turn_watch is None:
         return known
-    twist, std_twist = candidates.twist, np.repeat(setup.std_acceleration, 3) * dt_s
+    std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
     unknown_px = state.timing.unknowns(before.points, now, twist, std_twist)
-    unknown_px, cov_turn = with_row_errors(unknown_px, rows, views.z_px, now, twist)
+    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, views.z_px, now, twist)
     cov_turn += state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
     return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 

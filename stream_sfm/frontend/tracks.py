@@ -79,6 +79,15 @@ class Tracks:
         of_points = self.points, self.var_rho, self.cov_left_px
         return *of_points, self.anchor_from_start, self.slopes, self.scale
 
+    def drift_px(self, cam_from_previous: Array, radius_px: int) -> Array:
+        """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
+
+        The warp knows pose and depth, not all of the surface: a change of viewing direction or distance by |t|/Z
+        changes the patch by as much, and a part of that passes for motion of the point. `radius_px`: half width of
+        templates, in their pixels.
+        """
+        return core.template_drift(self.points, cam_from_previous, self.scale, radius_px)
+
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
         return wanted - int((self.scale == 1).sum())

@@ -31,7 +31,7 @@ ROWS = ((80.0, 60.0), GRID, np.ones(13), 0.01, 0.2, 2.0)
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
 TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
-SOUGHT = (SLOTS, POINTS, STARTS, STARTS, STARTS[:, 0], WARPS, WARPS, np.ones(6))
+BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
 STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
 SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, FIELD, MOVES)
 PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
@@ -50,10 +50,10 @@ CALLS = {
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
     "predict_tracks": (PINHOLES, TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
-    "templates_fit": (WARPS, 6.0, 10.0, 0.2),
+    "templates_fit": (WARPS, 4.0, 10.0),
     "inside_area": (IMAGE > 100, STARTS),
     "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
-    "template_drift": (POINTS, np.eye(4), 10.0),
+    "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
     "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, PIXELS, SLOTS, STARTS, 3.0, 4.0, 2.0),
     "linearise_views": (OF_VIEWS, np.eye(4)),
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
@@ -69,8 +69,12 @@ CALLS = {
     "row_offsets": (ROWS, STARTS, np.ones(N)),
     "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
     "gradient_matrices": (COV[:, :3, :3], 2),
-    "align_left": (IMAGE, STORED, IMAGE > 100, TEMPLATES, SLOTS, WARPS, STARTS),
-    "align_in_both": (IMAGE, IMAGE, STORED, IMAGE > 100, TEMPLATES, SOUGHT, PINHOLES, ROWS, np.ones(3)),
+    "align_tracks": (
+        *(PINHOLES, (*TRACKS[:5], 1 + 3 * (SLOTS % 2)), SLOTS, np.eye(4), np.eye(4), INNER / 1.0, SLOTS < 9),
+        (BYTES, BYTES, BYTES_STORED, BYTES > 0, TEMPLATES),
+        (IMAGE, None, STORED, IMAGE > 0, (4, *TEMPLATES[1:])),
+        *(ROWS, np.ones(3), np.ones(6)),
+    ),
     "effects_of_turn": (PINHOLES, STARTS),
     "twists": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),

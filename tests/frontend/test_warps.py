@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
 from stream_sfm.frontend.tracks import Tracks
-from stream_sfm.frontend.warps import predicted
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import nees
@@ -41,7 +41,8 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         scale=np.ones(1, np.int64),
         agreed=np.zeros(1, np.int64),
     )
-    warp = predicted(P, tracks, np.eye(4), CAM_FROM_ANCHOR, np.zeros((1, 2)), np.array([False]))[3 + side][0]
+    of_motion = np.eye(4), CAM_FROM_ANCHOR, np.zeros((1, 2)), np.array([False])
+    warp = core.predict_tracks(P.pinholes, tracks.of_core, *of_motion)[3 + side][0]
     columns = slice(2 * side, 2 * side + 2)
     now_px = images_of(OFFSETS_PX)[:, columns] - images_of(np.zeros((1, 2)))[:, columns]
     back = (now_px @ warp[:2].T) / (1 + now_px @ warp[2])[:, None]

@@ -147,7 +147,9 @@ class MonoFrontEnd:
             cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
             cam_from_previous=followed.cam_from_previous,
             n_new=int(new.sum()),
-            lasting=LastingErrors(state.aligners[1].noise.drift(tracks.points, followed.cam_from_previous)),
+            lasting=LastingErrors(
+                tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+            ),
             start=MapStart(z_all, cov_all, se3.inverse(state.cam_from_start), state.map.cov_start),
         )
 

@@ -8,10 +8,10 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ..flow import as_exposed, track
 from ..prepared import PreparedImages
+from ..rough_motion import RoughMotion
 from ..state import FrontEndState, Setup
-from ..tracker import Followed
+from ..tracker import Followed, align
 from ..tracks import Tracks
-from ..warps import predicted
 from .two_view import TwoView, two_view_motion
 
 # Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is
@@ -58,15 +58,14 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     tracks, p, aligner = state.tracks, setup.projection, state.aligners[1]
     if state.previous is None:
         return state, np.empty((0, 4, 4))
-    unseen = np.zeros(len(tracks), bool)
-    _, expected_px, _, warps, _ = predicted(p, tracks, np.eye(4), state.cam_from_start, tracks.left_px, unseen)
+    expected_px = p.project_homogeneous(tracks.points)[:, :2]
     before_half = as_exposed(state.previous, images)
     levels = setup.config.frontend.pyramid_levels
     at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
-    found &= aligner.atlas.fits(warps)
-    tracks = tracks.keep(found)
-    left = aligner.align_left(images, tracks.slots, warps[found], at_px[found])
-    tracks, left_px, cov_px = tracks.keep(left.found), left.z_px[left.found, :2], left.cov_px[left.found]
+    tracks, n = tracks.keep(found), int(found.sum())
+    by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
+    views, _ = align(setup, state, images, tracks, by_flow, np.zeros(6))
+    tracks, left_px, cov_px = tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
     return replace(state, tracks=tracks), cov_px
 
