@@ -54,9 +54,8 @@ from tests.helpers.stereo_logs import (
     Spec,
     right_calib,
     scene,
-    write_image,
-    write_info,
     write_log,
+    write_pair,
 )
 
 FRAMES = 12
@@ -329,11 +328,7 @@ def test_inspection_keeps_few_images_where_they_are_large(tmp_path):
     for path in logs:
         log = LogWriter(path, chunk_size=1000)
         for n in range(int(path.stem)):
-            for topic, info_topic, info in zip(
-                Spec.topics, Spec.info_topics, (Calib(), right_calib()), strict=True
-            ):
-                write_info(log, "foxglove", info_topic, START_NS, info)
-                write_image(log, "foxglove", topic, START_NS + n * PERIOD_NS, black, "mono8")
+            write_pair(log, "foxglove", START_NS + n * PERIOD_NS, (black, black), (Calib(), right_calib()), "mono8")
         log.close()
     few, many, _ = peaks_mib(COMMANDS, "inspect", *logs)
     assert many - few < 245

@@ -7,6 +7,7 @@ two parallel cameras, so that disparity is 12 px everywhere.
 import base64
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,13 @@ def calibration_of(stereo: StereoRig, model: str) -> tuple[Calib, Calib]:
     # R and P depend on the lens in focal length and centre only, which are free
     r1, r2, p1, p2, *_ = cv2.stereoRectify(left.K, np.zeros(4), right.K, np.zeros(4), size, r, t)
     return tuple(Calib(*size, model, c.D, c.K, r, p) for c, r, p in ((left, r1, p1), (right, r2, p2)))
+
+
+def infos_of(stereo: StereoRig, baseline_m: float | None = None) -> tuple[Calib, Calib]:
+    """Both messages of a parallel pair without distortion; with `baseline_m`, of another baseline than its own."""
+    camera, x = stereo.left, stereo.baseline_m if baseline_m is None else baseline_m
+    projections = (np.c_[camera.K, [-camera.K[0, 0] * offset, 0, 0]] for offset in (0.0, x))
+    return tuple(Calib(camera.width, camera.height, K=camera.K, D=(), P=p) for p in projections)
 
 
 @dataclass(frozen=True)
@@ -170,8 +178,16 @@ class LogWriter:
     def ros1(self, topic: str, name: str, data: bytes, time: int) -> None:
         self.add(topic, name, ("ros1", "ros1msg"), ROS1[name].encode(), time, data)
 
-    def json(self, topic: str, name: str, message: dict[str, Any], time: int) -> None:
-        self.add(topic, name, ("json", "jsonschema"), b'{"type":"object"}', time, json.dumps(message).encode())
+    def foxglove(self, profile: str, topic: str, kind: Any, fields: dict[str, Any], time: int) -> None:
+        """A message of Foxglove's; `profile`: foxglove, in protobuf, or json."""
+        if profile == "json":
+            text = fields | {"timestamp": {"sec": time // 10**9, "nsec": time % 10**9}}
+            data = json.dumps(text, default=lambda data: base64.b64encode(data).decode()).encode()
+            self.add(topic, kind.DESCRIPTOR.full_name, ("json", "jsonschema"), b'{"type":"object"}', time, data)
+        else:
+            message = kind(**fields)
+            message.timestamp.FromNanoseconds(time)
+            self.protobuf(topic, message, time)
 
     def close(self) -> None:
         self.writer.finish()
@@ -185,101 +201,96 @@ def write_image(
     data, step, big = encode(grey, encoding)
     name = encoding.removesuffix("-be").removesuffix("-padded")
     height, width = grey.shape
-    sec, nsec = divmod(time, 10**9)
-    stamped = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}}
-    if profile == "foxglove":
-        image = (
-            RawImage(frame_id=frame_id, width=width, height=height, encoding=name, step=step, data=data)
-            if step
-            else CompressedImage(frame_id=frame_id, format=name, data=data)
-        )
-        image.timestamp.FromNanoseconds(time)
-        log.protobuf(topic, image, time)
-    elif profile == "json":
-        text = {
-            "timestamp": {"sec": sec, "nsec": nsec},
-            "frame_id": frame_id,
-            "data": base64.b64encode(data).decode(),
-        }
-        raw = {"width": width, "height": height, "encoding": name, "step": step}
-        log.json(
-            topic,
-            f"foxglove.{'RawImage' if step else 'CompressedImage'}",
-            text | (raw if step else {"format": name}),
-            time,
-        )
+    raw = {"height": height, "width": width, "encoding": name, "step": step, "data": data}
+    fields = raw if step else {"format": name, "data": data}
+    kind = "Image" if step else "CompressedImage"
+    if profile in ("foxglove", "json"):
+        log.foxglove(profile, topic, RawImage if step else CompressedImage, fields | {"frame_id": frame_id}, time)
     elif profile in ("ros2", "ros2idl"):
-        raw = {"height": height, "width": width, "encoding": name, "is_bigendian": big, "step": step, "data": data}
-        kind = "Image" if step else "CompressedImage"
-        image = stamped | (raw if step else {"format": name, "data": data})
-        log.ros2(topic, f"sensor_msgs/msg/{kind}", image, time, profile == "ros2idl")
+        big_endian = {"is_bigendian": big} if step else {}
+        message = {"header": _header(time, frame_id)} | fields | big_endian
+        log.ros2(topic, f"sensor_msgs/msg/{kind}", message, time, profile == "ros2idl")
     else:
-        header = struct.pack("<III", 0, sec, nsec) + _text(frame_id)
-        body = (
-            struct.pack("<II", height, width) + _text(name) + struct.pack("<BI", big, step) if step else _text(name)
-        )
-        kind = "Image" if step else "CompressedImage"
-        log.ros1(topic, f"sensor_msgs/{kind}", header + body + struct.pack("<I", len(data)) + data, time)
+        size = struct.pack("<II", height, width) if step else b""
+        body = size + _text(name) + (struct.pack("<BI", big, step) if step else b"")
+        log.ros1(topic, f"sensor_msgs/{kind}", _ros1_header(time, frame_id) + body + _text(data), time)
 
 
 def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib, frame_id: str = "left") -> None:
     """One calibration message."""
-    sec, nsec = divmod(time, 10**9)
     k, r, p = (m.ravel().tolist() for m in (c.K, c.R, c.P))
-    if profile == "foxglove":
-        message = CameraCalibration(
-            frame_id=frame_id, width=c.width, height=c.height, distortion_model=c.model, D=c.D, K=k, R=r, P=p
-        )
-        message.timestamp.FromNanoseconds(time)
-        log.protobuf(topic, message, time)
-    elif profile == "json":
-        text = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": frame_id, "width": c.width, "height": c.height}
-        text |= {"distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
-        log.json(topic, "foxglove.CameraCalibration", text, time)
+    size = {"height": c.height, "width": c.width}
+    if profile in ("foxglove", "json"):
+        fields = size | {"frame_id": frame_id, "distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
+        log.foxglove(profile, topic, CameraCalibration, fields, time)
     elif profile in ("ros2", "ros2idl"):
-        body = {"header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": frame_id}}
-        body |= {"height": c.height, "width": c.width, "distortion_model": c.model}
+        body = {"header": _header(time, frame_id)} | size | {"distortion_model": c.model}
         body |= {"d": list(c.D), "k": k, "r": r, "p": p, "binning_x": 0, "binning_y": 0, "roi": _NO_ROI}
         log.ros2(topic, "sensor_msgs/msg/CameraInfo", body, time, profile == "ros2idl")
     else:
-        data = struct.pack("<III", 0, sec, nsec) + _text(frame_id) + struct.pack("<II", c.height, c.width)
-        data += _text(c.model) + struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
+        data = _ros1_header(time, frame_id) + struct.pack("<II", c.height, c.width) + _text(c.model)
+        data += struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
         data += struct.pack("<6I?", 0, 0, 0, 0, 0, 0, False)  # binning and region of interest
         log.ros1(topic, "sensor_msgs/CameraInfo", data, time)
+
+
+def write_pair(
+    log: LogWriter,
+    profile: str,
+    time: int,
+    images: Sequence[np.ndarray],
+    infos: Sequence[Calib] | None = None,
+    encoding: str = "png",
+    topics: Sequence[str] = Spec.topics,
+    info_topics: Sequence[str] = Spec.info_topics,
+    frame_ids: Sequence[str] = ("left", "right"),
+) -> None:
+    """Both images of one moment, each behind its calibration if there is one."""
+    for side, grey in enumerate(images):
+        if infos is not None:
+            write_info(log, profile, info_topics[side], time, infos[side], frame_ids[side])
+        write_image(log, profile, topics[side], time, grey, encoding, frame_ids[side])
 
 
 def write_transform(
     log: LogWriter, profile: str, time: int, parent: str, child: str, parent_from_child: np.ndarray
 ) -> None:
     """One fixed transform: `/tf_static` in ROS, a FrameTransform on `/tf` in Foxglove's schemas."""
-    sec, nsec = divmod(time, 10**9)
     t, q = parent_from_child[:3, 3].tolist(), se3.quat_xyzw_from_matrix(parent_from_child[:3, :3]).tolist()
-    translation, rotation = dict(zip("xyz", t, strict=True)), dict(zip("xyzw", q, strict=True))
-    if profile == "foxglove":
-        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
-        message.timestamp.FromNanoseconds(time)
-        for target, values in ((message.translation, translation), (message.rotation, rotation)):
-            for name, value in values.items():
-                setattr(target, name, value)
-        log.protobuf("/tf", message, time)
-    elif profile == "json":
-        text = {"timestamp": {"sec": sec, "nsec": nsec}, "parent_frame_id": parent, "child_frame_id": child}
-        log.json("/tf", "foxglove.FrameTransform", text | {"translation": translation, "rotation": rotation}, time)
+    moved = {"translation": dict(zip("xyz", t, strict=True)), "rotation": dict(zip("xyzw", q, strict=True))}
+    if profile in ("foxglove", "json"):
+        fields = {"parent_frame_id": parent, "child_frame_id": child} | moved
+        log.foxglove(profile, "/tf", FrameTransform, fields, time)
     elif profile == "ros1":
-        data = struct.pack("<IIII", 1, 0, sec, nsec) + _text(parent) + _text(child) + struct.pack("<7d", *t, *q)
+        data = struct.pack("<I", 1) + _ros1_header(time, parent) + _text(child) + struct.pack("<7d", *t, *q)
         log.ros1("/tf_static", "tf2_msgs/TFMessage", data, time)
     else:
-        stamped = {
-            "header": {"stamp": {"sec": sec, "nanosec": nsec}, "frame_id": parent},
-            "child_frame_id": child,
-            "transform": {"translation": translation, "rotation": rotation},
-        }
+        stamped = {"header": _header(time, parent), "child_frame_id": child, "transform": moved}
         name = "tf2_msgs/msg/TFMessage"
         log.ros2("/tf_static", name, {"transforms": [stamped]}, time, profile == "ros2idl")
 
 
-def _text(text: str) -> bytes:
-    return struct.pack("<I", len(text)) + text.encode()
+def write_truth(log: LogWriter, time: int, world_from_cam: np.ndarray, depth: np.ndarray) -> None:
+    """Ground truth of pose and depth, `depth` (h, w) uint16 in tenths of millimetres, 0 where it is not known."""
+    t, q = world_from_cam[:3, 3].tolist(), se3.quat_xyzw_from_matrix(world_from_cam[:3, :3]).tolist()
+    pose = {"position": dict(zip("xyz", t, strict=True)), "orientation": dict(zip("xyzw", q, strict=True))}
+    log.foxglove("foxglove", "/ground_truth/pose", PoseInFrame, {"frame_id": "world", "pose": pose}, time)
+    image = {"frame_id": "left", "format": "png", "data": cv2.imencode(".png", depth)[1].tobytes()}
+    log.foxglove("foxglove", "/ground_truth/depth", CompressedImage, image, time)
+
+
+def _header(time: int, frame_id: str) -> dict[str, Any]:
+    """Of ROS 2."""
+    return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame_id}
+
+
+def _ros1_header(time: int, frame_id: str) -> bytes:
+    return struct.pack("<III", 0, *divmod(time, 10**9)) + _text(frame_id)
+
+
+def _text(text: str | bytes) -> bytes:
+    data = text.encode() if isinstance(text, str) else text
+    return struct.pack("<I", len(data)) + data
 
 
 def write_log(path: Path, spec: Spec | None = None, **container: Any) -> Path:
@@ -297,16 +308,9 @@ def write_log(path: Path, spec: Spec | None = None, **container: Any) -> Path:
                 stamp = time + spec.right_offset_ns * side
                 write_image(log, spec.profile, spec.topics[side], stamp, grey, spec.encoding)
         if spec.truth:
-            pose = PoseInFrame(frame_id="world")
-            pose.timestamp.FromNanoseconds(time)
-            pose.pose.position.x = 0.05 * n
-            pose.pose.orientation.w = 1.0
-            log.protobuf("/ground_truth/pose", pose, time)
-            depth = np.full((HEIGHT, WIDTH), 20000, np.uint16)
-            depth[0, 0] = 0
-            image = CompressedImage(frame_id="left", format="png", data=cv2.imencode(".png", depth)[1].tobytes())
-            image.timestamp.FromNanoseconds(time)
-            log.protobuf("/ground_truth/depth", image, time)
+            pose, depth = np.eye(4), np.full((HEIGHT, WIDTH), 20000, np.uint16)
+            pose[0, 3], depth[0, 0] = 0.05 * n, 0
+            write_truth(log, time, pose, depth)
     log.close()
     return path
 
@@ -327,8 +331,7 @@ def video(path: Path) -> Path:
     """A log whose cameras are H.264 video."""
     log = LogWriter(path)
     for topic in Spec.topics:
-        message = CompressedVideo(frame_id="left", format="h264", data=b"\0\0\0\1")
-        message.timestamp.FromNanoseconds(START_NS)
-        log.protobuf(topic, message, START_NS)
+        frame = {"frame_id": "left", "format": "h264", "data": b"\0\0\0\1"}
+        log.foxglove("foxglove", topic, CompressedVideo, frame, START_NS)
     log.close()
     return path

@@ -7,22 +7,18 @@ import numpy as np
 import pytest
 
 from stream_sfm.inspection.overview import inspect_log
-from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, calibration_of, write_image, write_info
+from tests.helpers.stereo_logs import START_NS, LogWriter, calibration_of, infos_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
 
 LEFT, RIGHT = "/camera/left/image", "/camera/right/image"
 STEREO = rig()
+INFOS = infos_of(STEREO)
 
 
 @pytest.fixture(scope="module")
 def frames():
     wall = Wall(5)
     return wall.frames(STEREO, camera_path(8))
-
-
-def infos(scale: float = 1.0) -> list[Calib]:
-    k = STEREO.left.K * [[scale], [scale], [1]]
-    return [Calib(320, 240, K=k, D=(), P=np.c_[k, [-k[0, 0] * x, 0, 0]]) for x in (0.0, STEREO.baseline_m)]
 
 
 def write(
@@ -35,7 +31,7 @@ def write(
         images = (frame.right, frame.left) if swapped else (frame.left, frame.right)
         for side, topic in enumerate(sides):
             info_topic = topic.replace("image", "camera_info")
-            write_info(log, "foxglove", info_topic, time, (calibrations or infos())[side], topic.split("/")[2])
+            write_info(log, "foxglove", info_topic, time, (calibrations or INFOS)[side], topic.split("/")[2])
             grey = cv2.resize(images[side], size, interpolation=cv2.INTER_AREA)
             write_image(log, "foxglove", topic, time + side * offset_ms * 1_000_000, grey, "png")
     log.close()
@@ -73,13 +69,13 @@ def test_swapped_cameras_that_converge(path):
 
 
 def test_swapped_cameras_with_their_calibration(path, frames):
-    (problem,) = inspect_log(write(path, frames, infos()[::-1], swapped=True))["problems"]
+    (problem,) = inspect_log(write(path, frames, INFOS[::-1], swapped=True))["problems"]
     assert "left and right are swapped" in problem and f"name {RIGHT} as left and {LEFT} as right" in problem
     assert inspect_log(path, left=RIGHT, right=LEFT)["problems"] == []
 
 
 def test_a_baseline_of_the_wrong_sign(path, frames):
-    left, right = infos()
+    left, right = INFOS
     (problem,) = inspect_log(write(path, frames, [left, replace(right, P=right.P * [1, 1, 1, -1])]))["problems"]
     assert "the sign of the baseline is wrong" in problem and "0.2 m to the left" in problem and "negate" in problem
     assert "swapped" not in problem
@@ -124,7 +120,7 @@ def test_right_stamps_that_are_off(path, frames, period_ms, offset_ms):
 
 def test_the_wrong_calibration(path, frames):
     turned = [
-        replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(infos(), (0.0, 0.02), strict=True)
+        replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(INFOS, (0.0, 0.02), strict=True)
     ]
     (problem,) = inspect_log(write(path, frames, turned))["problems"]
     assert "does not belong to these images" in problem
@@ -134,7 +130,7 @@ def test_rectified_images_with_the_calibration_of_those_before(path):
     """The images are rectified, their topics do not say so, and the calibration has lenses and an angle."""
     bent = [
         replace(c, D=(-0.3, 0.1, 0, 0, 0), R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0])
-        for c, x in zip(infos(), (0.0, 0.01), strict=True)
+        for c, x in zip(INFOS, (0.0, 0.01), strict=True)
     ]
     frames = Wall(5).frames(STEREO, camera_path(4))
     (problem,) = inspect_log(write(path, frames, bent))["problems"]
@@ -148,7 +144,7 @@ def test_a_log_without_texture_cannot_be_checked_and_says_so(path, frames):
     grey = [replace(f, left=np.full_like(f.left, 90), right=np.full_like(f.right, 90)) for f in frames]
     found = inspect_log(write(path, grey))
     assert found["problems"] == [] and "could not be checked" in found["warnings"][0]
-    left, right = infos()
+    left, right = INFOS
     found = inspect_log(write(path, grey, [right, left]))
     assert "stands 0.2 m to the left" in found["problems"][0]
 

@@ -13,14 +13,16 @@ from tests.helpers.stereo_logs import (
     START_NS,
     LogWriter,
     calibration_of,
-    write_image,
-    write_info,
+    write_pair,
     write_transform,
 )
 from tests.helpers.wall import Wall, camera_path, rig
 
 SIZE, FRAMES = (320, 240), 4
 PROFILES = ("foxglove", "json", "ros2", "ros2idl", "ros1")
+RAW_TOPICS, RECTIFIED_TOPICS, INFO_TOPICS = (
+    [f"/stereo/{side}/{name}" for side in ("left", "right")] for name in ("image_raw", "image_rect", "camera_info")
+)
 RATIONAL = (0.25, 0.05, 0.002, -0.001, 0.01, 0.55, 0.12, 0.02)
 FISHEYE = (0.04, -0.02, 0.01, -0.003)
 
@@ -55,14 +57,11 @@ def through(wall: Wall, camera: Camera, world_from_cam: np.ndarray) -> np.ndarra
     return np.clip(np.rint(small + wall.rng.normal(size=small.shape)), 0, 255).astype(np.uint8)
 
 
-def write(file, profile, images, infos, topic="/stereo/{}/image_raw", transform=None):
+def write(file, profile, images, infos, topics=RAW_TOPICS, transform=None):
     log = LogWriter(file)
     for i, pair in enumerate(images):
         time = START_NS + i * PERIOD_NS
-        for side, grey, info in zip(("left", "right"), pair, infos, strict=True):
-            if i == 0:
-                write_info(log, profile, f"/stereo/{side}/camera_info", time, info, side)
-            write_image(log, profile, topic.format(side), time, grey, "png", side)
+        write_pair(log, profile, time, pair, infos if i == 0 else None, topics=topics, info_topics=INFO_TOPICS)
     if transform is not None:
         body_from_left = se3.exp([0.3, -0.2, 0.1, 0.4, -0.5, 0.6])
         write_transform(log, profile, START_NS, "body", "left", body_from_left)
@@ -138,7 +137,7 @@ def test_images_that_are_rectified_already(tmp_path, profile):
     parallel = StereoRig(camera, camera, se3.from_rotation_translation(np.eye(3), [-0.2, 0, 0]))
     raw = calibration_of(RIGS["plumb_bob"], "plumb_bob")
     infos = [replace(c, P=np.c_[k, [x, 0, 0]]) for c, x in zip(raw, (0, -50.0), strict=True)]
-    log = open_log(write(tmp_path / "log.mcap", profile, views(parallel), infos, "/stereo/{}/image_rect"))
+    log = open_log(write(tmp_path / "log.mcap", profile, views(parallel), infos, RECTIFIED_TOPICS))
     assert log.rig.left.distortion_model == "none"
     np.testing.assert_allclose(log.rig.left.K, k)
     assert error_m(replay(log)) < 0.001  # m of 0.08; the path is known exactly

@@ -21,9 +21,9 @@ from stream_sfm.results.estimates_writer import EstimatesWriter
 from tests.helpers.stereo_logs import (
     PERIOD_NS,
     START_NS,
-    Calib,
     LogWriter,
     encode,
+    infos_of,
     write_image,
     write_info,
     write_transform,
@@ -90,13 +90,6 @@ def run_live(stereo: StereoRig, frames: list[StereoFrame], config: Config) -> np
     return np.stack([engine.step(frame).world_from_cam for frame in frames])
 
 
-def infos(stereo: StereoRig, baseline: bool = True) -> tuple[Calib, Calib]:
-    """Calibration of a parallel pair."""
-    k = stereo.left.K
-    offset = -k[0, 0] * stereo.baseline_m if baseline else 0.0
-    return tuple(Calib(*SIZE, K=k, D=(), P=np.c_[k, [x, 0, 0]]) for x in (0.0, offset))
-
-
 def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -> Path:
     stereo, frames = recorded
     log = LogWriter(file)
@@ -109,7 +102,7 @@ def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -
         log.writer.add_attachment(0, 0, attachment.name, attachment.media_type, attachment.data)
     if calibration == "transform":
         write_transform(log, profile, START_NS, "left", "right", se3.inverse(stereo.right_from_left))
-    sent = infos(stereo, baseline=calibration != "transform")
+    sent = infos_of(stereo, 0.0 if calibration == "transform" else None)
     for i, frame in enumerate(frames):
         time = START_NS + i * PERIOD_NS
         for side, grey, info in (("left", frame.left, sent[0]), ("right", frame.right, sent[1])):

@@ -16,9 +16,8 @@ from tests.helpers.stereo_logs import (
     Spec,
     right_calib,
     scene,
-    write_image,
-    write_info,
     write_log,
+    write_pair,
     write_transform,
 )
 
@@ -55,9 +54,7 @@ def transforms(path, *edges, per_frame=0.0, frames=("left", "right")):
     log = LogWriter(path)
     for i in range(4):
         time = START_NS + i * 100_000_000
-        for side, frame_id in zip(("left", "right"), frames, strict=True):
-            write_image(log, "foxglove", f"/{side}/image", time, scene(i, side == "right"), "png", frame_id)
-            write_info(log, "foxglove", f"/{side}/camera_info", time, Calib(), frame_id)
+        write_pair(log, "foxglove", time, (scene(i, 0), scene(i, 1)), (Calib(), Calib()), frame_ids=frames)
         for parent, child, pose in edges:
             write_transform(log, "foxglove", time, parent, child, se3.exp([i * per_frame, 0, 0, 0, 0, 0]) @ pose)
     log.close()
@@ -104,9 +101,7 @@ def attach(path, text, name="calibration.toml", **spec):
     log = LogWriter(path)
     log.writer.add_attachment(0, 0, name, "application/toml", text.encode())
     for i in range(3):
-        for side, info in (("left", Calib()), ("right", right_calib())):
-            write_info(log, "foxglove", f"/{side}/camera_info", START_NS + i, info)
-            write_image(log, "foxglove", f"/{side}/image", START_NS + i, scene(i, side == "right"), "png")
+        write_pair(log, "foxglove", START_NS + i, (scene(i, 0), scene(i, 1)), (Calib(), right_calib()))
     log.close()
     return path
 

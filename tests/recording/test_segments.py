@@ -16,8 +16,8 @@ from tests.helpers.stereo_logs import (
     Spec,
     right_calib,
     scene,
-    write_image,
     write_info,
+    write_pair,
 )
 
 FRAMES = 12
@@ -34,9 +34,7 @@ def log_that_changes(path: Path, profile: str, changed: Calib, first: Calib | No
     for n in range(FRAMES):
         time = START_NS + n * PERIOD_NS
         infos = changed if n >= CHANGE else Calib(), right_calib()
-        for side, topic in enumerate(Spec.topics):
-            write_info(log, profile, Spec.info_topics[side], time, infos[side])
-            write_image(log, profile, topic, time, scene(n, side), "png")
+        write_pair(log, profile, time, (scene(n, 0), scene(n, 1)), infos)
     log.close()
     return path
 
@@ -86,11 +84,9 @@ def test_the_calibration_in_force_at_the_first_image_is_used(path: Path) -> None
 def test_images_of_another_size_are_of_another_camera(path: Path) -> None:
     log = LogWriter(path)
     for n in range(FRAMES):
-        for side, topic in enumerate(Spec.topics):
-            time, size = START_NS + n * PERIOD_NS, (48, 32) if n >= CHANGE else Spec.size
-            if n == 0:
-                write_info(log, "foxglove", Spec.info_topics[side], time, (Calib(), right_calib())[side])
-            write_image(log, "foxglove", topic, time, scene(n, side, size), "png")
+        time, size = START_NS + n * PERIOD_NS, (48, 32) if n >= CHANGE else Spec.size
+        infos = (Calib(), right_calib()) if n == 0 else None
+        write_pair(log, "foxglove", time, (scene(n, 0, size), scene(n, 1, size)), infos)
     log.close()
     opened = sfm.open_log(path)
     assert len(list(opened.frames())) == CHANGE and not opened.stats.complete
@@ -101,11 +97,9 @@ def clock_log(path: Path, shift_ns: dict[int, int]) -> Path:
     """84 frames; those numbered in `shift_ns` have stamps that are so much later."""
     log = LogWriter(path)
     for n in range(84):
-        time = START_NS + n * PERIOD_NS
-        for side, topic in enumerate(Spec.topics):
-            log.clock_ns = time  # the recorder's clock is right
-            write_info(log, "foxglove", Spec.info_topics[side], time, (Calib(), right_calib())[side])
-            write_image(log, "foxglove", topic, time + shift_ns.get(n, 0), scene(0, side), "png")
+        log.clock_ns = time = START_NS + n * PERIOD_NS  # the recorder's clock is right
+        infos = Calib(), right_calib()
+        write_pair(log, "foxglove", time + shift_ns.get(n, 0), (scene(0, 0), scene(0, 1)), infos)
     log.close()
     return path
 

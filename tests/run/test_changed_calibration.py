@@ -11,9 +11,9 @@ from stream_sfm.config import MotionConfig
 from stream_sfm.geometry import se3
 from stream_sfm.run.world import World
 from stream_sfm.types import Observations
-from tests.helpers.stereo_logs import Calib, LogWriter, write_image, write_info
+from tests.helpers.stereo_logs import LogWriter, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
-from tests.helpers.wall_log import LEFT, RIGHT, START_NS
+from tests.helpers.wall_log import START_NS
 
 FRAMES, CHANGE = 20, 10
 ZOOM = 1.15
@@ -30,12 +30,7 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rigs, wall, log = (first, sfm.StereoRig(camera, camera, first.right_from_left)), Wall(5), LogWriter(path)
     for n, pose in enumerate(camera_path(FRAMES)):
         stereo, time = rigs[n >= CHANGE], START_NS + n * PERIOD_NS
-        frame = wall.frame(stereo, pose, n)
-        for side, topic, image in (("left", LEFT, frame.left), ("right", RIGHT, frame.right)):
-            p = np.c_[stereo.left.K, [-stereo.left.K[0, 0] * stereo.baseline_m * (side == "right"), 0, 0]]
-            calib = Calib(width=320, height=240, K=stereo.left.K, D=(), P=p)
-            write_info(log, "foxglove", f"/camera/{side}/calibration", time, calib)
-            write_image(log, "foxglove", topic, time, image, "mono8")
+        write_pair(log, "foxglove", time, wall.frame(stereo, pose, n).images, infos_of(stereo), "mono8")
     log.close()
     return path
 

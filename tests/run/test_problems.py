@@ -11,10 +11,9 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.inspection.overview import inspect_log
 from stream_sfm.types import StereoFrame
-from tests.helpers.stereo_logs import START_NS, Calib, LogWriter, write_image, write_info
+from tests.helpers.stereo_logs import START_NS, LogWriter, Spec, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
-TOPICS = ("/camera/left/image", "/camera/right/image")
 STEREO = rig()
 
 
@@ -27,16 +26,11 @@ def write(
     path: Path, frames: list[StereoFrame], baseline_m: float = STEREO.baseline_m, stamped: bool = True
 ) -> Path:
     """A log of these frames, with the calibration of the wall's rig but for the baseline."""
-    k = STEREO.left.K
     log = LogWriter(path)
     for i, frame in enumerate(frames):
         time = log.clock_ns = START_NS + i * PERIOD_NS
-        for side, grey in enumerate(frame.images):
-            if i == 0:
-                p = np.c_[k, [-k[0, 0] * baseline_m * side, 0, 0]]
-                calib = Calib(STEREO.left.width, STEREO.left.height, K=k, D=(), P=p)
-                write_info(log, "ros2", TOPICS[side].replace("image", "camera_info"), time, calib)
-            write_image(log, "ros2", TOPICS[side], time if stamped else 0, grey, "mono8")
+        infos = infos_of(STEREO, baseline_m) if i == 0 else None
+        write_pair(log, "ros2", time if stamped else 0, frame.images, infos, "mono8")
     log.close()
     return path
 
@@ -104,4 +98,4 @@ def test_images_without_stamps_get_the_times_at_which_they_were_recorded(frames,
     assert np.array_equal(result.trajectory.stamps_ns, stamped.trajectory.stamps_ns)
     assert np.array_equal(result.trajectory.world_from_cam, stamped.trajectory.world_from_cam)
     (warning,) = result.summary["warnings"]
-    assert "have no stamps" in warning and TOPICS[0] in warning
+    assert "have no stamps" in warning and Spec.topics[0] in warning
