@@ -10,6 +10,7 @@ from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
 from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
+from tests.helpers.data_sets import kalibr, matrix_rows, sensor_yaml
 from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
 
 RNG = np.random.default_rng(8)
@@ -21,24 +22,9 @@ RIGHT = Camera(
     *SIZE, np.array([[457.587, 0, 379.999], [0, 456.134, 255.238], [0, 0, 1]]), (-0.28, 0.08, 1e-4, -3e-5)
 )
 POSE = se3.from_rotation_translation(se3.exp_so3(np.array([0.002, 0.014, -0.0007])), np.array([-0.11, 4e-4, -8e-4]))
-RIG = StereoRig(LEFT, RIGHT, POSE)
+RIG, BOTH = StereoRig(LEFT, RIGHT, POSE), (LEFT, RIGHT)
+KALIBR = kalibr(BOTH, POSE)
 BODY_FROM_LEFT = se3.exp(RNG.normal(size=6) * 0.3)
-
-
-def rows(matrix):
-    return "\n".join(f"  - {row.tolist()}" for row in matrix)
-
-
-def kalibr(first, second, lens="radtan", extra=""):
-    def camera(n, c):
-        intrinsics = [float(c.K[0, 0]), float(c.K[1, 1]), float(c.K[0, 2]), float(c.K[1, 2])]
-        return (
-            f"cam{n}:\n  cam_overlaps: [{1 - n}]\n  camera_model: pinhole\n  distortion_coeffs: {list(c.D)}\n"
-            f"  distortion_model: {lens}\n  intrinsics: {intrinsics}\n  resolution: [{c.width}, {c.height}]\n"
-            f"  rostopic: /cam{n}/image_raw\n"
-        )
-
-    return camera(0, first) + camera(1, second) + f"  T_cn_cnm1:\n{rows(POSE)}\n{extra}"
 
 
 def camera_info(camera, name, r, p, model="plumb_bob"):
@@ -53,19 +39,6 @@ def camera_info(camera, name, r, p, model="plumb_bob"):
         + matrix("distortion_coefficients", d, (1, 5))
         + matrix("rectification_matrix", r, (3, 3))
         + matrix("projection_matrix", p, (3, 4))
-    )
-
-
-def sensor_yaml(camera, body_from_cam):
-    """As in the data set: with comments, and a matrix over several lines."""
-    data = ",\n         ".join(", ".join(repr(float(x)) for x in row) for row in body_from_cam)
-    intrinsics = [float(camera.K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2))]
-    return (
-        "#Default calibration\nsensor_type: camera\ncomment: VI-Sensor cam (MT9M034)\n\n# Sensor extrinsics\n"
-        f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n\nrate_hz: 20\n"
-        f"resolution: [{camera.width}, {camera.height}]\ncamera_model: pinhole\n"
-        f"intrinsics: {intrinsics} #fu, fv, cu, cv\n"
-        f"distortion_model: radial-tangential\ndistortion_coefficients: {list(camera.D)}\n"
     )
 
 
@@ -107,14 +80,13 @@ def test_kalibr(tmp_path, name):
         rig = StereoRig(
             *(Camera(*SIZE, c.K, (-0.01, 0.02, -3e-3, 1e-3), "equidistant") for c in (LEFT, RIGHT)), POSE
         )
-    check(write(tmp_path / "camchain.yaml", kalibr(rig.left, rig.right, name)), rig)
+    check(write(tmp_path / "camchain.yaml", kalibr((rig.left, rig.right), POSE, lens=name)), rig)
 
 
 def test_kalibr_with_an_imu_instead_of_a_chain(tmp_path):
     cam_from_imu = se3.exp(RNG.normal(size=6) * 0.2)
-    text = kalibr(LEFT, RIGHT).split("  T_cn_cnm1")[0]
-    text = text.replace("cam1:\n", f"  T_cam_imu:\n{rows(cam_from_imu)}\ncam1:\n")
-    check(write(tmp_path / "camchain.yaml", f"{text}  T_cam_imu:\n{rows(POSE @ cam_from_imu)}\n"))
+    text = kalibr(BOTH, from_imu=(cam_from_imu, POSE @ cam_from_imu))
+    check(write(tmp_path / "camchain.yaml", text))
 
 
 def test_ros_camera_info(tmp_path):
@@ -178,7 +150,9 @@ def test_unified_lenses_are_the_fisheye_that_is_nearest(tmp_path, model, tool):
     else:
         camera = f"  camera_model: {model}\n  intrinsics: {[*values.values(), *f]}\n  resolution: {list(size)}\n"
         camera += f"  distortion_model: {'radtan' if d else 'none'}\n  distortion_coeffs: {list(d)}\n"
-        path = write(tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{rows(POSE)}\n")
+        path = write(
+            tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n"
+        )
     found = StereoRig.from_calibration(path)
     np.testing.assert_allclose(found.right_from_left, POSE, atol=1e-9)
     points = np.random.default_rng(1).uniform([-2, -2, 0.4], [2, 2, 1], (4000, 3))
@@ -192,7 +166,7 @@ def test_unified_lenses_are_the_fisheye_that_is_nearest(tmp_path, model, tool):
 def test_a_lens_that_no_fisheye_is_near_is_refused(tmp_path):
     camera = "  camera_model: omni\n  intrinsics: [0.9, 832, 830, 376, 240]\n  resolution: [752, 480]\n"
     camera += "  distortion_model: radtan\n  distortion_coeffs: [-0.2, 0.1, 0.01, 0.02]\n"
-    path = write(tmp_path / "c.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{rows(POSE)}\n")
+    path = write(tmp_path / "c.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n")
     with pytest.raises(ConfigError, match=r"cam0\.omni: this lens is up to .* px from every one that is supported"):
         StereoRig.from_calibration(path)
 
@@ -318,24 +292,24 @@ def test_a_log_tells_the_size_that_a_calibration_does_not(tmp_path):
 
 
 BROKEN = {
-    "no rotation": (lambda: kalibr(LEFT, RIGHT).replace(repr(float(POSE[0, 0])), "3.5"), "T_cn_cnm1 is not a rotation"),
-    "model": (lambda: kalibr(LEFT, RIGHT).replace("pinhole", "fov", 1), "cam0.camera_model 'fov' is not supported"),
-    "lens": (lambda: kalibr(LEFT, RIGHT, "fov"), "distortion model 'fov' is not supported; supported are .*radtan"),
-    "one camera": (lambda: kalibr(LEFT, RIGHT).split("cam1:")[0], "cam1 is missing"),
-    "no chain": (lambda: kalibr(LEFT, RIGHT).split("  T_cn_cnm1")[0], "cam1.T_cn_cnm1.* is missing"),
-    "no number": (lambda: kalibr(LEFT, RIGHT).replace("752", "wide", 1), "cam0.resolution must be 2 numbers"),
-    "YAML": (lambda: "cam0: [1, 2", "neither TOML nor YAML"),
-    "a list": (lambda: "- 1\n- 2\n", "has no keys"),
-    "other keys": (lambda: "fx: 1\nfy: 2\n", "of no known format; known are TOML.*Kalibr.*ROS.*EuRoC.*KITTI.*OpenCV"),
-    "empty": (lambda: "", "has no keys"),
-    "storage": (lambda: "%YAML:1.0\nM1: !!opencv-matrix\n  rows: [", "OpenCV's FileStorage"),
+    "no rotation": (KALIBR.replace(repr(float(POSE[0, 0])), "3.5"), "T_cn_cnm1 is not a rotation"),
+    "model": (KALIBR.replace("pinhole", "fov", 1), "cam0.camera_model 'fov' is not supported"),
+    "lens": (kalibr(BOTH, POSE, lens="fov"), "distortion model 'fov' is not supported; supported are .*radtan"),
+    "one camera": (KALIBR.split("cam1:")[0], "cam1 is missing"),
+    "no chain": (KALIBR.split("  T_cn_cnm1")[0], "cam1.T_cn_cnm1.* is missing"),
+    "no number": (KALIBR.replace("752", "wide", 1), "cam0.resolution must be 2 numbers"),
+    "YAML": ("cam0: [1, 2", "neither TOML nor YAML"),
+    "a list": ("- 1\n- 2\n", "has no keys"),
+    "other keys": ("fx: 1\nfy: 2\n", "of no known format; known are TOML.*Kalibr.*ROS.*EuRoC.*KITTI.*OpenCV"),
+    "empty": ("", "has no keys"),
+    "storage": ("%YAML:1.0\nM1: !!opencv-matrix\n  rows: [", "OpenCV's FileStorage"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_mistakes_are_named_with_the_file(tmp_path, name):
-    make, words = BROKEN[name]
-    path = write(tmp_path / "rig.yaml", make())
+    text, words = BROKEN[name]
+    path = write(tmp_path / "rig.yaml", text)
     with pytest.raises(ConfigError, match=words) as caught:
         StereoRig.from_calibration(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
@@ -345,7 +319,7 @@ def test_two_formats_are_no_pair_and_a_folder_has_one(tmp_path):
     r1, _, p1, _ = rectification()
     files = [
         write(tmp_path / "left.yaml", camera_info(LEFT, "left", r1, p1)),
-        write(tmp_path / "c.yaml", kalibr(LEFT, RIGHT)),
+        write(tmp_path / "c.yaml", KALIBR),
     ]
     with pytest.raises(ConfigError, match=r"this is a Kalibr.*left\.yaml is a ROS"):
         StereoRig.from_calibration(files)

@@ -3,7 +3,7 @@
 import contextlib
 import os
 import socket
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +11,12 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.calibration.document import load
-from stream_sfm.cli.main import main
 from stream_sfm.inputs import check_text, check_values, open_regular, read_small
 from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import rig
 
 MANY = 100_000
-
-
-FAST = ("--method", "frame-to-frame", "--max-frames", "2")
 
 
 def make_odd(kind: str, odd: Path) -> None:
@@ -56,15 +52,15 @@ READING: list[tuple[str, int, str]] = [
 
 
 @pytest.mark.parametrize("kind", [*SPECIAL, "a folder", "a dangling link", "a loop", "noise"])
-def test_what_is_no_file_is_not_read(kind, tmp_path, capsys):
+def test_what_is_no_file_is_not_read(kind, tmp_path, cli):
     odd, log = tmp_path / "odd", write_log(tmp_path / "log.mcap")
     make_odd(kind, odd)
     for words, code, says in READING:
         given = words.format(odd=odd, log=log, d=tmp_path).split()
         if kind in SPECIAL:
-            assert says.format(kind=kind) in said(given, capsys, {code}), words
+            assert says.format(kind=kind) in cli(*given, code=code).err, words
         else:
-            assert str(odd) in said(given, capsys, {2, 3}), words
+            assert str(odd) in cli(*given, code=(2, 3)).err, words
         assert not list(tmp_path.rglob("estimates*"))
 
 
@@ -77,23 +73,13 @@ def test_what_is_no_file_is_not_read(kind, tmp_path, capsys):
         ("recover {log} {odd}", "exists already"),
     ],
 )
-def test_nothing_is_written_to_a_special_file(words, says, tmp_path, capsys):
+def test_nothing_is_written_to_a_special_file(words, says, tmp_path, cli):
     log = write_log(tmp_path / "log.mcap")
     for kind in SPECIAL:
         make_odd(kind, odd := tmp_path / kind.replace(" ", "_"))
         before = odd.lstat()
-        assert says in said(words.format(odd=odd, log=log, d=tmp_path).split(), capsys, {2, 3})
+        assert says in cli(*words.format(odd=odd, log=log, d=tmp_path).split(), code=(2, 3)).err
         assert odd.lstat().st_ino == before.st_ino and odd.lstat().st_mode == before.st_mode
-
-
-def said(words: Sequence[object], capsys: pytest.CaptureFixture[str], codes: Collection[int]) -> str:
-    """What a command that ends with one of these exit codes says in its error."""
-    if words[0] == "replay":
-        words = [*words, *FAST]
-    assert main([str(word) for word in words]) in codes, words
-    error = capsys.readouterr().err
-    assert "Traceback" not in error and "defect" not in error, error
-    return error
 
 
 @pytest.mark.parametrize(("path", "says"), [("-", "standard input is not read: give a file"), ("a\0b", "NUL")])
@@ -135,10 +121,10 @@ HOSTILE: dict[str, Callable[[], str]] = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("option", ["--config", "--calibration"])
-def test_hostile_toml_is_refused(name, option, tmp_path, capsys):
+def test_hostile_toml_is_refused(name, option, tmp_path, cli):
     (tmp_path / "x.toml").write_bytes(HOSTILE[name]().encode("utf-8", "surrogateescape"))
     log = write_log(tmp_path / "log.mcap")
-    error = said(["replay", log, option, tmp_path / "x.toml", "--out", tmp_path / "out"], capsys, {2})
+    error = cli("replay", log, option, tmp_path / "x.toml", "--out", tmp_path / "out", code=2).err
     assert "x.toml" in error and ("is not TOML: " in error or "it is larger" in error) and len(error) < 500
 
 
@@ -199,12 +185,12 @@ def test_impossible_cameras_are_refused(size, f_px, says, tmp_path):
 
 
 @pytest.mark.parametrize("length", [300, 5000])
-def test_names_that_no_file_can_have(length, tmp_path, capsys):
+def test_names_that_no_file_can_have(length, tmp_path, cli):
     log, name = write_log(tmp_path / "log.mcap"), tmp_path / ("x" * length)
     outputs = ("batch {log} --out {odd}", "replay {log} --out {odd}", "surface {log} --out {odd}.ply",
                "replay {log} --rrd {odd}.rrd --out {d}/out")  # fmt: skip
     for words in (*(words for words, _, _ in READING), *outputs):
-        said(words.format(odd=name, log=log, d=tmp_path).split(), capsys, {2, 3})
+        cli(*words.format(odd=name, log=log, d=tmp_path).split(), code=(2, 3))
 
 
 @pytest.mark.parametrize("stamp", [2**63, -(2**63) - 1, 10**300])

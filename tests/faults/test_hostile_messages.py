@@ -23,8 +23,8 @@ from tests.helpers.stereo_logs import (
     encode,
     right_calib,
     scene,
-    write_info,
     write_log,
+    write_pair,
 )
 
 FAST = sfm.Config(method="frame-to-frame")
@@ -72,19 +72,18 @@ def write(path: Path, replaced: dict[str, Any] | str, both_sides: bool = False) 
     log = LogWriter(path)
     for n in range(FRAMES):
         time_ns = START_NS + n * PERIOD_NS
-        if n == 0:
-            for topic, info in zip(Spec.info_topics, (Calib(), right_calib()), strict=True):
-                write_info(log, "json", topic, time_ns, info)
-        for side, topic in enumerate(Spec.topics):
-            sec, nsec = divmod(time_ns, 10**9)
-            image = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "left", "format": "png"}
-            image["data"] = base64.b64encode(encode(scene(n, side), "png")[0]).decode()
-            text = json.dumps(image)
-            if n == BAD and (side == 0 or both_sides):
-                changed = image | replaced if isinstance(replaced, dict) else {}
-                kept = {k: v for k, v in changed.items() if k != "format" or v is not None}
-                text = replaced if isinstance(replaced, str) else json.dumps(kept)
-            log.add(topic, "foxglove.CompressedImage", ("json", "jsonschema"), b"{}", time_ns, text.encode())
+        if n != BAD:
+            infos = (Calib(), right_calib()) if n == 0 else None
+            write_pair(log, "json", time_ns, (scene(n, 0), scene(n, 1)), infos)
+            continue
+        sec, nsec = divmod(time_ns, 10**9)
+        image = {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "left", "format": "png"}
+        image["data"] = base64.b64encode(encode(scene(n, 1), "png")[0]).decode()
+        bad = replaced
+        if isinstance(replaced, dict):
+            bad = json.dumps({k: v for k, v in (image | replaced).items() if v is not None})
+        for topic, text in zip(Spec.topics, (bad, bad if both_sides else json.dumps(image)), strict=True):
+            log.add(topic, "foxglove.CompressedImage", ("json", "jsonschema"), b"", time_ns, text.encode())
     log.close()
     return path
 

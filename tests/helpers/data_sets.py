@@ -1,6 +1,7 @@
 """Small recordings laid out like KITTI's, EuRoC's, and like people's own folders of images."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,9 @@ from stream_sfm.geometry import se3
 RNG = np.random.default_rng(5)
 WIDTH, HEIGHT = 64, 48
 K = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
+EUROC_CAMERA = Camera(
+    WIDTH, HEIGHT, np.array([[60.1, 0, 31.5], [0, 60.2, 23.5], [0, 0, 1]]), (-0.28, 0.07, 0.0002, 1.7e-05)
+)
 EUROC_STAMPS_NS = [1403636579763555584 + n * 50_000_000 for n in range(3)]
 RIGHT_FROM_LEFT = se3.exp([-0.11, 0.001, 0.002, 0.01, -0.02, 0.005])
 BODY_FROM_LEFT = se3.exp([0.02, -0.06, 0.01, 0.1, 0.2, 1.5])
@@ -70,7 +74,8 @@ def write_euroc(folder: Path, right_frames: int = 2) -> np.ndarray:
     mav = folder / "mav0"
     body_from_right = BODY_FROM_LEFT @ se3.inverse(RIGHT_FROM_LEFT)
     for name, pose in (("cam0", BODY_FROM_LEFT), ("cam1", body_from_right)):
-        _write_sensor(mav / name, pose)
+        (mav / name).mkdir(parents=True)
+        (mav / name / "sensor.yaml").write_text(sensor_yaml(EUROC_CAMERA, pose))
         kept = EUROC_STAMPS_NS if name == "cam0" else EUROC_STAMPS_NS[:right_frames]
         table = "".join(f"{s},{s}.png\r\n" for s in kept)
         (mav / name / "data.csv").write_text("#timestamp [ns],filename\r\n" + table, newline="")
@@ -88,16 +93,46 @@ def write_euroc(folder: Path, right_frames: int = 2) -> np.ndarray:
     return world_from_body
 
 
-def _write_sensor(folder: Path, body_from_cam: np.ndarray) -> None:
-    folder.mkdir(parents=True)
-    rows = ",\n         ".join(", ".join(repr(float(x)) for x in r) for r in body_from_cam)
-    (folder / "sensor.yaml").write_text(
-        "# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam (MT9M034)\n\n"
-        f"# Sensor extrinsics wrt. the body-frame.\nT_BS:\n  cols: 4\n  rows: 4\n  data: [{rows}]\n\n"
-        "rate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\nintrinsics: [60.1, 60.2, 31.5, 23.5] #fu fv\n"
-        "distortion_model: radial-tangential\n"
-        "distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]\n"
+def intrinsics(camera: Camera) -> list[float]:
+    """Focal lengths and centre, in the order of Kalibr and EuRoC."""
+    return camera.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+
+
+def sensor_yaml(camera: Camera, body_from_cam: np.ndarray) -> str:
+    """A sensor file of EuRoC, with comments and a matrix over several lines."""
+    data = ",\n         ".join(", ".join(repr(float(x)) for x in row) for row in body_from_cam)
+    return (
+        "#Default calibration\nsensor_type: camera\ncomment: VI-Sensor cam (MT9M034)\n\n# Sensor extrinsics\n"
+        f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n\nrate_hz: 20\n"
+        f"resolution: [{camera.width}, {camera.height}]\ncamera_model: pinhole\n"
+        f"intrinsics: {intrinsics(camera)} #fu, fv, cu, cv\n"
+        f"distortion_model: radial-tangential\ndistortion_coefficients: {list(camera.D)}\n"
     )
+
+
+def kalibr(
+    cameras: Sequence[Camera],
+    second_from_first: np.ndarray | None = None,
+    from_imu: Sequence[np.ndarray] = (),
+    lens: str = "radtan",
+) -> str:
+    """A camchain of Kalibr, with the pose of the second camera from the first, or of both from an IMU."""
+    text = ""
+    for n, c in enumerate(cameras):
+        text += (
+            f"cam{n}:\n  cam_overlaps: [{1 - n}]\n  camera_model: pinhole\n  distortion_coeffs: {list(c.D[:4])}\n"
+            f"  distortion_model: {lens}\n  intrinsics: {intrinsics(c)}\n  resolution: [{c.width}, {c.height}]\n"
+            f"  rostopic: /cam{n}/image_raw\n"
+        )
+        if len(from_imu):
+            text += f"  T_cam_imu:\n{matrix_rows(from_imu[n])}\n"
+        elif n and second_from_first is not None:
+            text += f"  T_cn_cnm1:\n{matrix_rows(second_from_first)}\n"
+    return text
+
+
+def matrix_rows(matrix: np.ndarray) -> str:
+    return "\n".join(f"  - {row.tolist()}" for row in matrix)
 
 
 def write_tum_vi(folder: Path) -> np.ndarray:
@@ -107,16 +142,10 @@ def write_tum_vi(folder: Path) -> np.ndarray:
     for name in ("cam0", "cam1"):
         (mav / name / "sensor.yaml").unlink()
     (mav / "state_groundtruth_estimate0").rename(mav / "mocap0")
-    cameras = []
-    for n, pose in enumerate((BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(RIGHT_FROM_LEFT))):
-        from_imu = "".join(f"  - {row}\n" for row in se3.inverse(pose).tolist())
-        cameras.append(
-            f"cam{n}:\n  T_cam_imu:\n{from_imu}  camera_model: pinhole\n  intrinsics: [60.1, 60.2, 31.5, 23.5]\n"
-            "  distortion_model: equidistant\n  distortion_coeffs: [0.003, 0.0007, -0.002, 0.0002]\n"
-            f"  resolution: [{WIDTH}, {HEIGHT}]\n"
-        )
+    bent = replace(EUROC_CAMERA, D=(0.003, 0.0007, -0.002, 0.0002), distortion_model="equidistant")
+    from_body = [se3.inverse(BODY_FROM_LEFT), RIGHT_FROM_LEFT @ se3.inverse(BODY_FROM_LEFT)]
     (folder / "dso").mkdir()
-    (folder / "dso" / "camchain.yaml").write_text("".join(cameras))
+    (folder / "dso" / "camchain.yaml").write_text(kalibr((bent, bent), from_imu=from_body, lens="equidistant"))
     return poses
 
 

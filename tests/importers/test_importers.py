@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.geometry import se3
 from stream_sfm.importers.data_sets import import_euroc, import_images, import_kitti
 from stream_sfm.recording.images import decode_grey
@@ -163,16 +162,16 @@ def test_images_of_another_size_or_kind_are_named(tmp_path):
     assert not list(tmp_path.glob("o.mcap*"))
 
 
-def test_nothing_is_replaced_unless_it_is_allowed_and_never_an_input(tmp_path, capsys):
+def test_nothing_is_replaced_unless_it_is_allowed_and_never_an_input(tmp_path, cli):
     write_kitti(tmp_path / "00")
     out = tmp_path / "new" / "folder" / "00.mcap"
-    command = ["import", "kitti", str(tmp_path / "00"), str(out)]
-    assert main(command) == 0 and out.exists()
+    command = ["import", "kitti", tmp_path / "00", out]
+    cli(*command)
     out.write_bytes(b"mine")
-    assert main(command) == 3 and out.read_bytes() == b"mine"
-    said = capsys.readouterr().err
-    assert "exists already" in said and said.endswith("hint: use --force\n")
-    assert main([*command, "--force"]) == 0 and out.stat().st_size > 1000  # bytes: six images
+    said = cli(*command, code=3).err
+    assert "exists already" in said and said.endswith("hint: use --force\n") and out.read_bytes() == b"mine"
+    cli(*command, "--force")
+    assert out.stat().st_size > 1000  # bytes: six images
     image = tmp_path / "00" / "image_0" / "000000.png"
     before = image.read_bytes()
     with pytest.raises(sfm.OutputError, match="it is an input of this run"):

@@ -12,6 +12,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, main
 from stream_sfm.report.tables import NEES_INTERVAL
+from tests.helpers.data_sets import kalibr
 from tests.helpers.places import ROOM, ROOT
 
 pytestmark = pytest.mark.slow
@@ -84,6 +85,7 @@ def user(tmp_path_factory):
     (folder / "recordings").mkdir()
     (folder / "recordings/room.mcap").symlink_to(ROOM)
     log = sfm.open_log(ROOM)
+    rig = log.stereo_rig
     for name in ("left", "right", "l", "r"):
         (folder / name).mkdir()
     for frame in log.frames(sfm.Selection(max_frames=FRAMES)):
@@ -91,21 +93,11 @@ def user(tmp_path_factory):
             cv2.imwrite(str(folder / name / f"{frame.stamp_ns}.png"), image)
             cv2.imwrite(str(folder / name[0] / f"{frame.stamp_ns}.png"), image)
     for name in ("calibration.toml", "c.toml", "refined.toml"):
-        (folder / name).write_text(log.rig.to_toml(), encoding="utf-8")
-    (folder / "camchain.yaml").write_text(camchain(log.stereo_rig), encoding="utf-8")
+        (folder / name).write_text(rig.to_toml(), encoding="utf-8")
+    (folder / "camchain.yaml").write_text(kalibr((rig.left, rig.right), rig.right_from_left), encoding="utf-8")
     sfm.replay(log, folder / "runs/latest", selection=sfm.Selection(max_frames=FRAMES))
     (folder / "mine.mcap").symlink_to(ROOM)
     return folder
-
-
-def camchain(rig: sfm.StereoRig) -> str:
-    """A calibration as Kalibr writes it."""
-    text = ""
-    for n, camera in enumerate((rig.left, rig.right)):
-        (fx, _, cx), (_, fy, cy) = camera.K[:2].tolist()
-        text += f"cam{n}:\n  camera_model: pinhole\n  distortion_model: radtan\n  intrinsics: {[fx, fy, cx, cy]}\n"
-        text += f"  distortion_coeffs: {list(camera.D[:4])}\n  resolution: [{camera.width}, {camera.height}]\n"
-    return f"{text}  T_cn_cnm1: {rig.right_from_left.tolist()}\n"
 
 
 def skip_without_gtsam(text: str) -> None:

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from stream_sfm.sources.camera import _Grabber
 from tests.helpers.same_results import estimate_messages
 from tests.helpers.sinks import Calling
@@ -229,23 +228,18 @@ def test_webcams_are_two_or_one_that_holds_both(names: tuple[str, ...], webcams:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (
-            ["live", "7", "--calibration", "c.toml"],
-            3,
-            "camera 7 cannot be opened: give its number, such as 0, or one",
-        ),
-        (["live", "0", "1"], 2, "camera 0 1 has no calibration of its own: give one"),
-        (["live", "0", "--calibration", "c.toml"], 3, "would be twice as wide or as high"),
-        (["live", "oak"], 2, "oak needs the package depthai, which is the extra [oak] of this one"),
+        (["7", "--calibration", "c.toml"], 3, "camera 7 cannot be opened: give its number, such as 0, or one"),
+        (["0", "1"], 2, "camera 0 1 has no calibration of its own: give one"),
+        (["0", "--calibration", "c.toml"], 3, "would be twice as wide or as high"),
+        (["oak"], 2, "oak needs the package depthai, which is the extra [oak] of this one"),
     ],
 )
 def test_what_is_missing_is_named(
-    words: list[str], code: int, said: str, webcams: Path, monkeypatch: pytest.MonkeyPatch, capfd
+    words: list[str], code: int, said: str, webcams: Path, monkeypatch: pytest.MonkeyPatch, cli
 ) -> None:
     monkeypatch.chdir(webcams.parent)
     monkeypatch.setitem(sys.modules, "depthai", None)
-    assert main(words) == code
-    assert said in capfd.readouterr().err
+    assert said in cli("live", *words, code=code).err
     assert not list(webcams.parent.glob("runs/*"))
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import main
 from tests.helpers.places import ROOM
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -64,10 +63,9 @@ def test_a_map_is_shown_before_and_after_its_loops(tmp_path):
     assert expected <= _verified_pieces(path).keys()
 
 
-def test_the_recording_of_the_sample_log_is_written_in_few_pieces(tmp_path):
+def test_the_recording_of_the_sample_log_is_written_in_few_pieces(tmp_path, cli):
     rrd = tmp_path / "room.rrd"
-    arguments = ["--max-frames", "12", "--out", str(tmp_path / "out"), "--rrd", str(rrd), "-q"]
-    assert main(["replay", str(ROOM), *arguments]) == 0
+    cli("replay", ROOM, "--max-frames", 12, "--out", tmp_path / "out", "--rrd", rrd, "-q")
     pieces = _verified_pieces(rrd)
     of_frames = [count for path, count in pieces.items() if path.startswith(("world", "drift", "tracks"))]
     assert len(of_frames) > 8 and max(of_frames) <= 2  # what does not change, and all frames
