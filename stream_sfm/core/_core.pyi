@@ -69,6 +69,9 @@ def unfilter_png(filtered: NDArray[np.uint8], pixel: int) -> NDArray[np.uint8]:
     Raises ValueError for a filter that does not exist.
     """
 
+def corner_strength(image: Image) -> Grey:
+    """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w); 255 is white."""
+
 def new_corners(
     strength: Grey, allowed: Mask, taken_px: Array, wanted: int, distance_px: float, min_strength: float
 ) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-// New corners where points are missing: even coverage before strength.
+// How strong each pixel is as a corner, and new corners where points are missing: even coverage before strength.
 
 #include <algorithm>
 #include <cmath>
@@ -19,6 +19,60 @@ constexpr double DIM_FRACTION = 0.02;
 constexpr int PEAK_FRACTION = 3;      // one of so many of the distance: a corner is the strongest within it
 constexpr double MIN_CELL = 2.0;      // distances: a cell has room for one corner at least
 constexpr std::size_t CANDIDATES = 12;  // candidates per corner wanted: further ones are weaker and cost time
+constexpr int BLOCK = 5;              // rows and columns that a gradient matrix is of, a usual small number
+constexpr int BESIDE = BLOCK / 2;
+constexpr double SOBEL_GAIN = 4.0, WHITE = 255.0;  // strength is that of slopes of shares of white
+
+// A row or column beyond the border is that as far inside of it.
+int reflected(int at, int extent) {
+    while (at < 0 || at >= extent) at = extent == 1 ? 0 : at < 0 ? -at : 2 * (extent - 1) - at;
+    return at;
+}
+
+// Rows of xx, xy and yy of Sobel's slopes, as many as a block has: the latest.
+template <class T>
+class SlopeProducts {
+public:
+    explicit SlopeProducts(const ImageOf<T>& image)
+        : image(image), width(image.width), rows(3 * BLOCK * width), smooth(width + 2), across(width + 2) {}
+
+    void add(int v) {
+        const T *above = row(v - 1), *own = row(v), *below = row(v + 1);
+        for (std::size_t u = 0; u < width; u++) {
+            float a = as_float(above[u]), b = as_float(below[u]);
+            smooth[u + 1] = a + 2 * as_float(own[u]) + b;
+            across[u + 1] = b - a;
+        }
+        for (std::vector<float>* of : {&smooth, &across}) {
+            (*of)[0] = (*of)[1 + reflected(-1, image.width)];
+            (*of)[width + 1] = (*of)[1 + reflected(image.width, image.width)];
+        }
+        float *xx = product(0, v), *xy = product(1, v), *yy = product(2, v);
+        for (std::size_t u = 0; u < width; u++) {
+            float x = smooth[u + 2] - smooth[u], y = across[u] + 2 * across[u + 1] + across[u + 2];
+            xx[u] = x * x, xy[u] = x * y, yy[u] = y * y;
+        }
+    }
+
+    // Sums of product `which` over the block's rows around v, which have been added; beyond the row its columns go on.
+    void sum(int which, int v, float* out) {
+        const float* of[BLOCK];
+        for (int i = 0; i < BLOCK; i++) of[i] = product(which, reflected(v + i - BESIDE, image.height));
+        for (std::size_t u = 0; u < width; u++) out[u] = of[0][u] + of[1][u] + of[2][u] + of[3][u] + of[4][u];
+        for (int i = 1; i <= BESIDE; i++) {
+            out[-i] = out[reflected(-i, image.width)];
+            out[image.width + i - 1] = out[reflected(image.width + i - 1, image.width)];
+        }
+    }
+
+private:
+    const T* row(int v) const { return image.data + static_cast<std::size_t>(reflected(v, image.height)) * width; }
+    float* product(int which, int v) { return rows.data() + static_cast<std::size_t>(which * BLOCK + v % BLOCK) * width; }
+
+    const ImageOf<T>& image;
+    std::size_t width;
+    std::vector<float> rows, smooth, across;
+};
 
 // Pixels that are taken around a point: a disc, row by row.
 class Discs {
@@ -99,6 +153,34 @@ void order(std::vector<Corner>& corners, const View<double, 2>& taken, double ce
 }
 
 }  // namespace
+
+// The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
+template <class T>
+Array<float, 2> corner_strength(const ImageOf<T>& image) {
+    require(image.height > 0 && image.width > 0, "the image is empty");
+    std::size_t width = static_cast<std::size_t>(image.width);
+    Array<float, 2> result({static_cast<std::size_t>(image.height), width});
+    SlopeProducts<T> products(image);
+    std::vector<float> sums(3 * (width + 2 * BESIDE));
+    float* of[3];
+    for (std::size_t i = 0; i < 3; i++) of[i] = sums.data() + i * (width + 2 * BESIDE) + BESIDE;
+    const float *xx = of[0], *xy = of[1], *yy = of[2];
+    const float scale = static_cast<float>(1 / std::pow(SOBEL_GAIN * BLOCK * WHITE, 2));
+    for (int v = 0; v < std::min(BESIDE, image.height); v++) products.add(v);
+    for (int v = 0; v < image.height; v++) {
+        if (v + BESIDE < image.height) products.add(v + BESIDE);
+        for (int i = 0; i < 3; i++) products.sum(i, v, of[i]);
+        float* out = result[static_cast<std::size_t>(v)];
+        for (std::ptrdiff_t u = 0; u < image.width; u++) {
+            float a = xx[u - 2] + xx[u - 1] + xx[u] + xx[u + 1] + xx[u + 2], b = xy[u - 2] + xy[u - 1] + xy[u] + xy[u + 1] + xy[u + 2];
+            float c = yy[u - 2] + yy[u - 1] + yy[u] + yy[u + 1] + yy[u + 2], half = 0.5f * (a - c);
+            out[u] = scale * (0.5f * (a + c) - std::sqrt(half * half + b * b));
+        }
+    }
+    return result;
+}
+template Array<float, 2> corner_strength(const Image&);
+template Array<float, 2> corner_strength(const ImageOf<std::uint8_t>&);
 
 Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& allowed, const View<double, 2>& taken,
                                    std::int64_t wanted, double distance, double min_strength) {

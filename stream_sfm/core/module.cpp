@@ -177,6 +177,7 @@ template <class T, class OfImage>
 void def_of_images(nb::module_& m, const OfImage& of_image) {
     nb::arg any;
     m.def("match_along_rows", &Bound<&match_along_rows<T>>::call, of_image, of_image, any, any, any);
+    m.def("corner_strength", &Bound<&corner_strength<T>>::call, of_image);
     m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
     m.def("match_new_points", &Bound<&match_new_points<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any, any);

@@ -137,6 +137,8 @@ AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, c
                            const View<double, 1>& twist);
 
 // corners.cpp
+template <class T>
+Array<float, 2> corner_strength(const ImageOf<T>& image);
 Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& allowed, const View<double, 2>& taken,
                                    std::int64_t wanted, double distance, double min_strength);
 

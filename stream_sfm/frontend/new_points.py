@@ -15,7 +15,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS, StereoProjection
 from ..record import rows_of
 from .alignment import WIDE
-from .prepared import PreparedImages, corner_strength
+from .prepared import PreparedImages
 from .state import FrontEndState, Setup
 from .stereo_depth import RowMatches, learn_rows, row_speed
 from .tracks import Tracks
@@ -167,7 +167,7 @@ def _match_wide(
     p, cfg = setup.projection, setup.config.frontend
     left, right = images.quarter_grey
     corners = core.new_corners(
-        corner_strength(left / np.float32(255)),
+        core.corner_strength(left),
         state.aligners[WIDE].area[::WIDE, ::WIDE],
         state.tracks.left_px / WIDE,
         wanted,

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
+
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
 # Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
@@ -16,7 +18,6 @@ _COARSE_COLUMNS = 800
 # that a blotch of one grey value is as strong as texture usually is.
 _LOCAL_PX = 10.0
 _CONTRAST = 12.0
-_BLOCK_PX = 5  # window of the gradient matrix, a usual small one; its derivatives have OpenCV's, 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +57,7 @@ class PreparedImages:
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
         """Strength of corners at every pixel of the coarse left image."""
-        return corner_strength(self.coarse[0])
+        return core.corner_strength(self.coarse[0])
 
     @cached_property
     def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -95,11 +96,6 @@ class PreparedImages:
     def scale(self) -> float:
         """Size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
         return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / _COARSE_COLUMNS))))
-
-
-def corner_strength(image: GreyImage) -> NDArray[np.float32]:
-    """The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w)."""
-    return np.asarray(cv2.cornerMinEigenVal(image, _BLOCK_PX), np.float32)
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:

@@ -42,6 +42,7 @@ CALLS = {
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
+    "corner_strength": (IMAGE,),
     "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
     "union_of": (SLOTS % 3,),
     "row_errors_of_tracks": (SLOTS, SLOTS, np.ones(N), SLOTS, VIEWS, COV, True),

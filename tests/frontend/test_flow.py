@@ -6,10 +6,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig
-from stream_sfm.core import new_corners
+from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.flow import as_exposed, track
-from stream_sfm.frontend.prepared import PreparedImages, corner_strength
+from stream_sfm.frontend.prepared import PreparedImages
 from tests.helpers.wall import Wall, rig
 
 

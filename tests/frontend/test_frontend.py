@@ -1,10 +1,10 @@
 """What the front-end measures, against exact images of a wall."""
 
+import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.core import match_along_rows, match_new_points, new_corners
-from stream_sfm.frontend.prepared import corner_strength
+from stream_sfm.core import corner_strength, match_along_rows, match_new_points, new_corners
 from stream_sfm.frontend.templates import TemplateAtlas
 from stream_sfm.geometry import se3
 from tests.helpers.front_end import SteppedFrontEnd
@@ -21,6 +21,14 @@ def test_detect_covers_evenly_and_keeps_its_distance() -> None:
     quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
     assert min(q.sum() for q in quarters) > 0.15 * len(corners)
     assert len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5)) == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 7), (9, 1), (3, 2), (30, 41)])
+def test_strength_of_corners_is_that_of_opencv(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    expected = cv2.cornerMinEigenVal(image, 5)
+    for same in (image, image.astype(np.float32)):
+        np.testing.assert_allclose(corner_strength(same), expected, rtol=1e-5, atol=1e-6 * expected.max())
 
 
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
