@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import core
 from ..errors import RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from .exposed_rows import ExposedRows
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
 from .rig import MonoRig, StereoRig
@@ -84,16 +84,9 @@ class Rectifier:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
-    def rows_of(self, z_px: Array) -> Array:
-        """In which rows of the cameras' own images views (n, 4) of rectified ones are: (n, 4), −½ at the top to ½.
-
-        A polynomial through the rows of places all over the image: a thousandth of the height is exact enough.
-        """
-        return core.polynomial_rows(self.projection.width, self.projection.height, z_px, self._row_polynomials)
-
     @cached_property
-    def _row_polynomials(self) -> Array:
-        """Coefficients (s, k, k) of the rows of each camera's own image."""
+    def rows_of(self) -> ExposedRows:
+        """In which rows of the cameras' own images views are: polynomials through the rows of places all over them."""
         p = self.projection
         u, v = np.meshgrid(np.linspace(0, p.width - 1, _ROW_NODES), np.linspace(0, p.height - 1, _ROW_NODES))
         places_px = np.stack([u.ravel(), v.ravel()], axis=1)
@@ -106,7 +99,7 @@ class Rectifier:
             inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < _ROW_REACH).all(axis=1)
             row = raw[inside, 1] / (camera.height - 1) - 0.5
             found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
-        return np.stack(found)
+        return ExposedRows((p.width, p.height), np.stack(found))
 
     def _powers(self, places_px: Array) -> tuple[Array, Array]:
         """Powers (…, k) of the two coordinates of positions (…, 2) in a rectified image."""

@@ -12,9 +12,14 @@ Mask = NDArray[np.bool_]
 Pinholes = tuple[float, float, float, float, float]  # f, cx left and right, cy, px; baseline, metres
 # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, px, and the root (K, K); K = U V.
 Field = tuple[Array, Array, float, Array]
-# What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field, σ of the delay,
-# seconds, the scatter of matches and the largest difference of rows, px.
-Rows = tuple[tuple[float, float], Field, Array, float, float, float]
+# What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field with their
+# covariance, the scatter of matches and the largest difference of rows, px.
+Rows = tuple[tuple[float, float], Field, Array, Array, float, float]
+# In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of one
+# polynomial for both sides or of one for each.
+ExposedRows = tuple[tuple[float, float], Array]
+# Delay and readout, seconds: their rows, mean (2,) and covariance (2, 2), and the twist (6,) in the frame before.
+Timing = tuple[ExposedRows, Array, Array, Array]
 # A kind of templates: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
 # be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value, and
 # the variance factor of views.
@@ -371,6 +376,9 @@ def timed_views(pinholes: Pinholes, points_in_cam: Array, twists: Array, row: Ar
     height, NaN for a side that was not seen, to which nothing is done.
     """
 
+def shifts_by_timing(pinholes: Pinholes, exposed: ExposedRows, points: Array, twist: Array, mean: Array) -> Array:
+    """Return by how much (n, 4) px delay and readout, seconds (2,), shift views of homogeneous points (n, 4)."""
+
 def timing_unknowns(
     pinholes: Pinholes, before: TimedPoints, now: TimedPoints, cov: Array, size: Array, std_twist: Array
 ) -> Array:
@@ -381,13 +389,21 @@ def timing_unknowns(
     not matter beside the noise of a good view. Raises LinAlgError where `cov` is not definite.
     """
 
-def with_row_errors(
-    unknown_px: Array, pinholes: Pinholes, rows: Rows, root: Array, z_px: Array, points: Array, twist: Array
+def unknown_errors(
+    pinholes: Pinholes,
+    timing: Timing,
+    rows: Rows,
+    before: Array,
+    now: Array,
+    z_px: Array,
+    twist: Array,
+    std_twist: Array,
 ) -> tuple[Array, Array]:
-    """Return errors of views (n, 4), such as of `timing_unknowns`, together with those of their rows: (n, 4, j) px.
+    """Return errors of views (n, 4) that are unknown: (n, 4, j) px of σ = 1.
 
-    `root` (7 + K, 7 + K): the lower one of the covariance of the amplitudes of rows; homogeneous points (n, 4) that
-    move with a twist (6,). Also returns the covariance (3, 3) of the turn of the right camera that the latter feign.
+    Those of `timing_unknowns`, of homogeneous points (n, 4) in the frame before and now, which move with `twist` (6,);
+    and those of the rows of right sides. Also returns the covariance (3, 3) of the turn of the right camera that rows
+    and delay feign. Raises LinAlgError where a covariance is not definite.
     """
 
 def cov_of_timed_pose(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array, cov_twist: Array) -> Array:
@@ -487,11 +503,8 @@ def on_one_row(rows: Rows, left_px: Array, right_px: Array, row_speed_px_s: Arra
     Speeds as in `row_terms`. The gate is `scale` times as wide.
     """
 
-def polynomial_rows(width: float, height: float, z_px: Array, coefficients: Array) -> Array:
-    """Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), x and y from −1 to 1 over an image.
-
-    `coefficients` (s, k, k) of one side or of both.
-    """
+def polynomial_rows(exposed: ExposedRows, z_px: Array) -> Array:
+    """Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), x and y from −1 to 1 over the image."""
 
 def pose_exp(xi: Array) -> Array:
     """Return the poses (n, 4, 4) Exp(ξ) of tangents (n, 6), eq. (3)."""

@@ -94,8 +94,8 @@ void invert_positive(const double* a, double* out) {
         }
 }
 
-// Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
-inline bool solve_positive(double* a, double* b, std::size_t n) {
+// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False where it is not.
+inline bool factor_positive(double* a, std::size_t n) {
     for (std::size_t j = 0; j < n; j++) {
         for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
         if (!(a[j * n + j] > 0)) return false;
@@ -105,6 +105,12 @@ inline bool solve_positive(double* a, double* b, std::size_t n) {
             a[i * n + j] /= a[j * n + j];
         }
     }
+    return true;
+}
+
+// Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
+inline bool solve_positive(double* a, double* b, std::size_t n) {
+    if (!factor_positive(a, n)) return false;
     for (std::size_t i = 0; i < n; i++) {
         for (std::size_t k = 0; k < i; k++) b[i] -= a[i * n + k] * b[k];
         b[i] /= a[i * n + i];

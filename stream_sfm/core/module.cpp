@@ -128,7 +128,11 @@ struct Argument<std::array<double, 2>> : RecordArgument<std::array<double, 2>, d
 template <>
 struct Argument<Field> : RecordArgument<Field, View<double, 1>, View<double, 1>, double, View<double, 2>> {};
 template <>
-struct Argument<RowModel> : RecordArgument<RowModel, std::array<double, 2>, Field, View<double, 1>, double, double, double> {};
+struct Argument<RowModel> : RecordArgument<RowModel, std::array<double, 2>, Field, View<double, 1>, View<double, 2>, double, double> {};
+template <>
+struct Argument<ExposedRows> : RecordArgument<ExposedRows, std::array<double, 2>, View<double, 3>> {};
+template <>
+struct Argument<Timing> : RecordArgument<Timing, ExposedRows, View<double, 1>, View<double, 2>, View<double, 1>> {};
 template <>
 struct Argument<PhysicalAxes> : RecordArgument<PhysicalAxes, View<double, 2>, double, double> {};
 template <>
@@ -215,9 +219,7 @@ NB_MODULE(_core, m) {
               });
           },
           nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg().none(), nb::arg());
-    m.def("polynomial_rows", [](double width, double height, const Floats& z, const Blocks& coefficients) {
-        return result([&] { return polynomial_rows({width, height}, view(z), view(coefficients)); });
-    });
+    m.def("polynomial_rows", &Bound<&polynomial_rows>::call);
     m.def("linearise_views", &Bound<&linearise_views>::call);
     m.def("view_residuals", &Bound<&view_residuals>::call);
     m.def("fit_motion", &Bound<&fit_motion>::call);
@@ -263,7 +265,8 @@ NB_MODULE(_core, m) {
     m.def("velocities", &Bound<&velocities>::call);
     m.def("timed_views", &Bound<&timed_views>::call);
     m.def("timing_unknowns", &Bound<&timing_unknowns>::call);
-    m.def("with_row_errors", &Bound<&with_row_errors>::call);
+    m.def("unknown_errors", &Bound<&unknown_errors>::call);
+    m.def("shifts_by_timing", &Bound<&shifts_by_timing>::call);
     m.def("cov_of_timed_pose", &Bound<&cov_of_timed_pose>::call);
     m.def("reported_motions", &Bound<&reported_motions>::call);
     m.def("reported_points", &Bound<&reported_points>::call);

@@ -113,7 +113,8 @@ Array<double, 2> field_basis(const Field& field, const View<double, 2>& at) {
     return result;
 }
 
-Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients) {
+Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z) {
+    const auto& [size, coefficients] = exposed;
     std::size_t n = z.shape[0], sides = coefficients.shape[0], k = coefficients.shape[1];
     require_shape(z, {n, 4}, "z_px");
     require_shape(coefficients, {sides, k, k}, "coefficients");
@@ -159,6 +160,17 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& po
         if (!std::isnan(row[i][LATE])) result[i][2 * LATE] = velocity[LATE];
         for (int c = 0; c < 4; c++) result[i][2 * c + 1] = velocity[c] * share(row[i][c]);
     }
+    return result;
+}
+
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
+                                  const View<double, 1>& twist, const View<double, 1>& mean) {
+    require_shape(twist, {6}, "twist");
+    require_shape(mean, {2}, "mean");
+    Array<double, 2> row = polynomial_rows(exposed, project_points(pinholes, points).view()), result({points.shape[0], 4});
+    Array<double, 3> moved = timed_views(pinholes, points, {twist.data, {1, 6}}, row.view());
+    for (std::size_t i = 0; i < 4 * points.shape[0]; i++)
+        result.data[i] = moved.data[2 * i] * mean.data[0] + moved.data[2 * i + 1] * mean.data[1];
     return result;
 }
 

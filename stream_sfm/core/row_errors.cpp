@@ -82,43 +82,59 @@ Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, con
     require_shape(right, {n, 2}, "right_px");
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
     Array<bool, 1> result({n});
+    require(rows.cov.shape[0] > POLYNOMIAL && rows.cov.shape[1] == rows.cov.shape[0], "there is no covariance of rows");
+    double std_delay = std::sqrt(rows.cov[POLYNOMIAL][POLYNOMIAL]);
     for (std::size_t i = 0; i < n; i++) {
-        double late = std::abs(speed.data[speed.shape[0] == 1 ? 0 : i]) * rows.std_delay;
+        double late = std::abs(speed.data[speed.shape[0] == 1 ? 0 : i]) * std_delay;
         double wide = std::max(GATE * std::hypot(rows.scatter, late), LEAST_GATE_PX);
         result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max + GATE * late);
     }
     return result;
 }
 
-UnknownOfViews with_row_errors(const View<double, 3>& unknown, const Pinholes& pinholes, const RowModel& rows,
-                               const View<double, 2>& root, const View<double, 2>& z, const View<double, 2>& points,
-                               const View<double, 1>& twist) {
-    std::size_t n = z.shape[0], others = unknown.shape[2], k = root.shape[0];
-    require_shape(unknown, {n, 4, others}, "unknown_px");
+UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, const View<double, 2>& before,
+                              const View<double, 2>& now, const View<double, 2>& z, const View<double, 1>& twist,
+                              const View<double, 1>& std_twist) {
+    std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");
-    require_shape(points, {n, 4}, "points");
+    require_shape(now, {n, 4}, "points");
     require_shape(twist, {6}, "twist");
-    require_shape(root, {k, k}, "root");
-    Array<double, 2> left({n, 2}), moving = velocities(pinholes, points, {twist.data, {1, 6}}), errors({n, k});
+    require_shape(timing.twist, {6}, "twist before");
+    require_shape(timing.mean, {2}, "mean");
+    require_shape(timing.cov, {2, 2}, "cov");
+    require_shape(rows.cov, {k, k}, "cov of rows");
+    View<double, 2> one_twist{twist.data, {1, 6}};
+    Array<double, 2> row_before = polynomial_rows(timing.exposed, project_points(pinholes, before).view());
+    Array<double, 2> row_now = polynomial_rows(timing.exposed, project_points(pinholes, now).view());
+    double size[2];
+    for (int t = 0; t < 2; t++) size[t] = std::sqrt(timing.mean.data[t] * timing.mean.data[t] + timing.cov[t][t]);
+    Array<double, 3> by_time = timing_unknowns(pinholes, {before, {timing.twist.data, {1, 6}}, row_before.view()},
+                                               {now, one_twist, row_now.view()}, timing.cov, {size, {2}}, std_twist);
+    Array<double, 2> left({n, 2}), moving = velocities(pinholes, now, one_twist), errors({n, k});
     Array<double, 1> speed({n});
     for (std::size_t i = 0; i < n; i++) {
         std::copy_n(z[i], 2, left[i]);
         speed.data[i] = moving[i][3];
     }
     Array<double, 2> terms = row_terms(rows.size, rows.field, left.view(), speed.view());
-    require(terms.shape[1] == k, "the root is not that of the amplitudes of rows");
+    require(terms.shape[1] == k, "there are not as many amplitudes of rows as terms");
+    std::vector<double> root(rows.cov.data, rows.cov.data + k * k);
+    require_definite(factor_positive(root.data(), k), "the covariance of rows is not positive definite");
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(z[i][2])) continue;
         for (std::size_t a = 0; a < k; a++)
-            for (std::size_t b = 0; b <= a; b++) errors[i][b] += terms[i][a] * root[a][b];
+            for (std::size_t b = 0; b <= a; b++) errors[i][b] += terms[i][a] * root[a * k + b];
     }
-    Array<double, 2> own = principal_components(errors.view());
+    Array<double, 2> own = principal_components(errors.view()), cov_turn = as_turn(pinholes, z, errors);
+    std::size_t others = by_time.shape[2];
     Array<double, 3> both({n, 4, others + own.shape[1]});
     for (std::size_t i = 0; i < n; i++) {
-        for (std::size_t c = 0; c < 4; c++) std::copy_n(unknown[i] + c * others, others, both[i] + c * both.shape[2]);
+        for (std::size_t c = 0; c < 4; c++) std::copy_n(by_time[i] + c * others, others, both[i] + c * both.shape[2]);
         std::copy_n(own[i], own.shape[1], both[i] + 3 * both.shape[2] + others);
     }
-    return {principal_errors(both.view()), as_turn(pinholes, z, errors)};
+    for (std::size_t a = 0; a < 3; a++)  // a late camera is turned by as much as the rig turns meanwhile
+        for (std::size_t b = 0; b < 3; b++) cov_turn[a][b] += timing.cov[0][0] * (twist.data[3 + a] * twist.data[3 + b]);
+    return {principal_errors(both.view()), std::move(cov_turn)};
 }
 
 }  // namespace core

@@ -58,7 +58,8 @@ struct RowModel {
     std::array<double, 2> size;
     Field field;
     View<double, 1> mean;
-    double std_delay, scatter, max;
+    View<double, 2> cov;
+    double scatter, max;
 };
 Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, const View<double, 2>& at, const View<double, 1>& speed);
 Array<double, 1> row_offsets(const RowModel& rows, const View<double, 2>& at, const View<double, 1>& speed);
@@ -69,9 +70,19 @@ struct UnknownOfViews {
     Array<double, 2> cov_turn;
     auto parts() { return std::tie(errors, cov_turn); }
 };
-UnknownOfViews with_row_errors(const View<double, 3>& unknown, const Pinholes& pinholes, const RowModel& rows,
-                               const View<double, 2>& root, const View<double, 2>& z, const View<double, 2>& points,
-                               const View<double, 1>& twist);
+struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
+    std::array<double, 2> size;
+    View<double, 3> coefficients;
+};
+struct Timing {  // delay and readout, and how points moved in the frame before
+    ExposedRows exposed;
+    View<double, 1> mean;
+    View<double, 2> cov;
+    View<double, 1> twist;
+};
+UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, const View<double, 2>& before,
+                              const View<double, 2>& now, const View<double, 2>& z, const View<double, 1>& twist,
+                              const View<double, 1>& std_twist);
 
 // Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
 // found, in pixels of the template; the largest grey deviation; and of the noise of views the pixels that share a value, and a factor.
@@ -310,10 +321,12 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, cons
 Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
                              const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
 Array<double, 2> field_basis(const Field& field, const View<double, 2>& at);
-Array<double, 2> polynomial_rows(const std::array<double, 2>& size, const View<double, 2>& z, const View<double, 3>& coefficients);
+Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row);
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
+                                  const View<double, 1>& twist, const View<double, 1>& mean);
 struct TimedPoints {  // homogeneous points (n, 4), how they move, and in which rows (n, 4) they are exposed
     View<double, 2> points, twists, row;
 };

@@ -5,12 +5,12 @@ Each frame: follow the points (`tracker.py`), begin new ones where they are miss
 which the background is hidden: the next ones are followed from the last good frame, for a second.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.exposed_rows import ExposedRows
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import Config
@@ -50,7 +50,7 @@ class StereoFrontEnd:
         config: Config,
         valid: NDArray[np.bool_],
         refinement: Refinement | None = None,
-        row_of: Callable[[Array], Array] | None = None,
+        row_of: ExposedRows | None = None,
         known_timing: KnownTiming | None = None,
         problem: str = "",
     ) -> None:

@@ -7,7 +7,6 @@ motion, so all of that is one linear Gaussian filter, and the size of the field 
 Only new matches count: a point's later views repeat its first error.
 """
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -105,13 +104,10 @@ class Rows:
         return core.on_one_row(self.of_core, left_px, right_px, np.atleast_1d(row_speed_px_s), scale)
 
     @property
-    def of_core(self) -> tuple[tuple[float, float], FieldGrid, Array, float, float, float]:
+    def of_core(self) -> tuple[tuple[int, int], FieldGrid, Array, Array, float, float]:
         """The rows as the compiled core takes them."""
-        size, std_delay_s = (
-            (self.projection.width, self.projection.height),
-            math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]),
-        )
-        return size, field_over(*size).of_core, self.mean, std_delay_s, self.scatter_px, self.max_px
+        size = self.projection.width, self.projection.height
+        return size, field_over(*size).of_core, self.mean, self.cov, self.scatter_px, self.max_px
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""

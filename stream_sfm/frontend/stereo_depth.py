@@ -36,15 +36,6 @@ def row_speed(projection: StereoProjection, points: Array, twist: Array) -> Arra
     return velocities(projection, points, twist)[:, 3]
 
 
-def with_row_errors(unknown_px: Array, rows: Rows, z_px: Array, points: Array, twist: Array) -> tuple[Array, Array]:
-    """Errors of views (n, 4) that are unknown (n, 4, j), with those of the rows of right sides; see the core.
-
-    Also returns the covariance (3, 3) of the turn of the right camera that wrong rows feign. Homogeneous points (n, 4).
-    """
-    root = np.asarray(np.linalg.cholesky(rows.cov), np.float64)
-    return core.with_row_errors(unknown_px, rows.projection.pinholes, rows.of_core, root, z_px, points, twist)
-
-
 def update_depths(
     p: StereoProjection, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array
 ) -> Tracks:

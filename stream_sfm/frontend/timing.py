@@ -5,18 +5,19 @@ already in the points. So a resection has further unknowns: delay, readout and v
 about delay and readout is taken out of the views before any motion is sought; it gets the views as they were seen.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from .. import core
+from ..camera.exposed_rows import ExposedRows
 from ..camera.known_timing import KnownTiming
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 from ..rig_model.sizes import probability
-from ..rig_model.velocities import TimedViews, timing_unknowns
+from .rows import Rows
 
 _STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
 
@@ -30,7 +31,7 @@ class Timing:
     """
 
     projection: StereoProjection
-    row_of: Callable[[Array], Array] | None
+    row_of: ExposedRows
     std: Array
     mean: Array
     cov: Array
@@ -41,10 +42,11 @@ class Timing:
         cls,
         projection: StereoProjection,
         config: RigConfig,
-        row_of: Callable[[Array], Array] | None,
+        row_of: ExposedRows | None,
         known: KnownTiming | None = None,
     ) -> "Timing":
         """Return the prior; nothing is unknown of an exact rig."""
+        row_of = ExposedRows.unknown() if row_of is None else row_of
         std = np.zeros(2) if config.exact else np.array([config.std_delay_s, config.std_readout_s])
         if known is None or config.exact:
             return cls(projection, row_of, std, np.zeros(2), np.diag(std**2))
@@ -54,17 +56,21 @@ class Timing:
         """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""
         if not self.mean.any():
             return np.zeros((len(points), 4))
-        return np.asarray(TimedViews(self.projection, points, twist, self.row_of).columns @ self.mean)
+        return core.shifts_by_timing(self.projection.pinholes, self.row_of.of_core, points, twist, self.mean)
 
-    def unknowns(self, before: Array, now: Array, twist: Array, std_twist: Array) -> Array:
-        """Return what is not known of the change from points `before` (n, 4) to `now` (n, 4): (n, 4, j) px of σ = 1.
+    def unknowns(
+        self, rows: Rows, before: Array, now: Array, z_px: Array, twist: Array, std_twist: Array
+    ) -> tuple[Array, Array]:
+        """Return what is not known of views (n, 4) and how they have changed: (n, 4, j) px of σ = 1.
 
-        `std_twist` (6,): how far off the twist may be. Of an exact rig nothing is unknown, and this is not asked.
+        By delay and readout, from points `before` (n, 4) to `now` (n, 4), and by the rows of right sides. `std_twist`
+        (6,): how far off the twist may be. Also returns the covariance (3, 3) of turns of the right camera that
+        delay and rows feign. Of an exact rig nothing is unknown, and this is not asked.
         """
         at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
-        then = TimedViews(self.projection, before, at_first, self.row_of)
-        views = TimedViews(self.projection, now, twist, self.row_of)
-        return timing_unknowns(then, views, self.mean, self.cov, std_twist)
+        timing = self.row_of.of_core, self.mean, self.cov, at_first
+        pinholes = self.projection.pinholes
+        return core.unknown_errors(pinholes, timing, rows.of_core, before, now, z_px, twist, std_twist)
 
     def moved(self, twist: Array) -> "Timing":
         """Return the same after a frame with a twist (6,)."""

@@ -28,7 +28,7 @@ from .right_turn import Turn
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .stereo_depth import learn_rows, update_depths, with_row_errors
+from .stereo_depth import learn_rows, update_depths
 from .tracks import Tracks
 
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
@@ -222,9 +222,8 @@ def _known(
     if state.turn_watch is None:
         return known
     std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
-    unknown_px = state.timing.unknowns(before.points, now, twist, std_twist)
-    unknown_px, cov_turn = with_row_errors(unknown_px, state.rows_told, views.z_px, now, twist)
-    cov_turn += state.timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
+    seen = before.points, now, views.z_px
+    unknown_px, cov_turn = state.timing.unknowns(state.rows_told, *seen, twist, std_twist)
     return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 
 

@@ -27,7 +27,8 @@ OF_VIEWS = (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.ones(N))
 MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
-ROWS = ((80.0, 60.0), GRID, np.ones(13), 0.01, 0.2, 2.0)
+ROWS = ((80.0, 60.0), GRID, np.ones(13), np.eye(13), 0.2, 2.0)
+EXPOSED = ((80.0, 60.0), RNG.normal(size=(2, 3, 3)))
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
 TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
@@ -81,7 +82,11 @@ CALLS = {
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, POINTS, np.ones((N, 6)), VIEWS),
     "timing_unknowns": (PINHOLES, *2 * ((POINTS, np.ones((1, 6)), VIEWS),), np.eye(2), np.ones(2), np.ones(6)),
-    "with_row_errors": (SHARED, PINHOLES, ROWS, np.tril(np.ones((13, 13))), VIEWS, POINTS, np.ones(6)),
+    "unknown_errors": (
+        *(PINHOLES, (EXPOSED, np.ones(2), np.eye(2), np.ones(6)), ROWS, POINTS, POINTS, VIEWS),
+        *(np.ones(6), np.ones(6)),
+    ),
+    "shifts_by_timing": (PINHOLES, EXPOSED, POINTS, np.ones(6), np.ones(2)),
     "cov_of_timed_pose": (PINHOLES, POINTS, VIEWS, np.ones(2), np.eye(6)),
     "reported_motions": ((np.eye(3), 0.1, 0.1), MOTIONS, np.ones((N, 6, 6)), np.ones((N, 6, 2))),
     "reported_points": ((np.eye(3), 0.1, 0.1), POINTS[:, :3], COV[:, :3, :3], np.ones(N), np.eye(4)),
@@ -90,7 +95,7 @@ CALLS = {
     "whiten_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "gates_of_views": (VIEWS, 5.0, 9.0),
     "log_evidence": (np.ones(N), np.ones(N), np.ones(3)),
-    "polynomial_rows": (80, 60, VIEWS, RNG.normal(size=(2, 3, 3))),
+    "polynomial_rows": (EXPOSED, VIEWS),
     "pose_exp": (RNG.normal(size=(N, 6)),),
     "pose_log": (MOTIONS,),
     "rotation_vectors": (COV[:, :3, :3],),

@@ -6,10 +6,12 @@ import pytest
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows
-from stream_sfm.frontend.stereo_depth import row_speed, with_row_errors
+from stream_sfm.frontend.stereo_depth import row_speed
+from stream_sfm.frontend.timing import Timing
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.field import field_over
 from stream_sfm.rig_model.turns import effects_of_turn
+from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns
 
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.1  # of a match
@@ -178,23 +180,24 @@ def test_a_delay_that_is_not_possible_is_not_found() -> None:
 
 
 def test_errors_of_rows_are_those_of_the_right_sides() -> None:
-    """Beside other errors (n, 4, j): together they have the dense covariance, and feign the turn that fits it best."""
+    """Beside those of timing: together they have the dense covariance, and feign the turn that fits it best."""
     rng, twist = np.random.default_rng(7), np.array([0.3, -0.5, 0.2, 0.4, 0.1, -0.3])
     rows = learnt(rng, 5, 0.1 * rng.normal(size=len(NO_FIELD)))
     z_px = np.concatenate([places(rng), places(rng)], axis=1)
     z_px[::3, 2:] = np.nan
-    points, others = (
-        np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)]),
-        rng.normal(size=(N, 4, 3)),
-    )
-    unknown, cov_turn = with_row_errors(others, rows, z_px, points, twist)
+    points = np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)])
+    timing, std_twist = Timing.unknown(P, RigConfig(), None).moved(0.5 * twist), np.repeat([0.3, 0.1], 3)
+    unknown, cov_turn = timing.unknowns(rows, points, points, z_px, twist, std_twist)
+    views = (TimedViews(P, points, at, None) for at in (0.5 * twist, twist))
+    others = timing_unknowns(*views, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
     terms = rows_of._terms(P.width, P.height, z_px[:, :2], row_speed(P, points, twist))
     errors = seen[:, None] * (terms @ np.linalg.cholesky(rows.cov))
     dense = np.concatenate([others, np.zeros((N, 4, errors.shape[1]))], axis=2)
-    dense[:, 3, 3:] = errors
+    dense[:, 3, others.shape[2] :] = errors
     dense, found = dense.reshape(4 * N, -1), unknown.reshape(4 * N, -1)
     assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², but for what does not matter
     by_turn = effects_of_turn(P, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
-    assert cov_turn == pytest.approx(turns @ turns.T, rel=1e-9)
+    by_delay = timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
+    assert cov_turn == pytest.approx(turns @ turns.T + by_delay, rel=1e-9)

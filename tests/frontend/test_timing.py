@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.frontend.timing import Timing
@@ -18,9 +19,8 @@ P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 TWIST = np.array([0.5, 0.1, -1.0, 0.3, 0.6, -0.2])  # per second
 
 
-def row_of(z_px: np.ndarray) -> np.ndarray:
-    """Of cameras that are rectified already: as shares of the height from the middle."""
-    return np.repeat(z_px[:, [1, 3]] / P.height - 0.5, 2, axis=1)
+# Of cameras that are rectified already: as shares of the height from the middle.
+row_of = ExposedRows((P.width, P.height), np.array([[[0, 0.5], [0, 0]]]))
 
 
 def points(n: int = 60) -> np.ndarray:
